@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The seam of the house: readings in, trajectory and occupancy grid out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from slarm_graph.constraint import PoseGraph
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import OccupancyGrid
+from slarm_graph.readings import Reading
+from slarm_graph.trajectory import Trajectory
+
+Heartbeat = Callable[[str], None]
+"""Told in words what a long step is doing, so that progress stays alive."""
+
+
+def silent(_message: str) -> None:
+    """Ignore a heartbeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows a backend wants shown and written as `<name>.csv`, such as its loop closures.
+
+    Parameters
+    ----------
+    name : str
+        File stem.
+    columns : tuple of str
+        Names with units.
+    rows : tuple of tuple
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[float | int | str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SlamResult:
+    """What a SLAM backend made of the readings.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        `map_from_robot` at the stamp of every reading.
+    grid : OccupancyGrid
+        Rendered from that trajectory.
+    pose_graph : PoseGraph or None
+        Where the backend keeps one.
+    tables : tuple of Table
+        The backend's own diagnostics.
+    notices : tuple of str
+        What a user should know.
+    """
+
+    trajectory: Trajectory
+    grid: OccupancyGrid
+    pose_graph: PoseGraph | None = None
+    tables: tuple[Table, ...] = ()
+    notices: tuple[str, ...] = field(default=())
+
+
+class SlamBackend(Protocol):
+    """A SLAM method, fed one reading at a time."""
+
+    def update(self, reading: Reading) -> None:
+        """Take one reading, later than all before."""
+        ...
+
+    def map_from_robot(self) -> Pose2:
+        """Return the best present estimate of where the robot is."""
+        ...
+
+    def result(self) -> SlamResult:
+        """Return the best trajectory and grid for all readings so far; may be called any time.
+
+        Raises
+        ------
+        RunFailed
+            When no reading was usable.
+        """
+        ...
+
+    def snapshot(self) -> bytes:
+        """Return the whole state, for a checkpoint."""
+        ...
+
+    def restore(self, state: bytes) -> None:
+        """Continue from a snapshot of a backend with the same configuration."""
+        ...

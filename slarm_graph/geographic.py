@@ -1,0 +1,80 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The geographic map: where the obstacles are, how high, and where the robot can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.grid import GridGeometry, Mask
+
+
+class CellState(IntEnum):
+    """What the geographic map says of a cell."""
+
+    UNKNOWN = 0
+    ACCESSIBLE = 1
+    OBSTACLE = 2
+    EXPANSION = 3
+    """Free, but within the expansion radius of an obstacle."""
+    ENCLOSED = 4
+    """Free, but the robot cannot get there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coverage:
+    """Three layers of what the robot has covered, never mixed with occupancy.
+
+    Parameters
+    ----------
+    observed : (rows, cols) bool
+        Seen free by the laser.
+    visited : (rows, cols) bool
+        The robot's centre was in the cell.
+    footprint : (rows, cols) bool
+        The robot's disc passed over the cell's centre.
+    """
+
+    observed: Mask
+    visited: Mask
+    footprint: Mask
+
+
+@dataclass(frozen=True, slots=True)
+class GeographicMap:
+    """The recovered map, one state per cell.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    states : (rows, cols) uint8
+        Values of CellState.
+    heights_m : (rows, cols) float32
+        Top of the obstacle in the cell [m]; 0 where there is none, inf where unbounded.
+    height_source : str
+        Where the heights came from: `infinite`, `default`, `matched sizes`, `truth`.
+    coverage : Coverage
+    changed_cells : int
+        Cells whose class recovery changed.
+    """
+
+    geometry: GridGeometry
+    states: NDArray[np.uint8]
+    heights_m: NDArray[np.float32]
+    height_source: str
+    coverage: Coverage
+    changed_cells: int = 0
+
+    @property
+    def accessible(self) -> Mask:
+        """Cells in which the robot can be."""
+        return np.asarray(self.states == CellState.ACCESSIBLE)
+
+    @property
+    def obstacle(self) -> Mask:
+        """Cells that belong to a wall or a thing."""
+        return np.asarray(self.states == CellState.OBSTACLE)

@@ -1,0 +1,138 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Cells of the plane. GridGeometry is the only place that knows the axes."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from slarm_graph.geometry import Floats
+
+Cells = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+@dataclass(frozen=True, slots=True)
+class GridGeometry:
+    """A lattice of square cells: row = y, column = x, row 0 lowest.
+
+    Parameters
+    ----------
+    origin_x_m, origin_y_m : float
+        Lower-left *corner* of cell (0, 0) [m].
+    resolution_m : float
+        Side of a cell [m].
+    rows, cols : int
+    """
+
+    origin_x_m: float
+    origin_y_m: float
+    resolution_m: float
+    rows: int
+    cols: int
+
+    def __post_init__(self) -> None:
+        if not self.resolution_m > 0.0:
+            raise ValueError(f"resolution must be positive, not {self.resolution_m}")
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(rows, cols), the shape of every layer on this lattice."""
+        return self.rows, self.cols
+
+    @property
+    def extent_m(self) -> tuple[float, float, float, float]:
+        """x_min, x_max, y_min, y_max [m]."""
+        width, height = self.cols * self.resolution_m, self.rows * self.resolution_m
+        return (
+            self.origin_x_m,
+            self.origin_x_m + width,
+            self.origin_y_m,
+            self.origin_y_m + height,
+        )
+
+    @staticmethod
+    def covering(
+        x_min_m: float, x_max_m: float, y_min_m: float, y_max_m: float, resolution_m: float
+    ) -> GridGeometry:
+        """Start at the lower-left corner and cover the box; the last cells may stick out."""
+        cols = max(1, math.ceil(round((x_max_m - x_min_m) / resolution_m, 9)))
+        rows = max(1, math.ceil(round((y_max_m - y_min_m) / resolution_m, 9)))
+        return GridGeometry(x_min_m, y_min_m, resolution_m, rows, cols)
+
+    def cell_of(self, points: ArrayLike) -> Cells:
+        """Return (row, col) of points (..., 2) [m]; may lie outside the grid."""
+        p = np.asarray(points, dtype=np.float64)
+        cols = np.floor((p[..., 0] - self.origin_x_m) / self.resolution_m)
+        rows = np.floor((p[..., 1] - self.origin_y_m) / self.resolution_m)
+        return np.stack([rows, cols], axis=-1).astype(np.int64)
+
+    def center_of(self, cells: ArrayLike) -> Floats:
+        """Return the centres (..., 2) [m] of cells (..., 2) given as (row, col)."""
+        c = np.asarray(cells, dtype=np.float64)
+        x = self.origin_x_m + (c[..., 1] + 0.5) * self.resolution_m
+        y = self.origin_y_m + (c[..., 0] + 0.5) * self.resolution_m
+        return np.stack([x, y], axis=-1)
+
+    def centers(self) -> Floats:
+        """Return all centres (rows, cols, 2) [m]."""
+        return self.center_of(np.moveaxis(np.indices(self.shape), 0, -1))
+
+    def contains(self, cells: ArrayLike) -> Mask:
+        """Which of the cells (..., 2) lie on the grid."""
+        c = np.asarray(cells)
+        inside = (c >= 0) & (c < np.array(self.shape))
+        return np.asarray(inside.all(axis=-1))
+
+    def sample(self, layer: NDArray[Scalar], points: ArrayLike, outside: float) -> NDArray[Scalar]:
+        """Look a layer (rows, cols) up at points (..., 2) [m]; `outside` where there is no cell."""
+        cells = self.cell_of(points)
+        inside = self.contains(cells)
+        safe = np.where(inside[..., None], cells, 0)
+        values = layer[safe[..., 0], safe[..., 1]]
+        values[~inside] = outside
+        return values
+
+
+@dataclass(frozen=True, slots=True)
+class OccupancyGrid:
+    """How likely every cell is occupied.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    probability : (rows, cols) float32
+        Of being occupied, 0 to 1; nan where the cell was never seen.
+    occupied_at, free_at : float
+        A cell is occupied from `occupied_at` on, free up to `free_at` and unknown in between.
+    """
+
+    geometry: GridGeometry
+    probability: NDArray[np.float32]
+    occupied_at: float = 0.65
+    free_at: float = 0.196
+
+    def __post_init__(self) -> None:
+        if self.probability.shape != self.geometry.shape:
+            raise ValueError(f"{self.probability.shape} cells for a {self.geometry.shape} grid")
+
+    @property
+    def occupied(self) -> Mask:
+        """Cells held to be occupied."""
+        return np.asarray(self.probability >= self.occupied_at)
+
+    @property
+    def free(self) -> Mask:
+        """Cells held to be free."""
+        return np.asarray(self.probability <= self.free_at) & ~self.occupied
+
+    @property
+    def unknown(self) -> Mask:
+        """Cells never seen, or undecided."""
+        return ~(self.occupied | self.free)

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The words of radio: an access point, and a radio map over cells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask
+
+
+@dataclass(frozen=True, slots=True)
+class AccessPoint:
+    """A fixed radio transmitter.
+
+    Parameters
+    ----------
+    name : str
+    x_m, y_m, z_m : float
+        Position in the map; z above the floor [m].
+    power_dbm : float
+        Transmit power [dBm].
+    frequency_hz : float
+        Carrier [Hz].
+    """
+
+    name: str
+    x_m: float
+    y_m: float
+    z_m: float
+    power_dbm: float = 20.0
+    frequency_hz: float = 3.5e9
+
+    def position_m(self) -> Floats:
+        """Return (3,) x, y, z [m]."""
+        return np.array([self.x_m, self.y_m, self.z_m])
+
+
+@dataclass(frozen=True, slots=True)
+class RadioMap:
+    """Expected path loss from every access point to the robot's antenna in every cell.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    access_points : tuple of AccessPoint, length A
+    path_loss_db : (A, rows, cols) float32
+        nan where no antenna can be (obstacles, unknown cells).
+    line_of_sight : (A, rows, cols) bool
+        Whether the straight segment to the antenna is clear of obstacles, with their heights.
+    antenna_height_m : float
+    scenario : str
+        Path-loss scenario of 3GPP TR 38.901, such as `InF-SH`.
+    rician_factor_db : float
+        Of the line-of-sight fading; drops out of the expected gain (paper eq. (1)-(2)).
+    height_source : str
+        Where obstacle heights came from.
+    """
+
+    geometry: GridGeometry
+    access_points: tuple[AccessPoint, ...]
+    path_loss_db: NDArray[np.float32]
+    line_of_sight: Mask
+    antenna_height_m: float
+    scenario: str
+    rician_factor_db: float
+    height_source: str
+
+    @property
+    def channel_power_gain_db(self) -> NDArray[np.float32]:
+        """Expected gain (A, rows, cols) [dB], minus the path loss."""
+        return -self.path_loss_db
+
+    @property
+    def rss_dbm(self) -> NDArray[np.float32]:
+        """Received signal strength (A, rows, cols) [dBm]."""
+        power_dbm = np.array([ap.power_dbm for ap in self.access_points], dtype=np.float32)
+        return np.asarray(power_dbm[:, None, None] - self.path_loss_db, dtype=np.float32)
+
+    @property
+    def best_access_point(self) -> NDArray[np.int64]:
+        """Index of the strongest access point per cell (rows, cols); -1 where there is none."""
+        rss = np.where(np.isnan(self.path_loss_db), -np.inf, self.rss_dbm)
+        return np.where(np.isneginf(rss).all(axis=0), -1, rss.argmax(axis=0))
