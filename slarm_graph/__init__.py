@@ -4,7 +4,8 @@
 
 The architecture in one line::
 
-    source -> Reading* -> SlamBackend -> SlamResult -> recover -> GeographicMap -> radio_map -> RadioMap -> eval
+    source -> Reading* -> SlamBackend -> SlamResult -> recover -> GeographicMap
+           -> radio_map -> RadioMap -> eval
 """
 
 __version__ = "0.1.0"

@@ -44,7 +44,8 @@ class LaserScan:
 
     def angles_rad(self) -> Floats:
         """Direction of every beam in the laser's frame, (B,) [rad]."""
-        return self.angle_min_rad + self.angle_increment_rad * np.arange(len(self.ranges_m))
+        beams = np.arange(len(self.ranges_m), dtype=np.float64)
+        return np.asarray(self.angle_min_rad + self.angle_increment_rad * beams)
 
     def is_return(self) -> NDArray[np.bool_]:
         """Which beams came back from something, (B,)."""
