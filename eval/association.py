@@ -1,0 +1,134 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which pose of the estimate belongs to which pose of the reference."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.errors import BadInput
+from slarm_graph.geometry import Floats
+from slarm_graph.trajectory import Trajectory
+
+_MIN_PAIRS = 3
+_FEW_MATCHED = 0.8
+_MAX_INTERPOLATED_GAP_NS = 1_000_000_000
+
+Stamps = NDArray[np.int64]
+
+
+class AssociationMethod(StrEnum):
+    """How poses of two trajectories are paired; always from the one with fewer poses."""
+
+    INTERPOLATE = "interpolate"
+    """The denser trajectory is interpolated at the stamps of the sparser one."""
+    NEAREST = "nearest"
+    """The pose nearest in time, at most `max_difference_s` away, as evo does by default."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """Poses of a reference and an estimate that belong together.
+
+    Parameters
+    ----------
+    stamps_ns : (M,) int64
+        Of the reference [ns].
+    reference, estimate : (M, 3) float64
+        Poses, each in its own map [m, m, rad].
+    possible : int
+        Poses of the sparser trajectory.
+    note : str
+        In words for people: how many were matched.
+    warning : str
+        Empty, or why the numbers deserve doubt.
+    """
+
+    stamps_ns: Stamps
+    reference: Floats
+    estimate: Floats
+    possible: int
+    note: str
+    warning: str
+
+
+def associate(
+    reference: Trajectory,
+    estimate: Trajectory,
+    *,
+    method: AssociationMethod = AssociationMethod.INTERPOLATE,
+    max_difference_s: float = 0.01,
+    offset_s: float = 0.0,
+) -> Pairs:
+    """Pair the poses of two trajectories.
+
+    Parameters
+    ----------
+    reference, estimate : Trajectory
+    method : AssociationMethod
+    max_difference_s : float
+        Largest difference of stamps with `nearest` [s].
+    offset_s : float
+        Added to the estimate's stamps [s].
+
+    Raises
+    ------
+    BadInput
+        When fewer than three poses match; it tells both time spans and an offset to try.
+    """
+    est_stamps = estimate.stamps_ns + round(offset_s * 1e9)
+    ref_stamps = reference.stamps_ns
+    swap = len(est_stamps) < len(ref_stamps)
+    sparse, dense = (est_stamps, ref_stamps) if swap else (ref_stamps, est_stamps)
+    if method is AssociationMethod.NEAREST:
+        ours, theirs = _nearest(sparse, dense, round(max_difference_s * 1e9))
+        ref_index, est_index = (theirs, ours) if swap else (ours, theirs)
+        ref_poses, est_poses = reference.poses[ref_index], estimate.poses[est_index]
+        stamps = ref_stamps[ref_index]
+    else:
+        stamps = sparse[_can_interpolate(sparse, dense)]
+        shifted = Trajectory(est_stamps, estimate.poses)
+        ref_poses, est_poses = reference.at(stamps), shifted.at(stamps)
+    if len(stamps) < _MIN_PAIRS:
+        raise BadInput(_too_few(len(stamps), ref_stamps, est_stamps, offset_s))
+    note = f"{len(stamps)} of {len(sparse)} poses matched"
+    few = len(stamps) < _FEW_MATCHED * len(sparse)
+    warning = f"only {note}; the figures speak of that part alone" if few else ""
+    return Pairs(stamps, ref_poses, est_poses, len(sparse), note, warning)
+
+
+def _nearest(stamps: Stamps, others: Stamps, limit_ns: int) -> tuple[Stamps, Stamps]:
+    """Index pairs of stamps and their nearest others; a tie goes to the earlier one."""
+    after = np.searchsorted(others, stamps, side="right").clip(0, len(others) - 1)
+    before = (after - 1).clip(0)
+    to_after, to_before = np.abs(others[after] - stamps), np.abs(others[before] - stamps)
+    best = np.where(to_after < to_before, after, before)
+    close = np.flatnonzero(np.minimum(to_after, to_before) <= limit_ns)
+    return close, best[close]
+
+
+def _can_interpolate(stamps: Stamps, others: Stamps) -> NDArray[np.bool_]:
+    """Which stamps lie on, or within a short gap between, the others."""
+    after = np.searchsorted(others, stamps, side="left").clip(1, max(1, len(others) - 1))
+    after = after.clip(0, len(others) - 1)
+    gap = others[after] - others[(after - 1).clip(0)]
+    inside = (stamps >= others[0]) & (stamps <= others[-1])
+    usable = inside & ((gap <= _MAX_INTERPOLATED_GAP_NS) | np.isin(stamps, others))
+    return np.asarray(usable)
+
+
+def _too_few(matched: int, reference: Stamps, estimate: Stamps, offset_s: float) -> str:
+    spans = [f"{s[0] * 1e-9:.3f} ... {s[-1] * 1e-9:.3f} s" for s in (reference, estimate)]
+    overlap_s = (min(reference[-1], estimate[-1]) - max(reference[0], estimate[0])) * 1e-9
+    message = (
+        f"{matched} poses match, at least {_MIN_PAIRS} are needed: the reference spans {spans[0]},"
+        f" the estimate {spans[1]}, overlap {max(0.0, overlap_s):.3f} s"
+    )
+    if overlap_s <= 0.0:
+        suggestion = offset_s + (int(reference[0]) - int(estimate[0])) * 1e-9
+        message += f"; if both start together try --t-offset {suggestion:.3f}"
+    return message
