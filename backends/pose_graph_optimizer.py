@@ -1,0 +1,283 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Nonlinear least squares over pose graphs; the only module that knows GTSAM."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import gtsam
+import numpy as np
+
+from slarm_graph.backend import Heartbeat, silent
+from slarm_graph.backends.pose_graph_start import starting_poses
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.errors import RunFailed
+from slarm_graph.geometry import Floats
+
+_LOG = logging.getLogger(__name__)
+_EIGENVALUES = (1e-12, 1e6)
+_ANCHOR_SIGMA = 1e-6
+
+
+class Kernel(StrEnum):
+    """How a large residual of a loop closure counts; odometry always counts in full."""
+
+    NONE = "none"
+    HUBER = "huber"
+    CAUCHY = "cauchy"
+
+
+@dataclass(frozen=True, slots=True)
+class Optimized:
+    """The outcome of an optimisation.
+
+    Parameters
+    ----------
+    poses : (N, 3) float64
+        `map_from_pose` [m, m, rad].
+    chi2 : float
+        Sum of squared whitened residuals without kernels, weighted by `weights`.
+    iterations : int
+    weights : (M,) float64
+        Share with which each constraint counted, 0 (rejected) to 1.
+    """
+
+    poses: Floats
+    chi2: float
+    iterations: int
+    weights: Floats
+
+
+def optimize(
+    graph: PoseGraph,
+    *,
+    kernel: Kernel = Kernel.NONE,
+    max_iterations: int = 100,
+    heartbeat: Heartbeat = silent,
+) -> Optimized:
+    """Minimise from the graph's own poses with Levenberg-Marquardt, pose 0 held.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+        Connected; covariances finite, symmetric, eigenvalues within [1e-12, 1e6].
+    kernel : Kernel
+        Robust kernel of the loop closures.
+    max_iterations : int
+    heartbeat : Heartbeat
+        Called on every iteration.
+
+    Raises
+    ------
+    ValueError
+        When a covariance or a pose is not usable.
+    RunFailed
+        When no factorisation succeeds or the result is not finite.
+    """
+    factors = _factors(graph, kernel)
+    values, iterations = _minimise(factors, graph.poses, max_iterations, heartbeat)
+    poses = np.asarray(gtsam.utilities.extractPose2(values), dtype=np.float64).reshape(-1, 3)
+    plain = factors if kernel is Kernel.NONE else _factors(graph, Kernel.NONE)
+    weights = np.ones(len(graph.constraints))
+    return Optimized(poses, 2.0 * plain.error(values), iterations, weights)
+
+
+def optimize_from_anywhere(graph: PoseGraph, *, heartbeat: Heartbeat = silent) -> Optimized:
+    """Minimise from several starts and keep the best: for graphs whose poses are a poor guess.
+
+    The starts are the graph's own poses, a spanning tree, and two rotation-first linear solutions
+    (see `pose_graph_start`).
+    """
+    best: Optimized | None = None
+    for name, poses in starting_poses(graph):
+        heartbeat(f"optimising the pose graph from {name}")
+        try:
+            found = optimize(replace(graph, poses=poses), heartbeat=heartbeat)
+        except RunFailed as error:
+            _LOG.info("start from %s failed: %s", name, error)
+            continue
+        if best is None or found.chi2 < best.chi2 * (1.0 - 1e-9):
+            best = found
+    if best is None:
+        raise RunFailed("the pose graph could not be optimised from any start")
+    return best
+
+
+def optimize_gnc(
+    graph: PoseGraph,
+    *,
+    inlier_probability: float = 0.99,
+    heartbeat: Heartbeat = silent,
+) -> Optimized:
+    """Minimise with graduated non-convexity, trusting everything but the loop closures.
+
+    Truncated least squares of Yang, Antonante, Tzoumas, Carlone, RA-L 2020: a closure whose
+    squared residual exceeds the chi-square quantile of `inlier_probability` ends with weight 0.
+
+    Returns
+    -------
+    Optimized
+        Its weights are 1 for odometry and scan matches and those of GNC for closures.
+    """
+    suspects = [k for k, c in enumerate(graph.constraints) if _is_closure(c)]
+    if not suspects:
+        return optimize(graph, heartbeat=heartbeat)
+    factors = _factors(graph, Kernel.NONE)
+    inliers = np.setdiff1d(np.arange(factors.size()), suspects)
+    lm = _parameters(50)
+    lm.iterationHook = lambda *_: heartbeat("weighing loop closures")
+    params = gtsam.GncLMParams(lm)
+    params.setLossType(gtsam.GncLossType.TLS)
+    params.setKnownInliers([int(k) for k in inliers])
+    solver = gtsam.GncLMOptimizer(factors, _values(graph.poses), params)
+    solver.setInlierCostThresholdsAtProbability(inlier_probability)
+    values = solver.optimize()
+    weights = np.asarray(solver.getWeights(), dtype=np.float64)[: len(graph.constraints)]
+    poses = np.asarray(gtsam.utilities.extractPose2(values), dtype=np.float64).reshape(-1, 3)
+    if not np.isfinite(poses).all():
+        raise RunFailed("graduated non-convexity returned poses that are not finite")
+    return Optimized(poses, _weighted_chi2(factors, values, weights), 0, weights)
+
+
+def chi2(graph: PoseGraph) -> float:
+    """Sum of squared whitened residuals of the graph at its own poses."""
+    return 2.0 * float(_factors(graph, Kernel.NONE).error(_values(graph.poses)))
+
+
+def chi2_each(graph: PoseGraph) -> Floats:
+    """Squared whitened residual (M,) of every constraint at the graph's own poses."""
+    factors, values = _factors(graph, Kernel.NONE), _values(graph.poses)
+    return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.constraints))])
+
+
+def marginal_covariances(graph: PoseGraph, indices: Sequence[int]) -> list[Floats]:
+    """Covariances (3, 3) of poses in their own body frames, pose 0 being certain.
+
+    Raises
+    ------
+    RunFailed
+        When the system is indeterminate.
+    """
+    # ISAM2 with QR stands the long chains on which `gtsam.Marginals` gives up.
+    params = gtsam.ISAM2Params()
+    params.setFactorization("QR")
+    smoother = gtsam.ISAM2(params)
+    try:
+        smoother.update(_factors(graph, Kernel.NONE), _values(graph.poses))
+        return [np.array(smoother.marginalCovariance(int(k))) for k in indices]
+    except RuntimeError as error:
+        raise RunFailed(f"the covariances of the pose graph are indeterminate: {error}") from error
+
+
+def check_covariance(covariance: Floats, what: str) -> None:
+    """Refuse what GTSAM would silently turn into NaN.
+
+    Raises
+    ------
+    ValueError
+        Unless finite, symmetric and with eigenvalues within [1e-12, 1e6].
+    """
+    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
+        raise ValueError(f"covariance of {what} is not a finite 3 x 3 matrix")
+    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-15):
+        raise ValueError(f"covariance of {what} is not symmetric")
+    eigenvalues = np.linalg.eigvalsh(covariance)
+    if eigenvalues[0] < _EIGENVALUES[0] or eigenvalues[-1] > _EIGENVALUES[1]:
+        raise ValueError(
+            f"covariance of {what} has eigenvalues {eigenvalues}, outside 1e-12 .. 1e6"
+        )
+
+
+def _is_closure(constraint: Constraint) -> bool:
+    return constraint.kind is ConstraintKind.LOOP_CLOSURE
+
+
+def _factors(graph: PoseGraph, kernel: Kernel) -> gtsam.NonlinearFactorGraph:
+    """Constraint k becomes factor k; the prior that holds pose 0 comes last."""
+    if not np.isfinite(graph.poses).all():
+        raise ValueError("a pose of the graph is not finite")
+    _check_all(graph.constraints)
+    factors = gtsam.NonlinearFactorGraph()
+    for c in graph.constraints:
+        noise = gtsam.noiseModel.Gaussian.Covariance(c.covariance)
+        if _is_closure(c) and kernel is not Kernel.NONE:
+            noise = gtsam.noiseModel.Robust.Create(_estimator(kernel), noise)
+        measured = gtsam.Pose2(c.i_from_j.x, c.i_from_j.y, c.i_from_j.theta)
+        factors.add(gtsam.BetweenFactorPose2(c.i, c.j, measured, noise))
+    anchor = gtsam.noiseModel.Isotropic.Sigma(3, _ANCHOR_SIGMA)
+    factors.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*graph.poses[0]), anchor))
+    return factors
+
+
+def _check_all(constraints: Sequence[Constraint]) -> None:
+    """Check all covariances at once; name the first bad one."""
+    if not constraints:
+        return
+    stack = np.array([c.covariance for c in constraints])
+    measured = np.array([(c.i_from_j.x, c.i_from_j.y, c.i_from_j.theta) for c in constraints])
+    good = np.isfinite(stack).all(axis=(1, 2)) & np.isfinite(measured).all(axis=1)
+    safe = np.where(good[:, None, None], stack, np.eye(3))
+    eigenvalues = np.linalg.eigvalsh(safe)
+    good &= np.isclose(safe, safe.transpose(0, 2, 1), rtol=1e-6, atol=1e-15).all(axis=(1, 2))
+    good &= (eigenvalues[:, 0] >= _EIGENVALUES[0]) & (eigenvalues[:, 2] <= _EIGENVALUES[1])
+    if not good.all():
+        k = int(np.argmin(good))
+        c = constraints[k]
+        check_covariance(c.covariance, f"constraint {k} ({c.i} to {c.j})")
+        raise ValueError(f"constraint {k} ({c.i} to {c.j}) is not finite: {c.i_from_j}")
+
+
+def _estimator(kernel: Kernel) -> gtsam.noiseModel.mEstimator.Base:
+    if kernel is Kernel.HUBER:
+        return gtsam.noiseModel.mEstimator.Huber.Create(1.345)
+    return gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
+
+
+def _values(poses: Floats) -> gtsam.Values:
+    values = gtsam.Values()
+    for key, (x, y, theta) in enumerate(poses.tolist()):
+        values.insert(key, gtsam.Pose2(x, y, theta))
+    return values
+
+
+def _parameters(max_iterations: int, *, qr: bool = False) -> gtsam.LevenbergMarquardtParams:
+    params = gtsam.LevenbergMarquardtParams()
+    params.setMaxIterations(max_iterations)
+    params.setRelativeErrorTol(1e-8)
+    params.setAbsoluteErrorTol(1e-8)
+    params.setlambdaUpperBound(1e10)
+    if qr:
+        params.setLinearSolverType("MULTIFRONTAL_QR")
+    return params
+
+
+def _minimise(
+    factors: gtsam.NonlinearFactorGraph, poses: Floats, max_iterations: int, heartbeat: Heartbeat
+) -> tuple[gtsam.Values, int]:
+    """Try Cholesky, which is faster, then QR, which stands bad conditioning."""
+    for qr in (False, True):
+        params = _parameters(max_iterations, qr=qr)
+        # The hook runs Python between iterations, which also lets an interrupt through.
+        params.iterationHook = lambda *_: heartbeat("optimising the pose graph")
+        optimizer = gtsam.LevenbergMarquardtOptimizer(factors, _values(poses), params)
+        try:
+            values = optimizer.optimize()
+        except RuntimeError as error:
+            if "Indetermina" not in str(error):
+                raise
+            _LOG.info("the pose graph is indeterminate to Cholesky; trying QR")
+            continue
+        if np.isfinite(factors.error(values)):
+            return values, int(optimizer.iterations())
+    raise RunFailed("the pose graph could not be optimised: indeterminate or not finite")
+
+
+def _weighted_chi2(
+    factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, weights: Floats
+) -> float:
+    errors = np.array([factors.at(k).error(values) for k in range(len(weights))])
+    return float(2.0 * np.dot(weights, errors))
