@@ -36,11 +36,38 @@ class SourceConfig(Stage):
     """Whether +inf ranges clear the space along the beam (REP-117)."""
 
 
+class MatchingConfig(Stage):
+    """Matching every scan against the local map."""
+
+    resolution_m: float = Field(default=0.05, gt=0)
+    sigma_m: float = Field(default=0.06, gt=0)
+    """Standard deviation of the likelihood's fall-off from what was seen."""
+    max_gap_m: float = Field(default=0.3, ge=0)
+    """Neighbouring returns nearer than this are joined to a piece of wall."""
+    max_iterations: int = Field(default=15, ge=1)
+    min_score: float = Field(default=0.35, ge=0, le=1)
+    """A match with less mean agreement has failed."""
+    min_points: int = Field(default=10, ge=3)
+
+
+class KeyframeConfig(Stage):
+    """When a scan becomes part of the local map, and how long it stays."""
+
+    distance_m: float = Field(default=0.25, gt=0)
+    angle_rad: float = Field(default=0.25, gt=0)
+    window: int = Field(default=15, ge=1)
+    """Number of keyframes the local map is made of."""
+
+
 class FrontendConfig(Stage):
     """The shared scan frontend."""
 
     max_range_m: float = Field(default=30.0, gt=0)
     deskew: bool = True
+    point_spacing_m: float = Field(default=0.02, ge=0)
+    """Returns denser than this along the beam order are thinned for matching."""
+    matching: MatchingConfig = MatchingConfig()
+    keyframes: KeyframeConfig = KeyframeConfig()
 
 
 class PoseGraphConfig(Stage):
@@ -88,6 +115,53 @@ class CheckpointConfig(Stage):
     every_s: float = Field(default=60.0, gt=0)
 
 
+class LidarConfig(Stage):
+    """The simulated laser and how it is mounted."""
+
+    beams: int = Field(default=360, ge=1)
+    field_of_view_rad: float = Field(default=6.283185307179586, gt=0, le=6.283185307179586)
+    """Centred on the laser's forward axis; a full circle does not repeat its first beam."""
+    rate_hz: float = Field(default=10.0, gt=0)
+    range_min_m: float = Field(default=0.12, ge=0)
+    range_max_m: float = Field(default=8.0, gt=0)
+    sigma_m: float = Field(default=0.01, ge=0)
+    """Standard deviation of a range."""
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+    """Pose on the robot; a yaw of pi is a laser that looks to the rear."""
+    height_m: float = Field(default=0.2, ge=0)
+    """Height of the plane of measurement; lower solids are not seen."""
+    upside_down: bool = False
+    clockwise: bool = False
+    """Whether the laser reports its beams with a negative increment."""
+    sweep_s: float = Field(default=0.0, ge=0)
+    """Time from the first beam to one past the last; 0 takes them all at one instant."""
+
+
+class WheelConfig(Stage):
+    """The simulated differential drive: what the wheels turn is not what the ground passes."""
+
+    wheel_base_m: float = Field(default=0.3, gt=0)
+    wheel_base_error: float = 0.01
+    """Share by which the true wheel base exceeds the one that odometry assumes."""
+    left_slip: float = 0.002
+    right_slip: float = -0.002
+    """Share of each wheel's travel that is lost on the ground; negative for a larger wheel."""
+    random_slip_m_per_sqrt_m: float = Field(default=0.004, ge=0)
+    """Standard deviation of a wheel's lost travel per square root of its travel."""
+    start_known: bool = True
+    """Whether odometry begins at the true start pose instead of at zero."""
+
+
+class SimulationConfig(Stage):
+    """A simulated robot in a world."""
+
+    body_radius_m: float = Field(default=0.18, gt=0)
+    lidar: LidarConfig = LidarConfig()
+    wheels: WheelConfig = WheelConfig()
+
+
 class RunConfig(Stage):
     """Everything a run needs besides its source."""
 
@@ -101,3 +175,4 @@ class RunConfig(Stage):
     recovery: RecoveryConfig = RecoveryConfig()
     radio: RadioConfig = RadioConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
+    simulation: SimulationConfig = SimulationConfig()
