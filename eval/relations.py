@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.stamps import seconds_to_ns
 from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = "stamp_1 stamp_2 x y z roll pitch yaw"
@@ -70,21 +71,6 @@ def _lines(path: Path) -> list[str]:
         raise BadInput(f"no such file: {path}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: cannot be read as text ({error})") from None
-
-
-def seconds_to_ns(text: str) -> int:
-    """Convert a decimal number of seconds to integer nanoseconds without rounding through a float.
-
-    Raises
-    ------
-    ValueError
-        When the text is not a plain or scientific decimal number.
-    """
-    whole, _, fraction = text.strip().partition(".")
-    if not fraction.isdigit() or not whole.lstrip("+-").isdigit():
-        return round(float(text) * 1e9)
-    nanoseconds = int(fraction[:9].ljust(9, "0"))
-    return int(whole) * 1_000_000_000 + (-nanoseconds if whole.startswith("-") else nanoseconds)
 
 
 @dataclass(frozen=True, slots=True)

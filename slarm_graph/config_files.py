@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration as YAML: read with line numbers, overridden key by key, written with comments."""
+
+from __future__ import annotations
+
+import ast
+import difflib
+import inspect
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from slarm_graph import config as config_module
+from slarm_graph.config import RunConfig, Stage
+from slarm_graph.errors import BadInput
+
+Tree = dict[str, object]
+"""Nested keys and values, as in the YAML."""
+
+
+def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
+    """Resolve defaults, then a file, then overrides.
+
+    Parameters
+    ----------
+    path : Path, optional
+        YAML with any subset of the keys.
+    overrides : iterable of str
+        Each `key=value` with a dotted key, such as `mapping.resolution_m=0.1`; the value is YAML.
+
+    Raises
+    ------
+    BadInput
+        Naming place and nearest match of an unknown key, or the value that does not fit.
+    """
+    tree: Tree = {}
+    places: dict[str, str] = {}
+    if path is not None:
+        tree, places = _read(path)
+    for override in overrides:
+        key, value = _split(override)
+        places[key] = "--set"
+        _put(tree, key, value)
+    for key in _keys(tree):
+        _refuse_unknown(key, places)
+    try:
+        return RunConfig.model_validate(tree)
+    except ValidationError as error:
+        raise BadInput(_first_problem(error, places)) from None
+
+
+def _read(path: Path) -> tuple[Tree, dict[str, str]]:
+    """Return the content and where (`file:line`) every dotted key stands."""
+    try:
+        node = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=yaml.SafeLoader)
+    except FileNotFoundError:
+        raise BadInput(f"no such file: {path}") from None
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = " ".join(str(error).split())
+        raise BadInput(f"{path}: cannot be read as YAML ({reason})") from None
+    if node is None:
+        return {}, {}
+    if not isinstance(node, yaml.MappingNode):
+        raise BadInput(f"{path}: expected keys and values, as `slarm config` prints them")
+    places = {key: f"{path}:{line}" for key, line in _key_lines(node)}
+    tree: Tree = yaml.SafeLoader("").construct_document(node)
+    return tree, places
+
+
+def _key_lines(node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple[str, int]]:
+    for key, value in node.value:
+        dotted = f"{prefix}{key.value}"
+        yield dotted, key.start_mark.line + 1
+        if isinstance(value, yaml.MappingNode):
+            yield from _key_lines(value, f"{dotted}.")
+
+
+def _split(override: str) -> tuple[str, object]:
+    key, equals, text = override.partition("=")
+    if not equals or not key:
+        raise BadInput(f"--set {override}: expected key=value, such as mapping.resolution_m=0.1")
+    try:
+        return key.strip(), yaml.safe_load(text)
+    except yaml.YAMLError:
+        raise BadInput(f"--set {override}: the value cannot be read as YAML") from None
+
+
+def _put(tree: Tree, dotted: str, value: object) -> None:
+    *parents, last = dotted.split(".")
+    for parent in parents:
+        below = tree.setdefault(parent, {})
+        if not isinstance(below, dict):
+            raise BadInput(f"--set {dotted}: '{parent}' has no keys below it")
+        tree = below
+    tree[last] = value
+
+
+def _keys(tree: Mapping[str, object], prefix: str = "") -> Iterator[str]:
+    for key, value in tree.items():
+        yield f"{prefix}{key}"
+        if isinstance(value, dict):
+            yield from _keys(value, f"{prefix}{key}.")
+
+
+def _known_keys(model: type[BaseModel] = RunConfig, prefix: str = "") -> Iterator[str]:
+    for name, field in model.model_fields.items():
+        yield f"{prefix}{name}"
+        if inspect.isclass(field.annotation) and issubclass(field.annotation, Stage):
+            yield from _known_keys(field.annotation, f"{prefix}{name}.")
+
+
+def _refuse_unknown(key: str, places: Mapping[str, str]) -> None:
+    known = tuple(_known_keys())
+    if key in known:
+        return
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    near = near or [k for k in known if k.rpartition(".")[2] == key.rpartition(".")[2]]
+    hint = f"; did you mean '{near[0]}'?" if near else "; `slarm config` lists them all"
+    raise BadInput(f"{places.get(key, '--config')}: unknown key '{key}'{hint}")
+
+
+def _first_problem(error: ValidationError, places: Mapping[str, str]) -> str:
+    first = error.errors(include_url=False)[0]
+    parts = [str(part) for part in first["loc"]]
+    known = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
+    key = next((k for k in known if k in places), ".".join(parts))
+    return f"{places.get(key, 'configuration')}: {key}: {first['msg']}, got {first['input']!r}"
+
+
+def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
+    """Write every key with its value as YAML that `load_config` reads back.
+
+    Parameters
+    ----------
+    config : RunConfig
+    comments : bool
+        Put what the keys mean above them.
+    """
+    lines = _lines(config, _key_docs() if comments else {}, "")
+    return "\n".join(lines).strip() + "\n"
+
+
+def _lines(stage: Stage, docs: Mapping[tuple[str, str], str], indent: str) -> Iterator[str]:
+    """Yield the YAML lines of a stage and of those below it."""
+    for key in type(stage).model_fields:
+        value = getattr(stage, key)
+        doc = docs.get((type(stage).__name__, key), "")
+        if isinstance(value, Stage):
+            title = (type(value).__doc__ or "").strip().splitlines()[0] if docs else ""
+            yield from _comment(doc or title, indent, gap=not indent)
+            yield f"{indent}{key}:" if type(value).model_fields else f"{indent}{key}: {{}}"
+            yield from _lines(value, docs, f"{indent}  ")
+        else:
+            yield from _comment(doc, indent, gap=False)
+            text = yaml.safe_dump(stage.model_dump(mode="json", include={key}), width=1000)
+            yield from (f"{indent}{line}" for line in text.splitlines())
+
+
+def _comment(text: str, indent: str, *, gap: bool) -> Iterator[str]:
+    if text and gap:
+        yield ""
+    yield from (f"{indent}# {line}" for line in text.splitlines())
+
+
+def _key_docs() -> dict[tuple[str, str], str]:
+    """Return the text below every field of the configuration models, by (class, field)."""
+    docs = {}
+    for node in ast.parse(inspect.getsource(config_module)).body:
+        if not isinstance(node, ast.ClassDef):
+            continue
+        for field, text in zip(node.body, node.body[1:], strict=False):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                docs[node.name, ast.unparse(field.target)] = inspect.cleandoc(
+                    ast.literal_eval(text.value)
+                )
+    return docs
+
+
+def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:
+    """Return `key: old -> new` of every key that differs."""
+    before, after = (dict(_leaves(c.model_dump(mode="json"))) for c in (old, new))
+    return tuple(
+        f"{key}: {before.get(key)} -> {after.get(key)}"
+        for key in sorted(before.keys() | after.keys())
+        if before.get(key) != after.get(key)
+    )
+
+
+def _leaves(tree: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
