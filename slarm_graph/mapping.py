@@ -145,6 +145,22 @@ def render(
     return mapper.grid()
 
 
+def end_points_m(
+    scans: Sequence[LaserScan], trajectory: Trajectory, config: MappingConfig
+) -> Floats:
+    """Return the end points (N, 2) [m] in the map of all returns, motion within scans undone."""
+    ends = [
+        beams[beams[:, 4] > 0.0, 2:4]
+        for beams in (
+            _beams(scan, pose, rate, config.max_range_m)
+            for scan, pose, rate in zip(
+                scans, trajectory.poses, pose_rates(trajectory), strict=True
+            )
+        )
+    ]
+    return np.concatenate(ends) if ends else np.zeros((0, 2))
+
+
 def pose_rates(trajectory: Trajectory) -> Floats:
     """Rate of change (N, 3) [m/s, m/s, rad/s] from each pose to the next, 0 across gaps."""
     rates = np.zeros((len(trajectory), 3))

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Lay one occupancy grid onto another: search all rotations and shifts, then refine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import fftconvolve
+
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.map_accuracy import distance_to_m
+from slarm_graph.geometry import Floats, Pose2, transform_points
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+
+_COARSE_CELL_M = 0.2
+_COARSE_STEP_RAD = math.radians(3.0)
+_FAR_M = 0.5
+_MAX_POINTS = 4000
+
+
+def align_maps(reference: OccupancyGrid, estimate: OccupancyGrid) -> Pose2:
+    """Return `reference_from_estimate` [m, m, rad], the motion that lays walls onto walls.
+
+    Raises
+    ------
+    BadInput
+        When one of the maps has no wall.
+    """
+    target, source = _walls_m(reference), _walls_m(estimate)
+    if not len(target) or not len(source):
+        raise BadInput("maps without occupied cells cannot be aligned")
+    return _refine(reference, _thin(source), _search(target, source))
+
+
+def _walls_m(grid: OccupancyGrid) -> Floats:
+    return grid.geometry.center_of(np.argwhere(grid.occupied))
+
+
+def _thin(points_m: Floats) -> Floats:
+    return points_m[:: max(1, len(points_m) // _MAX_POINTS)]
+
+
+def _search(target: Floats, source: Floats) -> Pose2:
+    """Try every rotation; the best shift of each is the peak of a cross-correlation."""
+    middle = source.mean(axis=0)
+    reach = float(np.linalg.norm(source - middle, axis=1).max()) + _COARSE_CELL_M
+    window = GridGeometry.covering(-reach, reach, -reach, reach, _COARSE_CELL_M)
+    low, high = target.min(axis=0), target.max(axis=0)
+    frame = GridGeometry.covering(low[0], high[0] + 1e-6, low[1], high[1] + 1e-6, _COARSE_CELL_M)
+    image = _raster(target, frame)
+    best, found = -np.inf, Pose2()
+    for theta in np.arange(0.0, 2.0 * math.pi, _COARSE_STEP_RAD):
+        turned = transform_points(np.array([0.0, 0.0, theta]), source - middle)
+        match = fftconvolve(image, _raster(turned, window)[::-1, ::-1], mode="full")
+        row, col = np.unravel_index(int(match.argmax()), match.shape)
+        if match[row, col] > best:
+            best = float(match[row, col])
+            # In full mode, index (window.rows - 1, window.cols - 1) is the shift by no cell.
+            shift = np.array([col - window.cols + 1, row - window.rows + 1]) * _COARSE_CELL_M
+            shift += np.array(
+                [frame.origin_x_m - window.origin_x_m, frame.origin_y_m - window.origin_y_m]
+            )
+            found = Pose2(float(shift[0]), float(shift[1]), float(theta)) @ Pose2(
+                -middle[0], -middle[1], 0.0
+            )
+    return found
+
+
+def _raster(points_m: Floats, geometry: GridGeometry) -> Floats:
+    image = np.zeros(geometry.shape)
+    cells = geometry.cell_of(points_m)
+    cells = cells[geometry.contains(cells)]
+    image[cells[:, 0], cells[:, 1]] = 1.0
+    return image
+
+
+def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
+    """Slide the source's walls down the reference's distance field."""
+    geometry = reference.geometry
+    field = np.minimum(distance_to_m(reference.occupied, geometry.resolution_m), _FAR_M)
+
+    def distances(pose: Floats) -> Floats:
+        return _bilinear(field, geometry, transform_points(pose, source))
+
+    fit = least_squares(distances, start.as_array(), loss="soft_l1", f_scale=0.1, diff_step=1e-4)
+    return Pose2.from_array(fit.x)
+
+
+def _bilinear(field: Floats, geometry: GridGeometry, points_m: Floats) -> Floats:
+    """Interpolate between cell centres; far outside counts as far."""
+    col = (points_m[:, 0] - geometry.origin_x_m) / geometry.resolution_m - 0.5
+    row = (points_m[:, 1] - geometry.origin_y_m) / geometry.resolution_m - 0.5
+    inside = (row >= 0) & (col >= 0) & (row < geometry.rows - 1) & (col < geometry.cols - 1)
+    row, col = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
+    r, c = row.astype(np.int64), col.astype(np.int64)
+    fr, fc = row - r, col - c
+    r1, c1 = np.minimum(r + 1, geometry.rows - 1), np.minimum(c + 1, geometry.cols - 1)
+    low = field[r, c] * (1 - fc) + field[r, c1] * fc
+    high = field[r1, c] * (1 - fc) + field[r1, c1] * fc
+    return np.where(inside, low * (1 - fr) + high * fr, _FAR_M)

@@ -1,0 +1,130 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Map accuracy: identities, hand-counted cases, brute-force distances, alignment, sharpness."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.distance import cdist
+
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.map_accuracy import difference_image, distance_to_m, map_accuracy, map_metrics
+from slarm_graph.eval.map_alignment import align_maps
+from slarm_graph.eval.sharpness import sharpness
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+
+
+def room(resolution_m: float = 0.05) -> OccupancyGrid:
+    """An L-shaped room with a pillar, unknown outside."""
+    geometry = GridGeometry.covering(-1.0, 7.0, -1.0, 5.0, resolution_m)
+    x, y = np.moveaxis(geometry.centers(), -1, 0)
+    inside = (x > 0) & (x < 6) & (y > 0) & (y < 4) & ~((x > 4) & (y > 2))
+    walls = (x > -0.1) & (x < 6.1) & (y > -0.1) & (y < 4.1) & ~inside & ~((x > 4.1) & (y > 2.1))
+    pillar = np.hypot(x - 1.5, y - 1.2) < 0.25
+    p = np.full(geometry.shape, np.nan, dtype=np.float32)
+    p[inside] = 0.0
+    p[walls | pillar] = 1.0
+    return OccupancyGrid(geometry, p)
+
+
+def moved(grid: OccupancyGrid, map_from_grid: Pose2) -> OccupancyGrid:
+    geometry = GridGeometry.covering(-10, 12, -10, 12, grid.geometry.resolution_m)
+    points = map_from_grid.inverse().transform(geometry.centers())
+    return OccupancyGrid(geometry, grid.geometry.sample(grid.probability, points, np.nan))
+
+
+def test_a_map_agrees_with_itself() -> None:
+    result = map_accuracy(room(), room())
+    assert (result.cell_accuracy, result.iou, result.iou_free, result.f1) == (1, 1, 1, 1)
+    assert result.wall_distance_mean_m == 0.0
+    assert result.known_share == 1.0
+    assert not result.resampled
+
+
+def test_an_all_free_map_fails_on_iou_though_most_cells_agree() -> None:
+    reference = room()
+    free = OccupancyGrid(reference.geometry, np.zeros_like(reference.probability))
+    result = map_accuracy(reference, free)
+    assert result.cell_accuracy > 0.85
+    assert result.iou == result.recall == result.f1 == 0.0
+
+
+def test_counts_of_a_small_map() -> None:
+    geometry = GridGeometry(0.0, 0.0, 1.0, 1, 5)
+    reference = OccupancyGrid(geometry, np.array([[1, 1, 0, 0, np.nan]], dtype=np.float32))
+    estimate = OccupancyGrid(geometry, np.array([[1, 0, 1, np.nan, 1]], dtype=np.float32))
+    result = map_accuracy(reference, estimate, tolerance_m=0.5)
+    assert result.cell_accuracy == pytest.approx(1 / 3)
+    assert result.iou == pytest.approx(1 / 3)
+    assert (result.precision, result.recall) == (0.5, 0.5)
+    assert result.known_share == pytest.approx(3 / 4)
+    assert result.wall_distance_mean_m == pytest.approx(0.5)
+    image = difference_image(reference, estimate)
+    assert image[0].tolist() == [
+        [0, 0, 0],
+        [31, 119, 180],
+        [214, 39, 40],
+        [205, 205, 205],
+        [205, 205, 205],
+    ]
+
+
+def test_the_difference_image_has_its_top_row_at_the_largest_y() -> None:
+    geometry = GridGeometry(0.0, 0.0, 1.0, 2, 1)
+    grid = OccupancyGrid(geometry, np.array([[1.0], [0.0]], dtype=np.float32))
+    assert difference_image(grid, grid)[0, 0].tolist() == [255, 255, 255]
+
+
+def test_distances_equal_brute_force() -> None:
+    mask = np.random.default_rng(0).random((30, 40)) < 0.03
+    cells = np.argwhere(np.ones_like(mask))
+    brute = cdist(cells, np.argwhere(mask)).min(axis=1).reshape(mask.shape) * 0.05
+    np.testing.assert_allclose(distance_to_m(mask, 0.05), brute, atol=1e-5)
+
+
+def test_another_resolution_is_resampled_and_said() -> None:
+    result = map_accuracy(room(0.05), room(0.1))
+    assert result.resampled
+    assert result.cell_accuracy > 0.97
+    assert any("resampled" in metric.note for metric in map_metrics(result))
+
+
+def test_a_map_of_another_place_is_not_meaningful() -> None:
+    result = map_accuracy(room(), moved(room(), Pose2(6.0, 4.0, 0.0)))
+    assert not result.meaningful
+    assert any("not meaningful" in metric.note for metric in map_metrics(result))
+
+
+def test_a_reference_without_walls_is_refused() -> None:
+    grid = room()
+    with pytest.raises(BadInput, match="no occupied cell"):
+        map_accuracy(OccupancyGrid(grid.geometry, np.zeros_like(grid.probability)), grid)
+
+
+@pytest.mark.parametrize(
+    "pose", [Pose2(0.5, -0.3, 0.1), Pose2(2.0, 1.0, 2.2), Pose2(-3.0, 2.0, -1.5)]
+)
+def test_alignment_finds_the_motion_between_maps(pose: Pose2) -> None:
+    found = align_maps(room(), moved(room(), pose))
+    error = found @ pose
+    assert np.hypot(error.x, error.y) < 0.03
+    assert abs(error.theta) < 0.01
+
+
+def test_blurred_and_doubled_walls_have_a_larger_sigma() -> None:
+    rng = np.random.default_rng(1)
+    along = rng.uniform(0, 10, 20000)
+    crisp = np.column_stack([along, rng.normal(0, 0.01, 20000)])
+    blurred = np.column_stack([along, rng.normal(0, 0.04, 20000)])
+    doubled = crisp + np.array([0.0, 0.15]) * (rng.random(20000) < 0.5)[:, None]
+    sigmas = [sharpness(points).wall_sigma_m for points in (crisp, blurred, doubled)]
+    assert sigmas[0] == pytest.approx(0.01, rel=0.1)
+    assert sigmas[1] == pytest.approx(0.04, rel=0.1)
+    assert sigmas[2] == pytest.approx(0.075, rel=0.1)
+    assert sharpness(crisp).entropy < sharpness(blurred).entropy
+
+
+def test_no_points_no_sharpness() -> None:
+    assert sharpness(np.zeros((0, 2))).samples == 0
