@@ -107,6 +107,10 @@ class RadioConfig(Stage):
     antenna_height_m: float = Field(default=0.5, gt=0)
     rician_factor_db: float = 7.0
     power_dbm: float = 20.0
+    mount_radius_m: float = Field(default=0.25, ge=0)
+    """Obstacles this near to an access point carry it and do not hide it."""
+    gain_tolerance_db: float = Field(default=1.0, gt=0)
+    """Gains at most this wrong count as right in the accuracy."""
 
 
 class CheckpointConfig(Stage):

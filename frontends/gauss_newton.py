@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Gauss-Newton refinement of a scan on a smooth likelihood grid, with a prior on the pose.
+
+With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 2 (1 - L) is
+Welsch's robust cost of d / sigma. Its square root is the residual, so near the optimum every point
+counts as in point-to-line ICP, and far points do not count at all.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.likelihood_grid import interpolate
+from slarm_graph.geometry import Floats
+
+_FLOOR = 0.02
+_CONVERGED_M = 2e-4
+_CONVERGED_RAD = 1e-4
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    start: Floats,
+    prior: Floats,
+    prior_information: Floats,
+    point_information: float,
+    max_iterations: int,
+) -> tuple[Floats, Floats, float, int, int]:
+    """Align points (K, 2) in the robot's frame with the grid.
+
+    Parameters
+    ----------
+    start, prior : (3,) float64
+        Initial and expected `grid_from_robot` [m, m, rad].
+    prior_information : (3, 3) float64
+        Inverse covariance of the prior in its own body frame.
+    point_information : float
+        Weight that turns the robust costs into honest negative log likelihoods.
+
+    Returns
+    -------
+    pose : (3,), data_information : (3, 3) in the body frame, score : mean likelihood 0 to 1,
+    inliers : points with likelihood above a half, iterations : int
+    """
+    pose = start.copy()
+    used = 0
+    h = np.zeros((3, 3))
+    g = np.zeros(3)
+    score, inliers = 0.0, 0
+    for iteration in range(max_iterations):
+        used = iteration + 1
+        score, inliers = _normal_equations(
+            values, origin_x, origin_y, resolution, points, pose, h, g
+        )
+        a = h * point_information
+        b = g * point_information
+        _add_prior(a, b, pose, prior, prior_information)
+        for k in range(3):
+            a[k, k] += 1e-6 * a[k, k] + 1e-9
+        step = np.linalg.solve(a, b)
+        length = math.hypot(step[0], step[1])
+        limit = min(1.0, 3.0 * resolution / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
+        step *= limit
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        pose[0] += c * step[0] - s * step[1]
+        pose[1] += s * step[0] + c * step[1]
+        pose[2] += step[2]
+        if abs(step[2]) < _CONVERGED_RAD and length * limit < _CONVERGED_M:
+            break
+    score, inliers = _normal_equations(values, origin_x, origin_y, resolution, points, pose, h, g)
+    return pose, h * point_information, score, inliers, used
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    pose: Floats,
+    h: Floats,
+    g: Floats,
+) -> tuple[float, int]:
+    """Fill the body-frame Hessian `h` and descent direction `g`; return score and inliers."""
+    h[:] = 0.0
+    g[:] = 0.0
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total, inliers = 0.0, 0
+    for i in range(len(points)):
+        px, py = points[i, 0], points[i, 1]
+        x = pose[0] + c * px - s * py
+        y = pose[1] + s * px + c * py
+        value, gx, gy = interpolate(values, origin_x, origin_y, resolution, x, y)
+        if value <= 0.0:
+            continue
+        total += value
+        if value > 0.5:
+            inliers += 1
+        jx = c * gx + s * gy
+        jy = -s * gx + c * gy
+        jt = px * jy - py * jx
+        weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
+        g[0] += jx
+        g[1] += jy
+        g[2] += jt
+        h[0, 0] += weight * jx * jx
+        h[0, 1] += weight * jx * jy
+        h[0, 2] += weight * jx * jt
+        h[1, 1] += weight * jy * jy
+        h[1, 2] += weight * jy * jt
+        h[2, 2] += weight * jt * jt
+    h[1, 0] = h[0, 1]
+    h[2, 0] = h[0, 2]
+    h[2, 1] = h[1, 2]
+    return total / max(len(points), 1), inliers
+
+
+@njit(cache=True, nogil=True)
+def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: Floats) -> None:
+    """Add the pull of the prior, linearised at the pose."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = prior[0] - pose[0], prior[1] - pose[1]
+    turn = prior[2] - pose[2]
+    turn -= 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
+    away = np.array([c * dx + s * dy, -s * dx + c * dy, turn])
+    for r in range(3):
+        for k in range(3):
+            a[r, k] += information[r, k]
+            b[r] += information[r, k] * away[k]

@@ -1,0 +1,191 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A smooth likelihood grid: 1 on what the scans saw, falling off as a Gaussian beside it.
+
+Neighbouring returns are joined by short segments, so a wall is a ridge and not a row of dots: the
+distance that matters is the one to the line, as in point-to-line ICP.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+
+Grid = NDArray[np.float32]
+
+_REACH_SIGMAS = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class LikelihoodGrid:
+    """Likelihood of a return at cell centres.
+
+    Parameters
+    ----------
+    origin_x_m, origin_y_m : float
+        Centre of cell (0, 0) [m].
+    resolution_m, sigma_m : float
+        Cell side and standard deviation of the fall-off [m].
+    values : (rows = y, cols = x) float32
+        exp(-d^2 / 2 sigma^2) of the distance d to the nearest segment.
+    """
+
+    origin_x_m: float
+    origin_y_m: float
+    resolution_m: float
+    sigma_m: float
+    values: Grid
+
+
+def build_likelihood_grid(
+    segments: Floats, *, resolution_m: float, sigma_m: float, margin_m: float = 0.0
+) -> LikelihoodGrid:
+    """Splat segments (S, 4) (x, y, x, y) [m] into a grid that holds them and a margin around."""
+    margin = margin_m + _REACH_SIGMAS * sigma_m + 4 * resolution_m
+    ends = segments.reshape(-1, 2)
+    low = np.floor((ends.min(axis=0) - margin) / resolution_m) * resolution_m
+    size = np.ceil((ends.max(axis=0) + margin - low) / resolution_m).astype(int) + 1
+    values = np.zeros((int(size[1]), int(size[0])), dtype=np.float32)
+    grid = LikelihoodGrid(float(low[0]), float(low[1]), resolution_m, sigma_m, values)
+    add_segments(grid, segments)
+    return grid
+
+
+def add_segments(grid: LikelihoodGrid, segments: Floats) -> bool:
+    """Splat further segments (S, 4) [m] in place; False, and nothing done, if they do not fit."""
+    reach = _REACH_SIGMAS * grid.sigma_m
+    ends = segments.reshape(-1, 2)
+    rows, cols = grid.values.shape
+    low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
+    if low[0] < grid.origin_x_m or low[1] < grid.origin_y_m:
+        return False
+    if high[0] > grid.origin_x_m + cols * grid.resolution_m:
+        return False
+    if high[1] > grid.origin_y_m + rows * grid.resolution_m:
+        return False
+    _splat(
+        grid.values,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        grid.sigma_m,
+        reach,
+        segments,
+    )
+    return True
+
+
+@njit(cache=True, nogil=True)
+def scan_segments(points: Floats, pose: Floats, max_gap: float) -> Floats:
+    """Join neighbouring points (K, 2) nearer than `max_gap` [m]; lone points stay as dots.
+
+    Returns
+    -------
+    (S, 4) float64
+        Segments (x, y, x, y) [m] in the frame of `pose`'s parent.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    out = np.empty((len(points), 4))
+    count = 0
+    joined = False
+    for i in range(len(points)):
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        next_joined = False
+        if i + 1 < len(points):
+            dx, dy = points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]
+            next_joined = dx * dx + dy * dy < max_gap * max_gap
+        if next_joined or not joined:
+            out[count, 0] = x
+            out[count, 1] = y
+            out[count, 2] = x
+            out[count, 3] = y
+            if next_joined:
+                out[count, 2] += c * dx - s * dy
+                out[count, 3] += s * dx + c * dy
+            count += 1
+        joined = next_joined
+    return out[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _splat(
+    values: Grid,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    sigma: float,
+    reach: float,
+    segments: Floats,
+) -> None:
+    """Raise every cell near a segment to the likelihood of its distance."""
+    scale = -0.5 / (sigma * sigma)
+    for k in range(len(segments)):
+        x0, y0, x1, y1 = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
+        dx, dy = x1 - x0, y1 - y0
+        length2 = dx * dx + dy * dy
+        col_low = int(math.floor((min(x0, x1) - reach - origin_x) / resolution))
+        col_high = int(math.ceil((max(x0, x1) + reach - origin_x) / resolution))
+        row_low = int(math.floor((min(y0, y1) - reach - origin_y) / resolution))
+        row_high = int(math.ceil((max(y0, y1) + reach - origin_y) / resolution))
+        for row in range(max(row_low, 0), min(row_high + 1, values.shape[0])):
+            py = origin_y + row * resolution - y0
+            for col in range(max(col_low, 0), min(col_high + 1, values.shape[1])):
+                px = origin_x + col * resolution - x0
+                along = 0.0
+                if length2 > 0.0:
+                    along = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
+                ex, ey = px - along * dx, py - along * dy
+                d2 = ex * ex + ey * ey
+                if d2 < reach * reach:
+                    values[row, col] = max(values[row, col], np.float32(math.exp(scale * d2)))
+
+
+@njit(cache=True, nogil=True, inline="always")
+def interpolate(
+    values: Grid, origin_x: float, origin_y: float, resolution: float, x: float, y: float
+) -> tuple[float, float, float]:
+    """Bicubic (Catmull-Rom) value and gradient [1/m] at a point; zero outside the grid."""
+    u, v = (x - origin_x) / resolution, (y - origin_y) / resolution
+    col, row = int(math.floor(u)), int(math.floor(v))
+    if col < 1 or row < 1 or col + 2 >= values.shape[1] or row + 2 >= values.shape[0]:
+        return 0.0, 0.0, 0.0
+    u -= col
+    v -= row
+    wx0 = ((-0.5 * u + 1.0) * u - 0.5) * u
+    wx1 = (1.5 * u - 2.5) * u * u + 1.0
+    wx2 = ((-1.5 * u + 2.0) * u + 0.5) * u
+    wx3 = (0.5 * u - 0.5) * u * u
+    gx0 = (-1.5 * u + 2.0) * u - 0.5
+    gx1 = (4.5 * u - 5.0) * u
+    gx2 = (-4.5 * u + 4.0) * u + 0.5
+    gx3 = (1.5 * u - 1.0) * u
+    wy = (
+        ((-0.5 * v + 1.0) * v - 0.5) * v,
+        (1.5 * v - 2.5) * v * v + 1.0,
+        ((-1.5 * v + 2.0) * v + 0.5) * v,
+        (0.5 * v - 0.5) * v * v,
+    )
+    gy = (
+        (-1.5 * v + 2.0) * v - 0.5,
+        (4.5 * v - 5.0) * v,
+        (-4.5 * v + 4.0) * v + 0.5,
+        (1.5 * v - 1.0) * v,
+    )
+    value, along_x, along_y = 0.0, 0.0, 0.0
+    for k in range(4):
+        a = values[row - 1 + k, col - 1]
+        b = values[row - 1 + k, col]
+        c = values[row - 1 + k, col + 1]
+        d = values[row - 1 + k, col + 2]
+        line = wx0 * a + wx1 * b + wx2 * c + wx3 * d
+        value += wy[k] * line
+        along_x += wy[k] * (gx0 * a + gx1 * b + gx2 * c + gx3 * d)
+        along_y += gy[k] * line
+    return value, along_x / resolution, along_y / resolution

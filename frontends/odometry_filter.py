@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How far the robot moved before anything was matched: odometry, constant velocity, or both."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slarm_graph.geometry import Floats, Pose2
+
+_ACCELERATION = np.array([1.0, 0.5, 2.0])
+_ODOMETRY_FLOOR = np.array([0.004, 0.004, 0.004])
+_PER_DISTANCE = np.array([0.10, 0.06, 0.15])
+_PER_ANGLE = np.array([0.06, 0.06, 0.20])
+_MEMORY = 0.95
+_MAX_COASTING_S = 1.0
+_CONTRADICTION = 9.0
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """Where the robot probably went.
+
+    Parameters
+    ----------
+    motion : (3,) float64
+        Previous robot frame from the present one [m, m, rad].
+    covariance : (3, 3) float64
+        Of `motion`, in the body frame.
+    """
+
+    motion: Floats
+    covariance: Floats
+
+
+class OdometryFilter:
+    """Predicts the motion between scans with its covariance, and learns from the matches.
+
+    The state is the robot's velocity in its own frame with a covariance; odometry, where there is
+    any that ever moved, measures it too, with a noise that grows when matches contradict it.
+    """
+
+    def __init__(self) -> None:
+        self._velocity = np.zeros(3)
+        self._covariance = np.diag([0.5, 0.2, 0.5]) ** 2
+        self._last_odom: Pose2 | None = None
+        self._odometry_lives = False
+        self._distrust = 1.0
+        self._measured: tuple[Floats, Floats] | None = None
+        self._usual_span_s = 0.0
+
+    def predict(self, span_s: float, odom_from_robot: Pose2 | None) -> tuple[Prediction, ...]:
+        """Predict the motion over `span_s`.
+
+        Returns
+        -------
+        tuple of Prediction
+            The best first. When odometry contradicts the velocity so far (a slip, a jump, a frozen
+            encoder, or a true jerk), both stand apart; else they are fused to one.
+        """
+        span = self._steady(span_s)
+        self._covariance = self._covariance + np.diag((_ACCELERATION * span) ** 2)
+        steady = Prediction(self._velocity * span, self._covariance * span * span)
+        if span_s > _MAX_COASTING_S:
+            steady = Prediction(np.zeros(3), steady.covariance + np.diag([0.5, 0.5, 0.5]) ** 2)
+        self._measured = None
+        increment = self._increment(odom_from_robot)
+        if increment is None:
+            return (steady,)
+        noise = odometry_covariance(increment) * self._distrust
+        self._measured = (increment, noise)
+        measured = Prediction(increment, noise)
+        miss = increment - steady.motion
+        both = steady.covariance + noise
+        if miss @ np.linalg.solve(both, miss) > _CONTRADICTION:
+            return (measured, steady)
+        gain = np.linalg.solve(both, steady.covariance).T
+        covariance = steady.covariance - gain @ steady.covariance
+        fused = Prediction(steady.motion + gain @ miss, 0.5 * (covariance + covariance.T))
+        return (fused, measured, steady)
+
+    def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
+        """Learn from the motion that came out of matching (or from the prediction kept)."""
+        span = max(span_s, 0.5 * self._usual_span_s, 1e-3)
+        moved = motion.as_array()
+        if self._measured is not None:
+            increment, noise = self._measured
+            miss = moved - increment
+            miss[2] = np.remainder(miss[2] + np.pi, 2 * np.pi) - np.pi
+            surprise = float(miss @ np.linalg.solve(noise / self._distrust + covariance, miss)) / 3
+            self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise)
+        self._velocity = moved / span
+        self._covariance = covariance / (span * span)
+
+    def _steady(self, span_s: float) -> float:
+        """Floor a span by half the usual one: some logs' stamps bunch up, the robot does not."""
+        if self._usual_span_s == 0.0:
+            self._usual_span_s = span_s
+        self._usual_span_s += 0.05 * (min(span_s, 1.0) - self._usual_span_s)
+        return max(span_s, 0.5 * self._usual_span_s, 1e-3)
+
+    def _increment(self, odom_from_robot: Pose2 | None) -> Floats | None:
+        last, self._last_odom = self._last_odom, odom_from_robot
+        if last is None or odom_from_robot is None:
+            return None
+        increment = last.between(odom_from_robot).as_array()
+        # Odometry that never moved is a placeholder, not a measurement of standing still.
+        self._odometry_lives = self._odometry_lives or bool(np.any(increment != 0.0))
+        return increment if self._odometry_lives else None
+
+
+def odometry_covariance(increment: Floats) -> Floats:
+    """Covariance (3, 3) of a differential odometry's increment (3,) [m, m, rad]."""
+    distance = float(np.hypot(increment[0], increment[1]))
+    sigma = _ODOMETRY_FLOOR + _PER_DISTANCE * distance + _PER_ANGLE * abs(float(increment[2]))
+    return np.diag(sigma**2)
