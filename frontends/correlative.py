@@ -29,8 +29,8 @@ def search_window(
 
     Every offset of whole cells is tried at every angle: the brute-force form.
     """
-    cells = int(math.ceil(reach_m / resolution))
-    turns = int(math.ceil(reach_rad / step_rad))
+    cells = math.ceil(reach_m / resolution)
+    turns = math.ceil(reach_rad / step_rad)
     rows, cols = values.shape
     best, best_score = center.copy(), -1.0
     col_of = np.empty(len(points), dtype=np.int64)
@@ -43,8 +43,8 @@ def search_window(
         for i in range(len(points)):
             x = center[0] + c * points[i, 0] - s * points[i, 1]
             y = center[1] + s * points[i, 0] + c * points[i, 1]
-            col_of[i] = int(math.floor((x - origin_x) / resolution + 0.5))
-            row_of[i] = int(math.floor((y - origin_y) / resolution + 0.5))
+            col_of[i] = math.floor((x - origin_x) / resolution + 0.5)
+            row_of[i] = math.floor((y - origin_y) / resolution + 0.5)
         sums[:] = 0.0
         for i in range(len(points)):
             col_low = max(col_of[i] - cells, 0)

@@ -130,10 +130,10 @@ def _splat(
         x0, y0, x1, y1 = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         dx, dy = x1 - x0, y1 - y0
         length2 = dx * dx + dy * dy
-        col_low = int(math.floor((min(x0, x1) - reach - origin_x) / resolution))
-        col_high = int(math.ceil((max(x0, x1) + reach - origin_x) / resolution))
-        row_low = int(math.floor((min(y0, y1) - reach - origin_y) / resolution))
-        row_high = int(math.ceil((max(y0, y1) + reach - origin_y) / resolution))
+        col_low = math.floor((min(x0, x1) - reach - origin_x) / resolution)
+        col_high = math.ceil((max(x0, x1) + reach - origin_x) / resolution)
+        row_low = math.floor((min(y0, y1) - reach - origin_y) / resolution)
+        row_high = math.ceil((max(y0, y1) + reach - origin_y) / resolution)
         for row in range(max(row_low, 0), min(row_high + 1, values.shape[0])):
             py = origin_y + row * resolution - y0
             for col in range(max(col_low, 0), min(col_high + 1, values.shape[1])):
@@ -153,7 +153,7 @@ def interpolate(
 ) -> tuple[float, float, float]:
     """Bicubic (Catmull-Rom) value and gradient [1/m] at a point; zero outside the grid."""
     u, v = (x - origin_x) / resolution, (y - origin_y) / resolution
-    col, row = int(math.floor(u)), int(math.floor(v))
+    col, row = math.floor(u), math.floor(v)
     if col < 1 or row < 1 or col + 2 >= values.shape[1] or row + 2 >= values.shape[0]:
         return 0.0, 0.0, 0.0
     u -= col

@@ -60,7 +60,7 @@ class TrackedScan:
 
 @dataclass(frozen=True, slots=True)
 class _Refined:
-    """A refined pose (3,) with its information (3, 3), and how surprising it is (squared sigmas)."""
+    """A refined pose (3,), its information (3, 3), and how surprising it is (squared sigmas)."""
 
     pose: Floats
     information: Floats
