@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The null backend: odometry is believed as it is. The baseline every other has to beat."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+from numpy.random import Generator
+
+from slarm_graph.backend import Heartbeat, SlamResult, silent
+from slarm_graph.config import RunConfig
+from slarm_graph.errors import BadInput, RunFailed
+from slarm_graph.geometry import Floats, Pose2, compose, invert
+from slarm_graph.mapping import render
+from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.trajectory import Trajectory
+
+
+class OdometryBackend:
+    """Wheel odometry as recorded: the baseline every other backend has to beat.
+
+    The map's origin is the robot's first pose.
+
+    Parameters
+    ----------
+    config : RunConfig
+    rng : numpy.random.Generator
+        Not used.
+    heartbeat : callable
+    """
+
+    def __init__(self, config: RunConfig, rng: Generator, heartbeat: Heartbeat = silent) -> None:
+        del rng
+        self._config = config
+        self._heartbeat = heartbeat
+        self._stamps_ns: list[int] = []
+        self._scans: list[LaserScan] = []
+        self._odometry: list[Pose2 | None] = []
+
+    def update(self, reading: Reading) -> None:
+        """Take one reading."""
+        self._stamps_ns.append(reading.stamp_ns)
+        self._scans.append(reading.scan)
+        self._odometry.append(reading.odom_from_robot)
+
+    def map_from_robot(self) -> Pose2:
+        """Return the last known odometry, seen from the first."""
+        known = [pose for pose in (self._first(), self._last()) if pose is not None]
+        return known[0].between(known[-1]) if known else Pose2()
+
+    def result(self) -> SlamResult:
+        """Return the odometry as the trajectory, and the map it makes."""
+        if not self._scans:
+            raise RunFailed("no scan was usable")
+        poses, missing = self._filled()
+        trajectory = Trajectory(np.array(self._stamps_ns), compose(invert(poses[0]), poses))
+        self._heartbeat(f"rendering {len(self._scans)} scans")
+        grid = render(self._scans, trajectory, self._config.mapping)
+        notices = (
+            (f"{missing} scans without odometry were given the last pose before them",)
+            if missing
+            else ()
+        )
+        return SlamResult(trajectory, grid, notices=notices)
+
+    def snapshot(self) -> bytes:
+        """Return all readings."""
+        return pickle.dumps((self._stamps_ns, self._scans, self._odometry))
+
+    def restore(self, state: bytes) -> None:
+        """Continue from a snapshot."""
+        self._stamps_ns, self._scans, self._odometry = pickle.loads(state)
+
+    def _filled(self) -> tuple[Floats, int]:
+        """Return `odom_from_robot` (N, 3) with gaps held, and how many there were."""
+        held = self._first()
+        if held is None:
+            raise BadInput(
+                "backend odometry needs odometry, and the recording has none;"
+                " use --backend pose_graph or gmapping"
+            )
+        poses, missing = [], 0
+        for pose in self._odometry:
+            missing += pose is None
+            held = pose or held
+            poses.append(held.as_array())
+        return np.array(poses), missing
+
+    def _first(self) -> Pose2 | None:
+        return next((pose for pose in self._odometry if pose is not None), None)
+
+    def _last(self) -> Pose2 | None:
+        return next((pose for pose in reversed(self._odometry) if pose is not None), None)
