@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.world import Solid
 
 
 class CellState(IntEnum):
@@ -60,6 +61,9 @@ class GeographicMap:
     coverage : Coverage
     changed_cells : int
         Cells whose class recovery changed.
+    solids : tuple of Solid
+        All obstacles as straight-walled prisms, sharper than the cells; empty where only cells are
+        known.
     """
 
     geometry: GridGeometry
@@ -68,6 +72,7 @@ class GeographicMap:
     height_source: str
     coverage: Coverage
     changed_cells: int = 0
+    solids: tuple[Solid, ...] = ()
 
     @property
     def accessible(self) -> Mask:

@@ -1,0 +1,60 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Convexity of polygons, and the nearest point on an outline."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slarm_graph.geometry import Floats
+from slarm_graph.polygons import contains, counter_clockwise
+
+
+def nearest_on_outline(corners_m: ArrayLike, point: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the outline's nearest point (2,) and the outward unit normal (2,) there.
+
+    Parameters
+    ----------
+    corners_m : (K, 2), counter-clockwise
+    point : (2,)
+    """
+    a = np.asarray(corners_m, dtype=np.float64)
+    edge = np.roll(a, -1, axis=0) - a
+    length_sq = np.maximum(np.sum(edge * edge, axis=1), 1e-300)
+    share = np.clip(np.sum((np.asarray(point) - a) * edge, axis=1) / length_sq, 0.0, 1.0)
+    feet = a + share[:, None] * edge
+    best = int(np.argmin(np.sum((feet - point) ** 2, axis=1)))
+    normal = np.array([edge[best, 1], -edge[best, 0]]) / np.sqrt(length_sq[best])
+    return feet[best], normal
+
+
+def is_convex(corners_m: ArrayLike) -> bool:
+    """Tell whether a counter-clockwise polygon (K, 2) never turns right."""
+    a = np.asarray(corners_m, dtype=np.float64)
+    edge = np.roll(a, -1, axis=0) - a
+    ahead = np.roll(edge, -1, axis=0)
+    turn = edge[:, 0] * ahead[:, 1] - edge[:, 1] * ahead[:, 0]
+    scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(ahead, axis=1)
+    return bool(np.all(turn >= -1e-12 * scale))
+
+
+def convex_pieces(corners_m: ArrayLike) -> list[Floats]:
+    """Cut a simple polygon (K, 2) into convex ones: itself, or triangles by clipping ears."""
+    ring = counter_clockwise(corners_m)
+    if is_convex(ring):
+        return [ring]
+    pieces = []
+    while len(ring) > 3:
+        ear = next((i for i in range(len(ring)) if _is_ear(ring, i)), 0)
+        pieces.append(ring[[ear - 1, ear, (ear + 1) % len(ring)]])
+        ring = np.delete(ring, ear, axis=0)
+    return [*pieces, ring]
+
+
+def _is_ear(ring: Floats, i: int) -> bool:
+    a, b, c = ring[i - 1], ring[i], ring[(i + 1) % len(ring)]
+    if (b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) <= 0.0:
+        return False
+    others = np.array([q for q in ring if not any(np.array_equal(q, v) for v in (a, b, c))])
+    return not len(others) or not contains(np.array([a, b, c]), others).any()
