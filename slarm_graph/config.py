@@ -40,8 +40,10 @@ class MatchingConfig(Stage):
     """Matching every scan against the local map."""
 
     resolution_m: float = Field(default=0.05, gt=0)
-    sigma_m: float = Field(default=0.06, gt=0)
+    sigma_m: float = Field(default=0.04, gt=0)
     """Standard deviation of the likelihood's fall-off from what was seen."""
+    point_sigma_m: float = Field(default=0.02, gt=0)
+    """What one return is worth against the prediction: its error, correlations allowed for."""
     max_gap_m: float = Field(default=0.3, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
     max_iterations: int = Field(default=15, ge=1)
@@ -147,10 +149,10 @@ class WheelConfig(Stage):
     """The simulated differential drive: what the wheels turn is not what the ground passes."""
 
     wheel_base_m: float = Field(default=0.3, gt=0)
-    wheel_base_error: float = 0.01
+    wheel_base_error: float = 0.005
     """Share by which the true wheel base exceeds the one that odometry assumes."""
-    left_slip: float = 0.002
-    right_slip: float = -0.002
+    left_slip: float = 0.001
+    right_slip: float = -0.001
     """Share of each wheel's travel that is lost on the ground; negative for a larger wheel."""
     random_slip_m_per_sqrt_m: float = Field(default=0.004, ge=0)
     """Standard deviation of a wheel's lost travel per square root of its travel."""
@@ -164,6 +166,37 @@ class SimulationConfig(Stage):
     body_radius_m: float = Field(default=0.18, gt=0)
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()
+
+
+class DrivingConfig(Stage):
+    """How the robot drives, and how near it goes to things."""
+
+    speed_m_s: float = Field(default=0.6, gt=0)
+    turn_rate_rad_s: float = Field(default=2.0, gt=0)
+    acceleration_m_s2: float = Field(default=1.0, gt=0)
+    robot_radius_m: float = Field(default=0.18, gt=0)
+    margin_m: float = Field(default=0.015, ge=0)
+    """Kept between the body and everything seen, beyond half a driving cell."""
+    grid_m: float = Field(default=0.025, gt=0, le=0.05)
+    """Driving cells are at most this large whatever the resolution of the maps is."""
+
+
+class ExploreConfig(Stage):
+    """Closed-loop exploration of a world."""
+
+    explorer: str = "ggmr+"
+    resolution_m: float = Field(default=0.05, gt=0)
+    """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
+    goal: Literal["observed", "footprint"] = "footprint"
+    """What `ggmr+` is after: to see everything, or to pass over everything."""
+    driving: DrivingConfig = DrivingConfig()
+    area: tuple[float, float, float, float] | None = None
+    """Do not leave x_min, x_max, y_min, y_max [m]."""
+    keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()
+    """Polygons not to enter, each as (x, y) corners [m]."""
+    return_to_start: bool = False
+    mission_time_s: float | None = Field(default=None, gt=0)
+    """Stop after this time of driving; null for when everything is known."""
 
 
 class RunConfig(Stage):
@@ -180,3 +213,4 @@ class RunConfig(Stage):
     radio: RadioConfig = RadioConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     simulation: SimulationConfig = SimulationConfig()
+    explore: ExploreConfig = ExploreConfig()
