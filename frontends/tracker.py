@@ -18,7 +18,6 @@ from slarm_graph.frontends.scan_filter import points_for_matching
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
 
-_POINT_INFORMATION = 0.3
 _DOUBTFUL_SURPRISE = 16.0
 _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
@@ -152,7 +151,7 @@ class ScanTracker:
         self._usual_score = usual + 0.05 * (found.score - usual)
         return MatchResult(
             Pose2.from_array(found.pose),
-            np.linalg.inv(found.information),
+            _inverse(found.information),
             found.score,
             found.inliers,
             found.iterations,
@@ -162,10 +161,10 @@ class ScanTracker:
         self, points: Floats, prediction: Prediction, start: Floats | None = None
     ) -> _Refined:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
-        grid = self._map.grid
+        grid, settings = self._map.grid, self._config.matching
         assert grid is not None
         prior = compose(self._local_from_robot.as_array(), prediction.motion)
-        information = np.linalg.inv(prediction.covariance)
+        information = _inverse(prediction.covariance)
         pose, data, score, inliers, iterations = refine(
             grid.values,
             grid.origin_x_m,
@@ -175,8 +174,8 @@ class ScanTracker:
             prior if start is None else start,
             prior,
             information,
-            _POINT_INFORMATION,
-            self._config.matching.max_iterations,
+            (grid.sigma_m / settings.point_sigma_m) ** 2,
+            settings.max_iterations,
         )
         away = between(prior, pose)
         surprise = float(away @ information @ away)
@@ -211,3 +210,8 @@ class ScanTracker:
             if other.score > found.score + _BETTER:
                 found = other
         return found
+
+
+def _inverse(matrix: Floats) -> Floats:
+    """Invert a square matrix."""
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
