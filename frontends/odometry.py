@@ -1,0 +1,90 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The odometry of a recording as one path, and its value at a scan's stamp."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.messages import StampedTransforms
+from slarm_graph.frontends.packed import Ints
+from slarm_graph.frontends.rotations import bracket, usable_quaternions, yaws
+from slarm_graph.frontends.transforms import TransformTree
+from slarm_graph.geometry import Floats, between, interpolate_poses
+
+_STILL_M = 1e-6
+_STILL_RAD = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class OdometryPath:
+    """Poses `odom_from_robot` over time.
+
+    Parameters
+    ----------
+    stamp_ns : (N,) int64, strictly increasing
+    poses : (N, 3) [m, m, rad]
+    """
+
+    stamp_ns: Ints
+    poses: Floats
+
+    def __len__(self) -> int:
+        return len(self.stamp_ns)
+
+    def never_moves(self) -> bool:
+        """Whether all poses are one and the same."""
+        return len(self) > 1 and bool(np.all(np.ptp(self.poses, axis=0) == 0.0))
+
+    def at(self, stamps_ns: Ints, max_gap_s: float) -> tuple[Floats, NDArray[np.bool_]]:
+        """Interpolate at some stamps.
+
+        A silence longer than `max_gap_s` is bridged only when the robot stood still over it;
+        beyond the ends the path is held for one median period.
+
+        Returns
+        -------
+        poses : (M, 3)
+        known : (M,) bool
+        """
+        if len(self) == 0 or len(stamps_ns) == 0:
+            return np.zeros((len(stamps_ns), 3)), np.zeros(len(stamps_ns), bool)
+        max_gap_ns = round(max_gap_s * 1e9)
+        before, after, _, known = bracket(self.stamp_ns, stamps_ns, max_gap_ns)
+        step = np.abs(between(self.poses[before], self.poses[after]))
+        still = (step[:, :2] < _STILL_M).all(axis=1) & (step[:, 2] < _STILL_RAD)
+        inside = (stamps_ns >= self.stamp_ns[0]) & (stamps_ns <= self.stamp_ns[-1])
+        if len(self) == 1:
+            known = np.abs(stamps_ns - self.stamp_ns[0]) <= max_gap_ns
+        poses = interpolate_poses(self.stamp_ns, self.poses, stamps_ns)
+        return poses, known | (still & inside)
+
+
+def path_from_messages(
+    messages: StampedTransforms, *, use_record_time: bool = False
+) -> tuple[OdometryPath, int]:
+    """Build the path of an odometry topic; also return how many poses were unusable."""
+    usable, quaternions = usable_quaternions(messages.quaternions)
+    usable &= np.isfinite(messages.translations_m).all(axis=1)
+    poses = np.column_stack([messages.translations_m[:, :2], yaws(quaternions)])[usable]
+    stamps = (messages.record_ns if use_record_time else messages.stamp_ns)[usable]
+    return _sorted_path(stamps, poses), int(np.count_nonzero(~usable))
+
+
+def path_from_tree(tree: TransformTree, odom: str, robot: str, max_gap_s: float) -> OdometryPath:
+    """Build the path from tf, one pose per update of any transform between the two frames."""
+    edges = tree.changing(odom, robot)
+    if not edges:
+        return OdometryPath(np.zeros(0, np.int64), np.zeros((0, 3)))
+    stamps = np.unique(np.concatenate([edge.stamp_ns for edge in edges]))
+    rotations, places, known = tree.lookup(odom, robot, stamps, round(max_gap_s * 1e9))
+    headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
+    return _sorted_path(stamps[known], np.column_stack([places[:, :2], headings])[known])
+
+
+def _sorted_path(stamps: Ints, poses: Floats) -> OdometryPath:
+    unique, first = np.unique(stamps, return_index=True)
+    return OdometryPath(unique, poses[first])

@@ -1,0 +1,83 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a recorded range means (REP-117), decided once for everybody downstream."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config import SourceConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.geometry import Floats
+
+Ranges = NDArray[np.float32]
+
+
+def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
+    """Return usable (N, 2) range_min, range_max [m]: the configured ones, else the recorded.
+
+    Rows without a usable pair are nan.
+
+    Raises
+    ------
+    BadInput
+        When no scan has a usable pair.
+    """
+    limits = np.array(recorded, np.float64)
+    for column, value in enumerate((config.range_min_m, config.range_max_m)):
+        if value is not None:
+            limits[:, column] = value
+    with np.errstate(invalid="ignore"):
+        usable = (limits[:, 1] > 0) & (limits[:, 1] > limits[:, 0]) & (limits[:, 0] >= 0)
+    if len(limits) and not usable.any():
+        low, high = (float(value) for value in limits[0])
+        if not high > 0:
+            raise BadInput(f"range_max is {high:g} in {topic}; set --set source.range_max_m=...")
+        raise BadInput(
+            f"range_min {low:g} and range_max {high:g} in {topic} leave no range; "
+            "set --set source.range_min_m=... or source.range_max_m=..."
+        )
+    limits[~usable] = np.nan
+    return limits
+
+
+def clean_ranges(ranges_m: Ranges, limits_m: Floats, *, clear_on_inf: bool) -> Ranges:
+    """Turn every range that says nothing into nan.
+
+    Parameters
+    ----------
+    ranges_m : (N, B) float32
+    limits_m : (N, 2) float64
+        range_min, range_max of each scan.
+    clear_on_inf : bool
+        Keep +inf ("nothing within range"); otherwise it says nothing.
+
+    Returns
+    -------
+    (N, B) float32
+        Finite between the limits; +inf nothing found; -inf too close; nan invalid. A finite value
+        beyond the limits is invalid (REP-117), which covers the "no return" codes of older lasers.
+    """
+    low, high = (limits_m[:, k, None].astype(np.float32) for k in (0, 1))
+    with np.errstate(invalid="ignore"):
+        keep = ((ranges_m >= low) & (ranges_m <= high)) | np.isneginf(ranges_m)
+        if clear_on_inf:
+            keep |= np.isposinf(ranges_m)
+    return np.where(keep, ranges_m, np.float32(np.nan))
+
+
+def count_returns(ranges_m: Ranges) -> NDArray[np.int64]:
+    """Number of returns of every cleaned scan, (N,)."""
+    return np.asarray(np.count_nonzero(np.isfinite(ranges_m), axis=1))
+
+
+def describe_emptiness(recorded_m: Ranges) -> str:
+    """Say what one scan without a return holds instead, as `1080 inf`."""
+    counts = {
+        "inf": int(np.count_nonzero(np.isposinf(recorded_m))),
+        "-inf": int(np.count_nonzero(np.isneginf(recorded_m))),
+        "nan": int(np.count_nonzero(np.isnan(recorded_m))),
+        "outside the range limits": int(np.count_nonzero(np.isfinite(recorded_m))),
+    }
+    return ", ".join(f"{count} {what}" for what, count in counts.items() if count) or "no beams"

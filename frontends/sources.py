@@ -1,0 +1,98 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Open a recording of any kind as a source of readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from slarm_graph.config import SourceConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.carmen import LASERS, looks_like_carmen, read_carmen
+from slarm_graph.frontends.mounting import Mounting
+from slarm_graph.frontends.odometry import OdometryPath
+from slarm_graph.frontends.packed import Ints
+from slarm_graph.frontends.readings_from import RecordedSource, ScanTable
+from slarm_graph.geometry import Pose2
+from slarm_graph.readings import Source
+
+
+def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) -> Source:
+    """Open one recording; its kind is told from its content.
+
+    Parameters
+    ----------
+    paths : path or sequence of paths
+        A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, or a CARMEN
+        log, plain or gzipped.
+    config : SourceConfig
+
+    Raises
+    ------
+    BadInput
+        With one line: what is wrong, where, and how to mend it.
+    """
+    files = existing_paths(paths)
+    if len(files) == 1 and is_carmen(files[0]):
+        return open_carmen(files[0], config)
+    from slarm_graph.frontends.ros_source import open_ros
+
+    return open_ros(files, config)
+
+
+def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
+    """Check that every path leads to something readable."""
+    given = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if not given:
+        raise BadInput("no recording given")
+    files = [Path(path) for path in given]
+    for file in files:
+        if not file.exists():
+            raise BadInput(f"no such file: {file}")
+        try:
+            if file.is_file() and file.stat().st_size == 0:
+                raise BadInput(f"{file} is empty")
+            if file.is_file():
+                with file.open("rb"):
+                    pass
+        except OSError as error:
+            raise BadInput(f"cannot read {file}: {error.strerror}") from None
+    return files
+
+
+def is_carmen(path: Path) -> bool:
+    """Whether a file is a CARMEN log, by its first lines."""
+    return path.is_file() and path.name != "metadata.yaml" and looks_like_carmen(path)
+
+
+def open_carmen(path: Path, config: SourceConfig) -> RecordedSource:
+    """Open a CARMEN log: scans with the odometry logged beside them."""
+    log = read_carmen(path)
+    name = config.scan_topic or next(laser for laser in LASERS if laser in log.scans)
+    if name not in log.scans:
+        raise BadInput(f"{path} has no {name} lines; it has {', '.join(log.scans)}")
+    notices = list(log.notices)
+    if len(log.scans) > 1 and config.scan_topic is None:
+        others = ", ".join(other for other in log.scans if other != name)
+        notices.append(f"using {name}; choose another with --scan ({others})")
+    mounting = Mounting(Pose2.from_array(log.robot_from_laser[name]))
+    blocks, odometry = log.scans[name], None
+    if any(block.odom_from_robot is None for block in blocks) and config.odom != "none":
+        stamps, first = np.unique(log.odom_stamp_ns, return_index=True)
+        odometry = OdometryPath(stamps, log.odom_poses[first])
+
+    def mounting_at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
+        return [mounting] * len(stamps_ns)
+
+    return RecordedSource(
+        ScanTable(blocks),
+        odometry,
+        mounting_at,
+        config=config,
+        topic=f"{path.name} {name}",
+        description=f"CARMEN log {path.name}",
+        notices=notices,
+    )
