@@ -4,13 +4,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
-from slarm_graph.frontends.correlative import search_window
+from slarm_graph.frontends.correlative import search_every_pose
 from slarm_graph.frontends.gauss_newton import refine
 from slarm_graph.frontends.keyframes import LocalMap
 from slarm_graph.frontends.odometry_filter import OdometryFilter, Prediction
@@ -22,6 +23,7 @@ _DOUBTFUL_SURPRISE = 16.0
 _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
 _MAX_DESKEW_S = 1.0
+_SEARCH_POINTS = 80
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,20 +193,24 @@ class ScanTracker:
         """Look for a better place in the windows the predictions allow."""
         grid = self._map.grid
         assert grid is not None
-        far = max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75)), 1.0)
+        few = points[:: max(1, len(points) // _SEARCH_POINTS)]
+        far = max(float(np.percentile(np.hypot(few[:, 0], few[:, 1]), 75)), 1.0)
         for prediction in predictions:
             sigma = np.sqrt(np.diag(prediction.covariance))
-            start, _ = search_window(
+            start = compose(self._local_from_robot.as_array(), prediction.motion)
+            reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), 1.0)
+            reach_rad = min(max(4.0 * float(sigma[2]), 0.2), 0.7)
+            step_rad = grid.resolution_m / far
+            turn, col, row, _ = search_every_pose(
                 grid.values,
-                grid.origin_x_m,
-                grid.origin_y_m,
-                grid.resolution_m,
-                points,
-                compose(self._local_from_robot.as_array(), prediction.motion),
-                min(max(4.0 * float(sigma[:2].max()), 0.3), 1.0),
-                min(max(4.0 * float(sigma[2]), 0.2), 0.7),
-                grid.resolution_m / far,
+                (start[:2] - [grid.origin_x_m, grid.origin_y_m]) / grid.resolution_m,
+                few / grid.resolution_m,
+                start[2],
+                step_rad,
+                math.ceil(reach_m / grid.resolution_m),
+                math.ceil(reach_rad / step_rad),
             )
+            start += [col * grid.resolution_m, row * grid.resolution_m, turn * step_rad]
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             other = self._refine(points, loose, start)
             if other.score > found.score + _BETTER:
