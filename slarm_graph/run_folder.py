@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Literal
 
 from slarm_graph.errors import BadInput
+from slarm_graph.progress import Progress
 
 Status = Literal["running", "ok", "partial", "failed"]
 Facts = dict[str, object]
@@ -47,7 +48,7 @@ class RunFolder:
         self._earlier_s = _seconds(self._facts, "wall_s"), _seconds(self._facts, "cpu_s")
         self._started_s = time.monotonic()
         self._cpu_started_s = time.process_time()
-        self._facts.setdefault("started", datetime.now().astimezone().isoformat("seconds"))
+        self._facts.setdefault("started", datetime.now().astimezone().isoformat(timespec="seconds"))
         self.note(
             status="running",
             versions=_versions(),
@@ -77,8 +78,9 @@ class RunFolder:
             temporary.write_bytes(data)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time a stage of the flow."""
+    def stage(self, name: str, progress: Progress) -> Iterator[None]:
+        """Show and time a stage of the flow."""
+        progress.start(name)
         started_s = time.monotonic()
         try:
             yield

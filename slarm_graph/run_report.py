@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Metrics and report of a finished run, from its parts."""
+
+from __future__ import annotations
+
+from slarm_graph.config_files import config_yaml
+from slarm_graph.eval.assessment import References, ground_truth_in_map
+from slarm_graph.eval.metrics import metrics_csv, metrics_json
+from slarm_graph.eval.report import ReportContent, report_html
+from slarm_graph.geometry import Pose2
+from slarm_graph.job import Job, Run
+from slarm_graph.outputs import save_trajectory
+from slarm_graph.radio import radio_notices
+from slarm_graph.run_folder import RunFolder
+from slarm_graph.trajectory import Trajectory
+
+
+def save_report(folder: RunFolder, job: Job, run: Run, references: References) -> None:
+    """Write `metrics.json`, `metrics.csv`, `ground_truth.tum` and `report.html`."""
+    folder.write_text("metrics.json", metrics_json(run.metrics))
+    folder.write_text("metrics.csv", metrics_csv(run.metrics))
+    save_trajectory(folder, "ground_truth", _at_scans(references.ground_truth, run))
+    folder.write_text("report.html", report_html(_content(folder, job, run, references)))
+
+
+def _content(folder: RunFolder, job: Job, run: Run, references: References) -> ReportContent:
+    info = run.source.info()
+    return ReportContent(
+        title=f"{job.paths[0].name}: {job.config.backend}",
+        lead=f"{info.description}; seed {job.config.seed}",
+        grid=run.slam.grid,
+        trajectories=_trajectories(job.config.backend, run, references),
+        radio=run.radio,
+        metrics=run.metrics,
+        record=folder.record(),
+        scans=run.source.scan_statuses(),
+        tables=run.slam.tables,
+        notices=run_notices(job, run),
+        config_text=config_yaml(job.config),
+    )
+
+
+def run_notices(job: Job, run: Run) -> tuple[str, ...]:
+    """Return what a user should know of a run."""
+    problem = (run.intake.problem,) if run.intake.problem else ()
+    radio = radio_notices(run.geographic.geometry, job.access_points, job.config.radio)
+    return (*problem, *run.source.info().notices, *run.slam.notices, *radio)
+
+
+def _trajectories(backend: str, run: Run, references: References) -> dict[str, Trajectory]:
+    """Return all known paths in the frame of the map, the estimate first."""
+    estimate = run.slam.trajectory
+    paths = {backend: estimate}
+    odometry = run.intake.odometry_trajectory()
+    if odometry is not None:
+        map_from_odom = Pose2.from_array(estimate.at(odometry.stamps_ns[:1])[0]) @ (
+            Pose2.from_array(odometry.poses[0]).inverse()
+        )
+        paths["raw odometry"] = odometry.transformed(map_from_odom)
+    if references.ground_truth is not None:
+        paths["ground truth"] = ground_truth_in_map(references.ground_truth, estimate)
+    return paths
+
+
+def _at_scans(ground_truth: Trajectory | None, run: Run) -> Trajectory | None:
+    """Interpolate the true path at the scans that lie within its time."""
+    if ground_truth is None:
+        return None
+    stamps = run.slam.trajectory.stamps_ns
+    within = stamps[(stamps >= ground_truth.stamps_ns[0]) & (stamps <= ground_truth.stamps_ns[-1])]
+    return Trajectory(within, ground_truth.at(within)) if len(within) else None
