@@ -27,7 +27,8 @@ class SourceConfig(Stage):
     """Extra fixed transforms, each `parent child x y z yaw [pitch roll]` [m, rad]."""
     segment: int | None = Field(default=None, ge=1)
     """Which part to use when the clock jumps back, counted from 1."""
-    max_odom_gap_s: float = Field(default=0.5, gt=0)
+    max_odom_gap_s: float | None = Field(default=None, gt=0)
+    """Longest silence of the odometry that is bridged [s]; null: five times its usual spacing."""
     stamp_at: Literal["first", "middle", "last"] = "first"
     range_min_m: float | None = None
     range_max_m: float | None = None
@@ -72,8 +73,50 @@ class FrontendConfig(Stage):
     keyframes: KeyframeConfig = KeyframeConfig()
 
 
+class LoopClosureConfig(Stage):
+    """Finding old places again."""
+
+    candidates: int = Field(default=2, ge=0)
+    """Old submaps compared with every keyframe where the graph is sure of its place."""
+    searches: int = Field(default=3, ge=0)
+    """Old submaps searched at a time where it is not."""
+    search_every: int = Field(default=4, ge=1)
+    """Keyframes between searches."""
+    search_resolution_m: float = Field(default=0.1, gt=0)
+    search_sigma_m: float = Field(default=0.1, gt=0)
+    search_score: float = Field(default=0.55, ge=0, le=1)
+    """Agreement a search must reach to be looked at closer."""
+    query_keyframes: int = Field(default=8, ge=1)
+    """Latest keyframes whose points are searched for together."""
+    window_m: float = Field(default=8.0, gt=0)
+    window_rad: float = Field(default=0.6, gt=0)
+    """Largest search window to either side; within it the uncertainty decides."""
+    sure_m: float = Field(default=0.2, gt=0)
+    sure_rad: float = Field(default=0.07, gt=0)
+    """Standard deviations up to which the predicted pose needs no search."""
+    min_score: float = Field(default=0.5, ge=0, le=1)
+    """Agreement a refined match must reach."""
+    max_sigma_m: float = Field(default=0.15, gt=0)
+    """A match less certain than this in any direction closes no loop."""
+    confirm_after: int = Field(default=3, ge=1)
+    """Keyframes until a searched match is confirmed by a second one."""
+
+
 class PoseGraphConfig(Stage):
     """The GTSAM pose graph."""
+
+    node_keyframes: int = Field(default=10, ge=2)
+    """Keyframes per submap node of the graph that is kept up while driving."""
+    submap_keyframes: int = Field(default=20, ge=2)
+    """Keyframes a submap is made of."""
+    recent_keyframes: int = Field(default=40, ge=1)
+    """Submaps with younger keyframes than this are no old places."""
+    rematch_rounds: int = Field(default=3, ge=0)
+    """How often every keyframe is matched again against its optimised surroundings."""
+    rematch_radius_m: float = Field(default=3.0, gt=0)
+    rematch_visits: int = Field(default=5, ge=1)
+    """Groups of keyframes every keyframe is matched against."""
+    loops: LoopClosureConfig = LoopClosureConfig()
 
 
 class GmappingConfig(Stage):
@@ -190,6 +233,8 @@ class ExploreConfig(Stage):
     goal: Literal["observed", "footprint"] = "footprint"
     """What `ggmr+` is after: to see everything, or to pass over everything."""
     driving: DrivingConfig = DrivingConfig()
+    slam_rmse_m: float = Field(default=0.0, ge=0)
+    """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""
     area: tuple[float, float, float, float] | None = None
     """Do not leave x_min, x_max, y_min, y_max [m]."""
     keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()
