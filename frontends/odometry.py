@@ -17,6 +17,8 @@ from slarm_graph.geometry import Floats, between, interpolate_poses
 
 _STILL_M = 1e-6
 _STILL_RAD = 1e-6
+_LEAST_GAP_S = 0.5
+_ANY_GAP_NS = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,11 +41,21 @@ class OdometryPath:
         """Whether all poses are one and the same."""
         return len(self) > 1 and bool(np.all(np.ptp(self.poses, axis=0) == 0.0))
 
+    def usual_gap_s(self) -> float:
+        """Longest silence that is nothing unusual [s].
+
+        Five times the spacing that 95 % of the poses keep, and at least half a second: loggers
+        that write two poses at once, then none for long, are not told off.
+        """
+        if len(self) < 2:
+            return _LEAST_GAP_S
+        return max(_LEAST_GAP_S, 5e-9 * float(np.quantile(np.diff(self.stamp_ns), 0.95)))
+
     def at(self, stamps_ns: Ints, max_gap_s: float) -> tuple[Floats, NDArray[np.bool_]]:
         """Interpolate at some stamps.
 
         A silence longer than `max_gap_s` is bridged only when the robot stood still over it;
-        beyond the ends the path is held for one median period.
+        beyond the ends the path is held for as long as poses usually are apart.
 
         Returns
         -------
@@ -74,13 +86,13 @@ def path_from_messages(
     return _sorted_path(stamps, poses), int(np.count_nonzero(~usable))
 
 
-def path_from_tree(tree: TransformTree, odom: str, robot: str, max_gap_s: float) -> OdometryPath:
+def path_from_tree(tree: TransformTree, odom: str, robot: str) -> OdometryPath:
     """Build the path from tf, one pose per update of any transform between the two frames."""
     edges = tree.changing(odom, robot)
     if not edges:
         return OdometryPath(np.zeros(0, np.int64), np.zeros((0, 3)))
     stamps = np.unique(np.concatenate([edge.stamp_ns for edge in edges]))
-    rotations, places, known = tree.lookup(odom, robot, stamps, round(max_gap_s * 1e9))
+    rotations, places, known = tree.lookup(odom, robot, stamps, _ANY_GAP_NS)
     headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
     return _sorted_path(stamps[known], np.column_stack([places[:, :2], headings])[known])
 

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
@@ -23,6 +22,7 @@ from slarm_graph.frontends.ranges import (
     describe_emptiness,
     range_limits,
 )
+from slarm_graph.frontends.scan_table import Fates, ScanTable
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 
@@ -32,28 +32,7 @@ MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
 _MAX_UNUSED_SHARE = 0.5
 _NOTICED_UNUSED_SHARE = 0.05
 _MAX_EMPTY_SHARE = 0.9
-
-
-class ScanTable:
-    """All scans of a topic in recorded order, whatever their beam counts.
-
-    Parameters
-    ----------
-    blocks : sequence of ScanBlock
-        Their `index` counts over the whole recording.
-    """
-
-    def __init__(self, blocks: Sequence[ScanBlock]) -> None:
-        self.blocks = list(blocks)
-        index = _joined([block.index for block in blocks])
-        order = np.argsort(index, kind="stable")
-        self.block = _joined([np.full(len(b), k, np.int64) for k, b in enumerate(blocks)])[order]
-        self.row = _joined([np.arange(len(block)) for block in blocks])[order]
-        self.stamp_ns = _joined([block.stamp_ns for block in blocks])[order]
-        self.record_ns = _joined([block.record_ns for block in blocks])[order]
-
-    def __len__(self) -> int:
-        return len(self.stamp_ns)
+_NOTICED_GAPS = 3.0
 
 
 class RecordedSource:
@@ -90,12 +69,12 @@ class RecordedSource:
     ) -> None:
         self._table, self._config, self._topic = table, config, topic
         self._notices = list(notices)
-        self._reasons: list[str] = [""] * len(table)
+        self._fates = Fates(len(table))
         self._stamps = self._choose_stamps()
         rows = self._in_time_order()
-        self._clean(rows)
-        self._place(rows, mounting_at)
-        self._rows = np.array([r for r in rows.tolist() if not self._reasons[r]], np.int64)
+        self._ranges, self._limits = self._clean(rows)
+        self._mountings = self._place(rows, mounting_at)
+        self._rows = rows[self._fates.used[rows]]
         self._judge()
         self._poses, self._known = self._odometry_at(odometry)
         self._info = SourceInfo(description, len(self._rows), tuple(self._notices))
@@ -106,161 +85,187 @@ class RecordedSource:
 
     def scan_statuses(self) -> tuple[ScanStatus, ...]:
         """Return every recorded scan with its fate, in time order."""
-        order = np.argsort(self._stamps, kind="stable").tolist()
-        stamps = self._stamps.tolist()
-        return tuple(ScanStatus(stamps[row], self._reasons[row]) for row in order)
+        order, reasons = np.argsort(self._stamps, kind="stable"), self._fates.reasons
+        return tuple(
+            ScanStatus(stamp, reasons.get(row, ""))
+            for stamp, row in zip(self._stamps[order].tolist(), order.tolist(), strict=True)
+        )
 
     def __len__(self) -> int:
         return len(self._rows)
 
     def __iter__(self) -> Iterator[Reading]:
         """Yield readings, strictly increasing in stamp."""
-        poses, known = self._poses.tolist(), self._known.tolist()
-        stamps = self._stamps[self._rows].tolist()
-        blocks, lines = (a[self._rows].tolist() for a in (self._table.block, self._table.row))
-        limits = [block.tolist() for block in self._limits]
-        for number, row in enumerate(self._rows.tolist()):
-            block, line = blocks[number], lines[number]
-            angle_min, increment, time_increment, low, high = limits[block][line]
-            mounting = self._mountings[row]
+        rows, table = self._rows, self._table
+        for row, stamp, block, line, limits, pose, known in zip(
+            rows.tolist(),
+            self._stamps[rows].tolist(),
+            table.block[rows].tolist(),
+            table.line[rows].tolist(),
+            self._limits[rows].tolist(),
+            self._poses.tolist(),
+            self._known.tolist(),
+            strict=True,
+        ):
+            mounting, (start, step, sweep, low, high) = self._mountings[row], limits
             scan = LaserScan(
                 self._ranges[block][line],
-                mounting.angle_sign * angle_min,
-                mounting.angle_sign * increment,
+                mounting.angle_sign * start,
+                mounting.angle_sign * step,
                 low,
                 high,
                 mounting.robot_from_laser,
-                time_increment,
+                sweep,
             )
-            pose = Pose2(*poses[number]) if known[number] else None
-            yield Reading(stamps[number], scan, pose)
+            yield Reading(stamp, scan, Pose2(*pose) if known else None)
 
     def _choose_stamps(self) -> Ints:
-        """Header stamps, or record times when the sensor never set its clock."""
+        """Header stamps of the first beam, or record times when the sensor never set its clock."""
         stamps = self._table.stamp_ns
         if len(stamps) and not stamps.any():
             self._notices.append(
                 f"all {len(stamps)} stamps in {self._topic} are 0: using the time of recording"
             )
             return self._table.record_ns
-        for row in np.flatnonzero(stamps == 0).tolist():
-            self._reasons[row] = "stamp is 0"
-        return stamps
+        self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
+        share = {"first": 0.0, "middle": 0.5, "last": 1.0}[self._config.stamp_at]
+        return stamps - self._table.flat([_duration_ns(b, share) for b in self._table.blocks])
 
     def _in_time_order(self) -> Ints:
-        """Rows still in use, sorted by stamp; scans of other segments and doubles are told off."""
-        usable = np.array([not reason for reason in self._reasons], bool)
-        rows = np.flatnonzero(usable)
+        """Return the rows still in use, sorted by stamp, each stamp once."""
+        rows = np.flatnonzero(self._fates.used)
         start, stop = choose_segment(self._stamps[rows], self._config.segment, "scan")
-        for row in [*rows[:start].tolist(), *rows[stop:].tolist()]:
-            self._reasons[row] = f"not in segment {self._config.segment}"
+        elsewhere = f"not in segment {self._config.segment}"
+        self._fates.drop(np.concatenate([rows[:start], rows[stop:]]), elsewhere)
         rows = rows[start:stop]
         self._notices += disorder(self._stamps[rows]).describe("scans")
         rows = rows[np.argsort(self._stamps[rows], kind="stable")]
-        again = np.flatnonzero(np.diff(self._stamps[rows]) == 0) + 1
-        for number in again.tolist():
-            self._reasons[rows[number]] = self._repeated(rows[number - 1], rows[number])
-        keep = np.ones(len(rows), bool)
-        keep[again] = False
-        return rows[keep]
+        steps = np.diff(self._stamps[rows])
+        for number in np.flatnonzero(steps == 0).tolist():
+            first, second = rows[number : number + 2].tolist()
+            self._fates.drop([second], self._repetition(first, second))
+        self._notices += _silences(self._stamps[rows], steps)
+        return rows[self._fates.used[rows]]
 
-    def _repeated(self, first: int, second: int) -> str:
-        same = np.array_equal(self._recorded(first), self._recorded(second), equal_nan=True)
+    def _repetition(self, first: int, second: int) -> str:
+        one, other = self._table.recorded(first), self._table.recorded(second)
+        same = np.array_equal(one, other, equal_nan=True)
         return "duplicate of the scan before" if same else "same stamp as another scan"
 
-    def _recorded(self, row: int) -> NDArray[np.float32]:
-        table = self._table
-        return table.blocks[table.block[row]].ranges_m[table.row[row]]
+    def _clean(self, rows: Ints) -> tuple[list[NDArray[np.float32]], Floats]:
+        """Apply REP-117; scans without limits or without returns are left out.
 
-    def _clean(self, rows: Ints) -> None:
-        """Apply REP-117 block by block; scans without limits or returns are told off."""
-        self._ranges: list[NDArray[np.float32]] = []
-        self._limits: list[Floats] = []
-        returns = []
-        recorded = [block.limits[:, 5:7] for block in self._table.blocks]
-        limits = range_limits(
-            np.concatenate([np.zeros((0, 2)), *recorded]), self._config, self._topic
+        Returns
+        -------
+        ranges : list of (B_k, beams) float32, one per block
+        limits : (N, 5)
+            angle_min, angle_increment, time between beams, range_min, range_max.
+        """
+        blocks = self._table.blocks
+        recorded = np.concatenate([np.zeros((0, 2)), *(block.limits[:, 5:7] for block in blocks)])
+        parts = np.split(
+            range_limits(recorded, self._config, self._topic),
+            np.cumsum([len(block) for block in blocks])[:-1],
         )
-        ends = np.cumsum([len(part) for part in recorded])[:-1]
-        for block, part in zip(self._table.blocks, np.split(limits, ends), strict=True):
-            cleaned = clean_ranges(block.ranges_m, part, clear_on_inf=self._config.clear_on_inf)
-            self._ranges.append(cleaned)
-            returns.append(count_returns(cleaned))
-            self._limits.append(np.column_stack([block.limits[:, [0, 2]], _sweep(block), part]))
-        empty = 0
-        for row in rows.tolist():
-            block, line = self._table.block[row], self._table.row[row]
-            if np.isnan(self._limits[block][line][-1]):
-                self._reasons[row] = "range limits leave no range"
-            elif not returns[block][line]:
-                empty += 1
-                self._reasons[row] = f"no valid beam ({describe_emptiness(self._recorded(row))})"
-        if len(rows) and empty > _MAX_EMPTY_SHARE * len(rows):
-            row = next(r for r in rows.tolist() if self._reasons[r].startswith("no valid beam"))
+        ranges = [
+            clean_ranges(block.ranges_m, part, clear_on_inf=self._config.clear_on_inf)
+            for block, part in zip(blocks, parts, strict=True)
+        ]
+        limits = self._table.flat(
+            [
+                np.column_stack([block.limits[:, [0, 2]], _sweep_s(block), part])
+                for block, part in zip(blocks, parts, strict=True)
+            ]
+        )
+        returns = self._table.flat([count_returns(part) for part in ranges])
+        self._fates.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
+        self._drop_empty(rows, rows[returns[rows] == 0])
+        return ranges, limits
+
+    def _drop_empty(self, rows: Ints, empty: Ints) -> None:
+        for row in empty.tolist():
+            holds = describe_emptiness(self._table.recorded(row))
+            self._fates.drop([row], f"no valid beam ({holds})")
+        if len(empty) > _MAX_EMPTY_SHARE * len(rows):
+            first = int(empty[0])
             raise BadInput(
-                f"{self._topic}: {empty} of {len(rows)} scans have no return; first: scan "
-                f"t={seconds(self._stamps[row])}: {self._reasons[row]}"
+                f"{self._topic}: {len(empty)} of {len(rows)} scans have no return; first: scan "
+                f"t={seconds(self._stamps[first])}: {self._fates.reasons[first]}"
             )
 
-    def _place(self, rows: Ints, mounting_at: MountingAt) -> None:
-        self._mountings: list[Mounting] = [Mounting()] * len(self._table)
-        for frame in dict.fromkeys(block.frame for block in self._table.blocks):
-            of_frame = np.array([block.frame == frame for block in self._table.blocks], bool)
-            some = rows[of_frame[self._table.block[rows]]]
+    def _place(self, rows: Ints, mounting_at: MountingAt) -> list[Mounting]:
+        mountings = [Mounting()] * len(self._table)
+        for frame, of_frame in self._table.frames().items():
+            some = rows[np.isin(rows, of_frame)] if len(of_frame) < len(self._table) else rows
             if not some.size:
                 continue
             found = mounting_at(frame, self._stamps[some])
             for row, mounting in zip(some.tolist(), found, strict=True):
-                if mounting is not None:
-                    self._mountings[row] = mounting
-                elif not self._reasons[row]:
-                    self._reasons[row] = f"no transform from {frame} at this stamp"
+                if mounting is None:
+                    self._fates.drop([row], f"no transform from {frame} at its stamp")
+                else:
+                    mountings[row] = mounting
             self._notices += next((m.describe(frame) for m in found if m is not None), [])
+        return mountings
 
     def _odometry_at(self, odometry: OdometryPath | None) -> tuple[Floats, NDArray[np.bool_]]:
+        """Poses (M, 3) of the used scans, and which of them are known, (M,)."""
         stamps = self._stamps[self._rows]
-        logged = [block.odom_from_robot for block in self._table.blocks]
-        if odometry is None and logged and all(poses is not None for poses in logged):
-            poses = [
-                logged[self._table.block[row]][self._table.row[row]]  # type: ignore[index]
-                for row in self._rows.tolist()
-            ]
-            return np.array(poses).reshape(-1, 3), np.ones(len(stamps), bool)
+        logged = [b.odom_from_robot for b in self._table.blocks if b.odom_from_robot is not None]
+        if odometry is None and logged and len(logged) == len(self._table.blocks):
+            poses = self._table.flat(logged)[self._rows]
+            return poses, np.isfinite(poses).all(axis=1)
         if odometry is None:
             return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
-        poses, known = odometry.at(stamps, self._config.max_odom_gap_s)
+        gap_s = self._config.max_odom_gap_s or odometry.usual_gap_s()
+        poses, known = odometry.at(stamps, gap_s)
         if not known.all():
-            first = int(np.argmin(known))
             self._notices.append(
-                f"{np.count_nonzero(~known)} of {len(known)} scans have no odometry within "
-                f"{self._config.max_odom_gap_s:g} s, first at {seconds(stamps[first])}: "
+                f"{np.count_nonzero(~known)} of {len(known)} scans lie in silences of the odometry "
+                f"longer than {gap_s:.2g} s, first at {seconds(stamps[np.argmin(known)])}: "
                 "scan matching only there"
             )
         return poses, known
 
     def _judge(self) -> None:
         """Count what is not used; too much of it is bad input."""
-        counts = Counter(reason.split(" (")[0] for reason in self._reasons if reason)
-        unused, total = sum(counts.values()), len(self._reasons)
-        if not unused:
+        counts = self._fates.counts()
+        elsewhere = sum(n for reason, n in counts.items() if reason.startswith("not in segment"))
+        total = len(self._table) - elsewhere
+        unused = sum(counts.values()) - elsewhere
+        if not counts:
             return
         told = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
-        text = f"{unused} of {total} scans not used: {told}"
-        others = sum(n for reason, n in counts.items() if reason.startswith("not in segment"))
-        if unused - others > _MAX_UNUSED_SHARE * (total - others):
+        text = f"{unused + elsewhere} of {len(self._table)} scans not used: {told}"
+        if unused > _MAX_UNUSED_SHARE * total:
             raise BadInput(f"{self._topic}: {text}")
-        warning = unused - others > _NOTICED_UNUSED_SHARE * (total - others)
-        self._notices.append(f"warning: {text}" if warning else text)
+        self._notices.append(f"warning: {text}" if unused > _NOTICED_UNUSED_SHARE * total else text)
 
 
-def _sweep(block: ScanBlock) -> Floats:
+def _sweep_s(block: ScanBlock) -> Floats:
     """Time between beams [s], (N,): as recorded, else the scan's duration shared out."""
     increment, duration = block.limits[:, 3], block.limits[:, 4]
     beams = max(block.ranges_m.shape[1], 1)
-    with np.errstate(invalid="ignore"):
-        shared = np.where(duration > 0, duration / beams, 0.0)
-        return np.asarray(np.where(increment > 0, increment, shared))
+    shared = np.where(duration > 0, duration / beams, 0.0)
+    return np.asarray(np.where(increment > 0, increment, shared))
 
 
-def _joined(parts: list[Ints]) -> Ints:
-    return np.concatenate([np.zeros(0, np.int64), *parts])
+def _duration_ns(block: ScanBlock, share: float) -> Ints:
+    """Time from the first beam to a share of the way to the last [ns], (N,)."""
+    seconds_in = share * _sweep_s(block) * max(block.ranges_m.shape[1] - 1, 0)
+    return np.round(seconds_in * 1e9).astype(np.int64)
+
+
+def _silences(stamps: Ints, steps: Ints) -> list[str]:
+    """One notice about long gaps between scans, or none."""
+    if len(steps) == 0:
+        return []
+    usual = np.median(steps)
+    long = steps > max(_NOTICED_GAPS * float(usual), 1e9)
+    if not long.any():
+        return []
+    row = int(np.argmax(steps))
+    return [
+        f"{np.count_nonzero(long)} gaps between scans, longest {steps[row] * 1e-9:.1f} s "
+        f"after {seconds(stamps[row])}"
+    ]

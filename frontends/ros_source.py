@@ -29,12 +29,14 @@ from slarm_graph.frontends.messages import (
 from slarm_graph.frontends.mounting import Mounting, mounting_in_plane
 from slarm_graph.frontends.odometry import OdometryPath, path_from_messages, path_from_tree
 from slarm_graph.frontends.packed import Cursor, Ints, Malformed, Packed
-from slarm_graph.frontends.readings_from import MountingAt, RecordedSource, ScanTable
+from slarm_graph.frontends.readings_from import MountingAt, RecordedSource
 from slarm_graph.frontends.rosbag import Recording, Topic, open_recording
+from slarm_graph.frontends.scan_table import ScanTable
 from slarm_graph.frontends.transforms import TransformTree, parse_static
 
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
 _STATIC_TOPIC = "/tf_static"
+_MAX_MOUNTING_GAP_S = 1.0
 
 
 @dataclass(slots=True)
@@ -235,7 +237,7 @@ def mountings(tree: TransformTree, robot: str, config: SourceConfig) -> Mounting
             return [Mounting()] * len(stamps_ns)
         moving = bool(tree.changing(robot, frame))
         when = stamps_ns if moving else stamps_ns[:1]
-        gap_ns = round(config.max_odom_gap_s * 1e9)
+        gap_ns = round((config.max_odom_gap_s or _MAX_MOUNTING_GAP_S) * 1e9)
         turned, moved, known = tree.lookup(robot, frame, when, gap_ns)
         found = [
             mounting_in_plane(turned[row], moved[row], frame) if known[row] else None
@@ -268,7 +270,7 @@ def _odometry_path(
             notices.append(f"{bad} of {len(odometry)} poses in {topic.name} unusable, skipped")
     else:
         odom = config.odom_frame or "odom"
-        path = path_from_tree(tree, odom, robot, config.max_odom_gap_s)
+        path = path_from_tree(tree, odom, robot)
         if not len(path):
             notices.append(
                 "no odometry found (no nav_msgs/Odometry, no tf odom -> "

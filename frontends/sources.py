@@ -15,7 +15,8 @@ from slarm_graph.frontends.carmen import LASERS, looks_like_carmen, read_carmen
 from slarm_graph.frontends.mounting import Mounting
 from slarm_graph.frontends.odometry import OdometryPath
 from slarm_graph.frontends.packed import Ints
-from slarm_graph.frontends.readings_from import RecordedSource, ScanTable
+from slarm_graph.frontends.readings_from import RecordedSource
+from slarm_graph.frontends.scan_table import ScanTable
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Source
 

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""All scans of a topic in recorded order, whatever their beam counts, and what became of each."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.messages import ScanBlock
+from slarm_graph.frontends.packed import Ints
+
+
+class ScanTable:
+    """Scans as columns (N,), over blocks of equal beam count.
+
+    Parameters
+    ----------
+    blocks : sequence of ScanBlock
+        Their `index` counts over the whole recording.
+
+    Attributes
+    ----------
+    stamp_ns, record_ns : (N,) int64
+    block, line : (N,) int64
+        Where each scan's ranges are: `blocks[block].ranges_m[line]`.
+    """
+
+    def __init__(self, blocks: Sequence[ScanBlock]) -> None:
+        self.blocks = list(blocks)
+        index = np.concatenate([np.zeros(0, np.int64), *(block.index for block in blocks)])
+        self._order = np.argsort(index, kind="stable")
+        self.block = self.flat([np.full(len(b), k) for k, b in enumerate(blocks)])
+        self.line = self.flat([np.arange(len(block)) for block in blocks])
+        self.stamp_ns = self.flat([block.stamp_ns for block in blocks])
+        self.record_ns = self.flat([block.record_ns for block in blocks])
+
+    def __len__(self) -> int:
+        return len(self._order)
+
+    def flat(self, parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
+        """Turn one array per block, (B_k, ...), into one over all scans, (N, ...)."""
+        if not parts:
+            return np.zeros(0, np.int64)
+        return np.concatenate(parts)[self._order]
+
+    def recorded(self, row: int) -> NDArray[np.float32]:
+        """Return the ranges (B,) of one scan as recorded [m]."""
+        return self.blocks[self.block[row]].ranges_m[self.line[row]]
+
+    def frames(self) -> dict[str, Ints]:
+        """Rows of every laser frame."""
+        names = [block.frame for block in self.blocks]
+        return {
+            name: np.flatnonzero(np.array([other == name for other in names])[self.block])
+            for name in dict.fromkeys(names)
+        }
+
+
+class Fates:
+    """Which scans are used, and why the others are not."""
+
+    def __init__(self, count: int) -> None:
+        self.used = np.ones(count, bool)
+        self.reasons: dict[int, str] = {}
+
+    def drop(self, rows: Iterable[int] | Ints, reason: str) -> None:
+        """Leave scans out; the first reason stays."""
+        for row in np.asarray(rows, np.int64).ravel().tolist():
+            self.used[row] = False
+            self.reasons.setdefault(row, reason)
+
+    def counts(self) -> Counter[str]:
+        """How many scans were left out for each reason, details in brackets aside."""
+        return Counter(reason.split(" (")[0] for reason in self.reasons.values())
