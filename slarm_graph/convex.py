@@ -41,7 +41,7 @@ def is_convex(corners_m: ArrayLike) -> bool:
 
 def convex_pieces(corners_m: ArrayLike) -> list[Floats]:
     """Cut a simple polygon (K, 2) into convex ones: itself, or triangles by clipping ears."""
-    ring = counter_clockwise(corners_m)
+    ring = counter_clockwise(np.asarray(corners_m, dtype=np.float64))
     if is_convex(ring):
         return [ring]
     pieces = []

@@ -273,7 +273,9 @@ def _hull(points: Floats, hull: Floats) -> int:
         base = count
         for j in range(size):
             i = j if sweep == 0 else size - 1 - j
-            while count >= base + 2 and not _turns_left(hull[count - 2], hull[count - 1], points[i]):
+            while count >= base + 2 and not _turns_left(
+                hull[count - 2], hull[count - 1], points[i]
+            ):
                 count -= 1
             hull[count, 0] = points[i, 0]
             hull[count, 1] = points[i, 1]

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
 
 SHADOW_CORRELATION_DISTANCE_M = 10.0
 """Of InF shadow fading (TR 38.901 Table 7.5-6)."""
@@ -86,9 +87,7 @@ SCENARIOS: dict[str, Scenario] = {
         Scenario("InF-SH", _INF_LOS, (_INF_SH,), 4.3, 5.9, _INF_M),
         Scenario("InF-DH", _INF_LOS, (_INF_DH,), 4.3, 4.0, _INF_M),
         Scenario("InF-HH", _INF_LOS, (), 4.3, 4.3, _INF_M),
-        Scenario(
-            "InH", Law(32.4, 17.3, 20.0), (Law(17.30, 38.3, 24.9),), 3.0, 8.03, (1.0, 150.0)
-        ),
+        Scenario("InH", Law(32.4, 17.3, 20.0), (Law(17.30, 38.3, 24.9),), 3.0, 8.03, (1.0, 150.0)),
         Scenario("free-space", Law(32.4, 20.0, 20.0), (), 0.0, 0.0, (0.01, math.inf), _ANY),
     )
 }
@@ -157,7 +156,7 @@ def _log10_ghz(scenario: Scenario, frequency_hz: float) -> float:
     return math.log10(frequency_hz * 1e-9)
 
 
-def outside_range(distance_m: ArrayLike, scenario: str) -> np.ndarray[tuple[int, ...], np.dtype]:
+def outside_range(distance_m: ArrayLike, scenario: str) -> Mask:
     """Tell which 3D distances (...) [m] lie outside the scenario's range."""
     low, high = find_scenario(scenario).distance_m
     distance = np.asarray(distance_m, dtype=np.float64)
@@ -170,9 +169,7 @@ def shadow_sigma_db(line_of_sight: ArrayLike, scenario: str) -> Floats:
     return np.where(line_of_sight, chosen.sigma_los_db, chosen.sigma_nlos_db)
 
 
-def smallest_blocking_gap_db(
-    frequency_hz: float, scenario: str, distances_m: ArrayLike
-) -> float:
+def smallest_blocking_gap_db(frequency_hz: float, scenario: str, distances_m: ArrayLike) -> float:
     """Smallest loss that blocking adds over these 3D distances [dB].
 
     A tolerance at or above it cannot tell a blocked from a clear link.
@@ -251,5 +248,5 @@ def los_probability_office(distance_2d_m: ArrayLike, *, is_open: bool) -> Floats
     d = np.asarray(distance_2d_m, dtype=np.float64)
     falling = np.exp(-np.maximum(d - near, 0.0) / near_reach)
     tail = share * np.exp(-np.maximum(d - far, 0.0) / far_reach)
-    # The open office keeps its first branch up to and including 49 m, the mixed one leaves at 6.5 m.
+    # The table closes the first branch at 49 m for the open office, and opens it at 6.5 m else.
     return np.where(d <= far if is_open else d < far, falling, tail)

@@ -71,9 +71,7 @@ def radio_map(
     )
 
 
-def theoretical_radio_map(
-    world: WorldMap, geometry: GridGeometry, config: RadioConfig
-) -> RadioMap:
+def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:
     """Compute the radio map of the true geometry, for the world's own access points.
 
     A cell is free where its centre lies inside the boundary and outside every solid.

@@ -1,0 +1,152 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Pictures of radio maps: gain with its unit, colour bar, scale bar and access points."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
+
+from slarm_graph.radio_words import RadioMap
+
+_DPI = 130
+_WIDTH_IN = 7.0
+_GROUND = "#d9d9d9"
+
+
+def write_radio_png(path: Path, radio: RadioMap) -> None:
+    """Write the expected gain of every access point, one below the other, and the best server."""
+    figure = radio_figure(radio)
+    figure.savefig(path, dpi=_DPI, format="png", metadata={"Software": "slarm-graph"})
+
+
+def radio_figure(radio: RadioMap) -> Figure:
+    """Draw the expected gain per access point, and which is strongest where there are several."""
+    count = len(radio.access_points)
+    x_min, x_max, y_min, y_max = _extent_of_values(radio)
+    tall_in = min(max(0.8 * _WIDTH_IN * (y_max - y_min) / (x_max - x_min), 2.0), 9.0)
+    panels = count + (count > 1)
+    figure = Figure(figsize=(_WIDTH_IN, panels * (tall_in + 0.7)), layout="constrained")
+    FigureCanvasAgg(figure)
+    all_axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
+    for index in range(count):
+        draw_gain(all_axes[index], radio, index)
+    if count > 1:
+        draw_best_access_point(all_axes[-1], radio)
+    for axes in all_axes:
+        axes.set_xlim(x_min, x_max)
+        axes.set_ylim(y_min, y_max)
+        _draw_scale_bar(axes, x_min, x_max, y_min)
+    return figure
+
+
+def draw_gain(
+    axes: Axes, radio: RadioMap, index: int, *, limits_db: tuple[float, float] | None = None
+) -> None:
+    """Draw the expected channel power gain of one access point into axes, with a colour bar.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+    radio : RadioMap
+    index : int
+        Which access point.
+    limits_db : (float, float), optional
+        Ends of the colour scale, so that pictures can be compared [dB].
+    """
+    gain_db = radio.channel_power_gain_db[index]
+    low, high = limits_db or (None, None)
+    axes.set_facecolor(_GROUND)
+    image = axes.imshow(
+        np.ma.masked_invalid(gain_db),
+        origin="lower",
+        extent=radio.geometry.extent_m,
+        cmap="viridis",
+        vmin=low,
+        vmax=high,
+        interpolation="nearest",
+    )
+    axes.figure.colorbar(image, ax=axes, label="expected channel power gain [dB]")
+    ap = radio.access_points[index]
+    axes.set_title(
+        f"{ap.name}: {radio.scenario}, {ap.frequency_hz * 1e-9:g} GHz, antenna at"
+        f" {radio.antenna_height_m:g} m\nobstacle heights: {radio.height_source};"
+        f" Rician factor {radio.rician_factor_db:g} dB",
+        fontsize=9,
+    )
+    _finish(axes, radio, [index])
+
+
+def draw_best_access_point(axes: Axes, radio: RadioMap) -> None:
+    """Draw which access point is received strongest in every cell."""
+    best = radio.best_access_point
+    count = len(radio.access_points)
+    axes.set_facecolor(_GROUND)
+    image = axes.imshow(
+        np.ma.masked_less(best, 0),
+        origin="lower",
+        extent=radio.geometry.extent_m,
+        cmap="tab20",
+        vmin=-0.5,
+        vmax=count - 0.5,
+        interpolation="nearest",
+    )
+    bar = axes.figure.colorbar(image, ax=axes, ticks=range(count), label="strongest access point")
+    bar.ax.set_yticklabels([ap.name for ap in radio.access_points])
+    axes.set_title("best server", fontsize=9)
+    _finish(axes, radio, list(range(count)))
+
+
+def _finish(axes: Axes, radio: RadioMap, indices: list[int]) -> None:
+    for index in indices:
+        ap = radio.access_points[index]
+        axes.plot(ap.x_m, ap.y_m, "^", color="red", mec="white", ms=9, clip_on=False, zorder=5)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_aspect("equal")
+
+
+def _extent_of_values(radio: RadioMap) -> tuple[float, float, float, float]:
+    """x_min, x_max, y_min, y_max [m] of the cells with a value, with a margin."""
+    cells = np.argwhere(np.isfinite(radio.path_loss_db).any(axis=0))
+    if not len(cells):
+        return radio.geometry.extent_m
+    step = radio.geometry.resolution_m
+    low = radio.geometry.center_of(cells.min(axis=0)) - step / 2
+    high = radio.geometry.center_of(cells.max(axis=0)) + step / 2
+    margin = 0.04 * float(np.max(high - low))
+    return (
+        float(low[0]) - margin,
+        float(high[0]) + margin,
+        float(low[1]) - margin,
+        float(high[1]) + margin,
+    )
+
+
+def _draw_scale_bar(axes: Axes, x_min: float, x_max: float, y_min: float) -> None:
+    """Draw a bar of a round length near a fifth of the width."""
+    fifth = 0.2 * (x_max - x_min)
+    power = 10.0 ** math.floor(math.log10(fifth))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= fifth)
+    thick = 0.012 * (x_max - x_min)
+    left = x_min + 0.03 * (x_max - x_min)
+    bottom = y_min + thick
+    axes.add_patch(
+        Rectangle((left, bottom), length, 0.5 * thick, color="black", ec="white", zorder=6)
+    )
+    axes.text(
+        left + length / 2,
+        bottom + 0.8 * thick,
+        f"{length:g} m",
+        ha="center",
+        va="bottom",
+        fontsize=8,
+        zorder=6,
+        bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "edgecolor": "none"},
+    )

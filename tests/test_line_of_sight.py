@@ -1,0 +1,186 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Line of sight against brute force: every segment against every box, by slabs."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from slarm_graph.convex import convex_pieces, is_convex
+from slarm_graph.grid import GridGeometry
+from slarm_graph.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
+from slarm_graph.polygons import signed_area_m2
+from slarm_graph.world import Solid
+
+HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]
+
+
+def brute_force(geometry, low, high, access_point, antenna_height, *, grow):
+    """Whether segments miss all boxes, grown by `grow` [m] on every side."""
+    low, high = low - grow, high + grow
+    clear = np.ones(geometry.shape, dtype=bool)
+    for row, col in np.ndindex(geometry.shape):
+        x, y = geometry.center_of([row, col])
+        step = np.array([x, y, antenna_height]) - access_point
+        with np.errstate(divide="ignore", invalid="ignore"):
+            a, b = (low - access_point) / step, (high - access_point) / step
+        enter, leave = np.minimum(a, b), np.maximum(a, b)
+        inside = (low <= access_point) & (access_point <= high)
+        enter = np.where(step == 0, np.where(inside, -np.inf, np.inf), enter).max(axis=1)
+        leave = np.where(step == 0, np.where(inside, np.inf, -np.inf), leave).min(axis=1)
+        clear[row, col] = not np.any(np.minimum(leave, 1.0) > np.maximum(enter, 0.0))
+    return clear
+
+
+def boxes_of_cells(geometry, heights):
+    cells = np.argwhere(heights > 0.0)
+    half = geometry.resolution_m / 2
+    low, high = geometry.center_of(cells) - half, geometry.center_of(cells) + half
+    tops = heights[cells[:, 0], cells[:, 1]]
+    return np.column_stack([low, np.full(len(low), -1e9)]), np.column_stack([high, tops])
+
+
+def assert_between(ours, low, high, geometry, access_point, antenna_height):
+    """Exact up to rounding: between the answers for boxes a hair smaller and a hair larger."""
+    if not len(low):
+        assert ours.all()
+        return
+    generous = brute_force(geometry, low, high, access_point, antenna_height, grow=-1e-7)
+    strict = brute_force(geometry, low, high, access_point, antenna_height, grow=1e-7)
+    assert not np.any(ours & ~generous)
+    assert not np.any(~ours & strict)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_cells_equal_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    rows, cols = rng.integers(1, 18, 2)
+    geometry = GridGeometry(
+        *rng.choice([0.0, -1.0, 0.37], 2), rng.choice([0.05, 0.1, 0.25]), int(rows), int(cols)
+    )
+    share = rng.choice([0.02, 0.1, 0.4])
+    heights = np.where(
+        rng.random(geometry.shape) < share, rng.choice(HEIGHTS_M, geometry.shape), 0.0
+    )
+    x_min, x_max, y_min, y_max = geometry.extent_m
+    plan = rng.uniform([x_min - 0.2, y_min - 0.2], [x_max + 0.2, y_max + 0.2])
+    if seed % 2:
+        # On centres and corners of cells every second ray meets the lattice exactly.
+        cell = rng.integers([0, 0], geometry.shape)
+        plan = geometry.center_of(cell) + rng.choice([0.0, 0.5], 2) * geometry.resolution_m
+    access_point = np.array([*plan, rng.choice([0.3, 0.5, 1.8, 2.5])])
+    antenna = float(rng.choice([0.3, 0.5, 1.0, 2.0]))
+    ours = line_of_sight_over_cells(geometry, heights, access_point, antenna)
+    assert_between(ours, *boxes_of_cells(geometry, heights), geometry, access_point, antenna)
+
+
+def box(x0, y0, x1, y1, height):
+    return Solid("box", np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]]), height)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_solids_equal_brute_force(seed):
+    rng = np.random.default_rng(seed)
+    geometry = GridGeometry.covering(-1.0, 1.0, -0.8, 0.8, 0.1)
+    starts = rng.uniform(-1.0, 0.7, (5, 2)).round(1)
+    ends = starts + rng.uniform(0.05, 0.6, (5, 2)).round(1) + 0.05
+    tops = rng.choice(HEIGHTS_M, 5)
+    solids = [box(*s, *e, t) for s, e, t in zip(starts, ends, tops, strict=True)]
+    access_point = np.array([*rng.uniform(-1.2, 1.2, 2).round(1), rng.choice([0.4, 1.8, 2.5])])
+    antenna = float(rng.choice([0.3, 0.5, 1.0]))
+    ours = line_of_sight_past_solids(geometry, solids, access_point, antenna)
+    low = np.column_stack([starts, np.full(5, -1e9)])
+    assert_between(ours, low, np.column_stack([ends, tops]), geometry, access_point, antenna)
+
+
+def test_cells_and_solids_agree_on_boxes_made_of_cells():
+    geometry = GridGeometry.covering(0.0, 4.0, 0.0, 3.0, 0.1)
+    heights = np.zeros(geometry.shape)
+    heights[10:16, 8:15] = 1.8
+    heights[20:22, 25:33] = 1.2
+    solids = [box(0.8, 1.0, 1.5, 1.6, 1.8), box(2.5, 2.0, 3.3, 2.2, 1.2)]
+    for access_point in ([2.0, 3.0, 2.5], [0.33, 0.21, 2.0], [3.9, 0.1, 1.0]):
+        cells = line_of_sight_over_cells(geometry, heights, access_point, 0.5)
+        vectors = line_of_sight_past_solids(geometry, solids, access_point, 0.5)
+        np.testing.assert_array_equal(cells, vectors)
+
+
+def test_shadow_ends_where_the_ray_clears_the_top():
+    """By hand: eye at 2.5 m, wall to 1.5 m from x = 1 to 2, antenna at 0.5 m: dark up to x = 4."""
+    geometry = GridGeometry.covering(0.0, 6.0, 0.0, 1.0, 0.1)
+    wall = box(1.0, -10.0, 2.0, 10.0, 1.5)
+    clear = line_of_sight_past_solids(geometry, [wall], [0.0, 0.5, 2.5], 0.5)
+    x = geometry.centers()[5, :, 0]
+    np.testing.assert_array_equal(clear[5], (x < 1.0) | (x > 4.0))
+
+
+def test_antenna_above_the_access_point_sees_over_what_is_near_it():
+    geometry = GridGeometry.covering(0.0, 6.0, 0.0, 1.0, 0.1)
+    wall = box(2.0, -10.0, 2.5, 10.0, 1.0)
+    clear = line_of_sight_past_solids(geometry, [wall], [0.0, 0.5, 0.5], 2.5)
+    # The ray to x passes x = 2 at 0.5 + 2 * 2 / x, below 1 m when x > 8: never here but inside.
+    x = geometry.centers()[5, :, 0]
+    np.testing.assert_array_equal(clear[5], np.ones_like(clear[5]))
+    level = line_of_sight_past_solids(geometry, [wall], [0.0, 0.5, 0.5], 0.5)
+    np.testing.assert_array_equal(level[5], x < 2.0)
+
+
+def test_mirrored_worlds_have_mirrored_shadows():
+    rng = np.random.default_rng(5)
+    geometry = GridGeometry.covering(-1.5, 1.5, -1.5, 1.5, 0.1)
+    heights = np.where(rng.random(geometry.shape) < 0.05, 1.8, 0.0)
+    clear = line_of_sight_over_cells(geometry, heights, [0.31, -0.47, 2.5], 0.5)
+    mirrored = line_of_sight_over_cells(geometry, heights[:, ::-1], [-0.31, -0.47, 2.5], 0.5)
+    np.testing.assert_array_equal(mirrored, clear[:, ::-1])
+    turned = line_of_sight_over_cells(geometry, heights.T, [-0.47, 0.31, 2.5], 0.5)
+    np.testing.assert_array_equal(turned, clear.T)
+
+
+def test_more_obstacles_never_clear_a_link():
+    rng = np.random.default_rng(6)
+    geometry = GridGeometry.covering(0.0, 4.0, 0.0, 4.0, 0.1)
+    heights = np.where(rng.random(geometry.shape) < 0.03, 1.5, 0.0)
+    more = np.maximum(heights, np.where(rng.random(geometry.shape) < 0.03, 2.0, 0.0))
+    before = line_of_sight_over_cells(geometry, heights, [2.0, 2.0, 2.5], 0.5)
+    after = line_of_sight_over_cells(geometry, more, [2.0, 2.0, 2.5], 0.5)
+    assert not np.any(after & ~before)
+
+
+def test_concave_solid_and_a_ray_along_its_cut():
+    corners = np.array([[1, 1], [3, 1], [3, 3], [2, 2], [1, 3]], dtype=float)
+    pieces = convex_pieces(corners)
+    assert all(is_convex(piece) for piece in pieces)
+    assert sum(map(signed_area_m2, pieces)) == pytest.approx(signed_area_m2(corners))
+    geometry = GridGeometry.covering(0.0, 6.0, 0.0, 6.0, 0.2)
+    solid = Solid("notched", corners, math.inf)
+    clear = line_of_sight_past_solids(geometry, [solid], [0.1, 0.1, 2.0], 0.5)
+    assert not np.diag(clear)[8:].any()
+
+
+def test_outer_wall_hides_the_far_leg_of_an_l_shaped_room():
+    boundary = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 4], [0, 4]], dtype=float)
+    geometry = GridGeometry.covering(0.0, 4.0, 0.0, 4.0, 0.1)
+    clear = line_of_sight_past_solids(geometry, [], [3.9, 0.1, 2.0], 0.5, boundary_m=boundary)
+    assert clear[:10, :10].any()
+    assert not clear[30:, :10].any()
+
+
+def test_access_point_in_a_wall_is_put_on_its_face():
+    geometry = GridGeometry.covering(0.0, 3.0, 0.0, 3.0, 0.1)
+    wall = box(-0.5, 3.0, 3.5, 3.4, 3.0)
+    inside = [1.5, 3.02, 2.5]
+    assert not line_of_sight_past_solids(geometry, [wall], inside, 0.5).any()
+    assert line_of_sight_past_solids(geometry, [wall], inside, 0.5, mount_radius_m=0.25).all()
+    heights = np.zeros(geometry.shape)
+    heights[-1] = math.inf
+    cells = line_of_sight_over_cells(geometry, heights, [1.5, 2.95, 2.5], 0.5, mount_radius_m=0.25)
+    assert cells[:28].mean() > 0.95
+
+
+def test_nothing_hides_anything_in_the_open():
+    geometry = GridGeometry(0.0, 0.0, 0.1, 7, 9)
+    assert line_of_sight_over_cells(geometry, np.zeros((7, 9)), [5.0, -2.0, 2.5], 0.5).all()
+    assert line_of_sight_past_solids(geometry, [], [5.0, -2.0, 2.5], 0.5).all()
