@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,7 +29,7 @@ class Mounting:
         Angle between the laser's plane and the floor.
     """
 
-    robot_from_laser: Pose2 = Pose2()
+    robot_from_laser: Pose2 = field(default_factory=Pose2)
     angle_sign: float = 1.0
     tilt_deg: float = 0.0
 

@@ -88,7 +88,7 @@ class Cursor:
     def __init__(self, packed: Packed, *, cdr: bool, little_endian: bool = True) -> None:
         self.packed = packed
         self.cdr = cdr
-        self._order = "<" if little_endian else ">"
+        self.big_endian = not little_endian
         self._origin = packed.starts + (4 if cdr else 0)
         self.at = self._origin.copy()
 
@@ -97,13 +97,13 @@ class Cursor:
 
     def subset(self, keep: NDArray[np.bool_] | Ints) -> Cursor:
         """Return a cursor at the present position of the chosen messages."""
-        other = Cursor(self.packed.subset(keep), cdr=self.cdr, little_endian=self._order == "<")
+        other = Cursor(self.packed.subset(keep), cdr=self.cdr, little_endian=not self.big_endian)
         other.at = self.at[keep]
         return other
 
     def column(self, kind: str, count: int = 1) -> NDArray[np.generic]:
         """Read `count` primitives ('u4', 'i4', 'f4', 'f8') from every message, (N, count)."""
-        dtype = np.dtype(self._order + kind)
+        dtype = np.dtype((">" if self.big_endian else "<") + kind)
         if count:
             self.align(dtype.itemsize)
         rows = gather(

@@ -214,7 +214,7 @@ class RecordedSource:
         logged = [b.odom_from_robot for b in self._table.blocks if b.odom_from_robot is not None]
         if odometry is None and logged and len(logged) == len(self._table.blocks):
             poses = self._table.flat(logged)[self._rows]
-            return poses, np.isfinite(poses).all(axis=1)
+            return poses, np.asarray(np.isfinite(poses).all(axis=1))
         if odometry is None:
             return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
         gap_s = self._config.max_odom_gap_s or odometry.usual_gap_s()
@@ -253,7 +253,7 @@ def _sweep_s(block: ScanBlock) -> Floats:
 def _duration_ns(block: ScanBlock, share: float) -> Ints:
     """Time from the first beam to a share of the way to the last [ns], (N,)."""
     seconds_in = share * _sweep_s(block) * max(block.ranges_m.shape[1] - 1, 0)
-    return np.round(seconds_in * 1e9).astype(np.int64)
+    return np.asarray(np.round(seconds_in * 1e9), np.int64)
 
 
 def _silences(stamps: Ints, steps: Ints) -> list[str]:

@@ -62,7 +62,7 @@ def invert(rotations: Floats, translations: Floats) -> tuple[Floats, Floats]:
 
 
 def slerp(start: Floats, end: Floats, share: Floats) -> Floats:
-    """Spherical linear interpolation of quaternions (N, 4) along the shorter arc (Shoemake 1985)."""
+    """Interpolate quaternions (N, 4) along the shorter arc (Shoemake 1985)."""
     cosine = np.sum(start * end, axis=1)
     end = np.where(cosine[:, None] < 0, -end, end)
     angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))

@@ -6,12 +6,15 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.messages import ScanBlock
 from slarm_graph.frontends.packed import Ints
+
+Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 class ScanTable:
@@ -20,7 +23,7 @@ class ScanTable:
     Parameters
     ----------
     blocks : sequence of ScanBlock
-        Their `index` counts over the whole recording.
+        At least one. Their `index` counts over the whole recording.
 
     Attributes
     ----------
@@ -31,7 +34,7 @@ class ScanTable:
 
     def __init__(self, blocks: Sequence[ScanBlock]) -> None:
         self.blocks = list(blocks)
-        index = np.concatenate([np.zeros(0, np.int64), *(block.index for block in blocks)])
+        index = np.concatenate([block.index for block in blocks])
         self._order = np.argsort(index, kind="stable")
         self.block = self.flat([np.full(len(b), k) for k, b in enumerate(blocks)])
         self.line = self.flat([np.arange(len(block)) for block in blocks])
@@ -41,15 +44,13 @@ class ScanTable:
     def __len__(self) -> int:
         return len(self._order)
 
-    def flat(self, parts: Sequence[NDArray[np.generic]]) -> NDArray[np.generic]:
+    def flat(self, parts: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
         """Turn one array per block, (B_k, ...), into one over all scans, (N, ...)."""
-        if not parts:
-            return np.zeros(0, np.int64)
-        return np.concatenate(parts)[self._order]
+        return np.asarray(np.concatenate(parts)[self._order])
 
     def recorded(self, row: int) -> NDArray[np.float32]:
         """Return the ranges (B,) of one scan as recorded [m]."""
-        return self.blocks[self.block[row]].ranges_m[self.line[row]]
+        return np.asarray(self.blocks[self.block[row]].ranges_m[self.line[row]])
 
     def frames(self) -> dict[str, Ints]:
         """Rows of every laser frame."""
