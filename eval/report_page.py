@@ -9,11 +9,12 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-import cv2
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
+
+from slarm_graph.map_files import png_bytes
 
 Cell = float | int | str | None
 
@@ -156,8 +157,4 @@ def figure(content: go.Figure, height_px: int = 620) -> str:
 
 def png_uri(image: NDArray[np.uint8]) -> str:
     """Return an image (rows, cols) or (rows, cols, 3) RGB, top row first, as a data address."""
-    pixels = image[..., ::-1] if image.ndim > 2 else image
-    done, data = cv2.imencode(".png", pixels)
-    if not done:
-        raise RuntimeError("OpenCV could not encode a PNG image")
-    return "data:image/png;base64," + base64.b64encode(data.tobytes()).decode()
+    return "data:image/png;base64," + base64.b64encode(png_bytes(image)).decode()

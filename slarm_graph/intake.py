@@ -129,8 +129,8 @@ def feed(
                 if stop:
                     intake.interrupted = True
                     intake.problem = f"interrupted after {len(intake.stamps_ns)} scans"
-                    saver.now(backend, intake)
-                    return
+                    break
+            saver.now(backend, intake)
         except BadInput:
             raise
         except Exception as error:

@@ -48,6 +48,14 @@ def pgm_bytes(image: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
+def png_bytes(image: NDArray[np.uint8]) -> bytes:
+    """Encode an image (rows, cols) or (rows, cols, 3) RGB, top row first, as PNG."""
+    done, data = cv2.imencode(".png", image[..., ::-1] if image.ndim > 2 else image)
+    if not done:
+        raise RuntimeError("OpenCV could not encode a PNG image")
+    return data.tobytes()
+
+
 def map_yaml(image_name: str, geometry: GridGeometry) -> str:
     """Return the YAML beside a trinary image, numbers with full precision."""
     x, y, resolution = (

@@ -37,6 +37,9 @@ def save_readings(folder: RunFolder, intake: Intake, scans: Iterable[ScanStatus]
     save_trajectory(folder, "odometry", intake.odometry_trajectory())
     rows = ((ns_to_seconds(s.stamp_ns), "no" if s.reason else "yes", s.reason) for s in scans)
     folder.write_text("scans.csv", csv_text(("stamp_s", "used", "reason"), rows))
+    folder.note(
+        scans=len(intake.stamps_ns), robot_from_laser=intake.robot_from_laser.as_array().tolist()
+    )
 
 
 def save_slam(folder: RunFolder, slam: SlamResult) -> None:

@@ -129,8 +129,8 @@ def create_run_folder(out: Path, name: str | None = None) -> RunFolder:
     return folder
 
 
-def open_run_folder(path: Path) -> tuple[RunFolder, Mapping[str, object]]:
-    """Open an unfinished run's folder to go on with it, and return its record so far.
+def open_run_folder(path: Path) -> RunFolder:
+    """Open an unfinished run's folder to go on with it.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def open_run_folder(path: Path) -> tuple[RunFolder, Mapping[str, object]]:
     record = read_record(path)
     if record.get("status") == "ok":
         raise BadInput(f"{path}: this run is finished; there is nothing to resume")
-    return RunFolder(path, record), record
+    return RunFolder(path, record)
 
 
 def read_record(path: Path) -> Mapping[str, object]:

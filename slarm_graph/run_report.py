@@ -15,9 +15,12 @@ from slarm_graph.radio import radio_notices
 from slarm_graph.run_folder import RunFolder
 from slarm_graph.trajectory import Trajectory
 
+_SLAM_STAGES = ("slam", "optimisation and map")
+
 
 def save_report(folder: RunFolder, job: Job, run: Run, references: References) -> None:
     """Write `metrics.json`, `metrics.csv`, `ground_truth.tum` and `report.html`."""
+    folder.note(scans_per_s=_scans_per_s(folder, run))
     folder.write_text("metrics.json", metrics_json(run.metrics))
     folder.write_text("metrics.csv", metrics_csv(run.metrics))
     save_trajectory(folder, "ground_truth", _at_scans(references.ground_truth, run))
@@ -39,6 +42,14 @@ def _content(folder: RunFolder, job: Job, run: Run, references: References) -> R
         notices=run_notices(job, run),
         config_text=config_yaml(job.config),
     )
+
+
+def _scans_per_s(folder: RunFolder, run: Run) -> float:
+    """Scans over the time from the first reading to the final map."""
+    stages = folder.record()["stages"]
+    assert isinstance(stages, dict)
+    spent_s = sum(stages.get(name, 0.0) for name in _SLAM_STAGES)
+    return round(len(run.intake.stamps_ns) / max(spent_s, 1e-3), 1)
 
 
 def run_notices(job: Job, run: Run) -> tuple[str, ...]:
