@@ -22,16 +22,24 @@ from typing import BinaryIO
 import lz4.frame
 import numpy as np
 
-from slarm_graph.frontends.packed import Bytes, Ints, Packed, gather
+from slarm_graph.frontends.packed import Bytes, Ints, Packed
+from slarm_graph.frontends.ros1_records import (
+    CONNECTION,
+    MESSAGE,
+    WORD,
+    Fields,
+    fields_of,
+    message_spans,
+    read_head,
+    walk,
+)
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-_MESSAGE, _INDEX, _CHUNK, _CONNECTION = b"\x02", b"\x04", b"\x05", b"\x07"
+_INDEX, _CHUNK = b"\x04", b"\x05"
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_WORD = struct.Struct("<I")
+_KINDS = (MESSAGE, b"\x03", _INDEX, _CHUNK, b"\x06", CONNECTION)
 _TIME = struct.Struct("<II")
-
-Fields = dict[bytes, bytes]
 
 
 class UnreadableChunk(ValueError):
@@ -105,29 +113,35 @@ class Ros1File:
             for number in numbers:
                 if number in chunk.index:
                     offsets, record_ns = chunk.index[number]
-                    starts, ends = _message_spans(buffer, offsets)
+                    starts, ends = message_spans(buffer, offsets)
                     yield number, Packed(buffer, starts, ends, record_ns)
 
     def _scan(self, file: BinaryIO, end: int) -> None:
         while (at := file.tell()) < end:
-            head = _read_head(file)
+            head = read_head(file)
             if head is None or file.tell() + head[1] > end:
                 self.damage = f"ends early: cut off inside the record at byte {at} of {end}"
                 if head is not None and head[0].get(b"op") == _CHUNK:
                     self._add_chunk(head[0], file.tell(), end - file.tell(), trusted=False)
                 return
             fields, size = head
+            if fields.get(b"op", b"") not in _KINDS:
+                self.damage = f"is damaged at byte {at} of {end}"
+                return
             position = file.tell()
+            if fields[b"op"] == _INDEX:
+                # Some writers state a wrong size; the number of entries is right.
+                size = _INDEX_ENTRY.itemsize * WORD.unpack(fields[b"count"])[0]
             self._visit(file, fields, size)
             file.seek(position + size)
 
     def _visit(self, file: BinaryIO, fields: Fields, size: int) -> None:
-        kind = fields.get(b"op")
+        kind = fields[b"op"]
         if kind == _CHUNK:
             self._add_chunk(fields, file.tell(), size, trusted=True)
         elif kind == _INDEX and self._chunks:
             self._add_index(fields, file.read(size))
-        elif kind == _CONNECTION:
+        elif kind == CONNECTION:
             self._add_connection(fields, file.read(size))
 
     def _add_chunk(self, fields: Fields, position: int, size: int, *, trusted: bool) -> None:
@@ -135,35 +149,32 @@ class Ros1File:
         self._chunks.append(_Chunk(compression, position, size, trusted=trusted))
 
     def _add_index(self, fields: Fields, data: bytes) -> None:
-        chunk, count = self._chunks[-1], _WORD.unpack(fields[b"count"])[0]
-        if len(data) != count * _INDEX_ENTRY.itemsize:
-            chunk.trusted = False
-            return
         entries = np.frombuffer(data, _INDEX_ENTRY)
         times = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
         in_file = np.argsort(entries["offset"], kind="stable")
         offsets = entries["offset"].astype(np.int64)
-        chunk.index[_WORD.unpack(fields[b"conn"])[0]] = (offsets[in_file], times[in_file])
+        number = WORD.unpack(fields[b"conn"])[0]
+        self._chunks[-1].index[number] = (offsets[in_file], times[in_file])
 
     def _add_connection(self, fields: Fields, data: bytes) -> None:
-        inner = _fields(data)
+        inner = fields_of(data)
         name = fields.get(b"topic", inner.get(b"topic", b"")).decode("utf-8", "replace")
         kind = inner.get(b"type", b"").decode("utf-8", "replace")
         topic = "/" * name.startswith("/") + "/".join(part for part in name.split("/") if part)
         msgtype = kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)
-        self.connections[_WORD.unpack(fields[b"conn"])[0]] = Connection1(topic, msgtype)
+        self.connections[WORD.unpack(fields[b"conn"])[0]] = Connection1(topic, msgtype)
 
     def _index_by_reading(self) -> None:
         """Walk the records of chunks whose index is missing or wrong."""
         broken = [chunk for chunk in self._chunks if not chunk.trusted or not chunk.index]
         for chunk, buffer in self._decompressed(broken):
             found: dict[int, list[tuple[int, int]]] = {}
-            for offset, fields, data in _walk(buffer.tobytes()):
-                if fields.get(b"op") == _MESSAGE:
+            for offset, fields, data in walk(buffer.tobytes()):
+                if fields.get(b"op") == MESSAGE:
                     seconds, nanoseconds = _TIME.unpack(fields[b"time"])
                     entry = (offset, seconds * 1_000_000_000 + nanoseconds)
-                    found.setdefault(_WORD.unpack(fields[b"conn"])[0], []).append(entry)
-                elif fields.get(b"op") == _CONNECTION:
+                    found.setdefault(WORD.unpack(fields[b"conn"])[0], []).append(entry)
+                elif fields.get(b"op") == CONNECTION:
                     self._add_connection(fields, data)
             chunk.index = {
                 number: (np.array([e[0] for e in some]), np.array([e[1] for e in some]))
@@ -198,72 +209,3 @@ def _decompress(data: bytes, compression: bytes) -> Bytes:
         return np.frombuffer(machine.decompress(data), np.uint8)
     except (OSError, EOFError, RuntimeError):
         return np.zeros(0, np.uint8)
-
-
-def _message_spans(buffer: Bytes, offsets: Ints) -> tuple[Ints, Ints]:
-    """Find the serialized messages behind index offsets: starts and ends, (N,) each."""
-    if len(offsets) == 0:
-        return offsets, offsets
-    header_sizes = _words(buffer, offsets)
-    data_at = offsets + 4 + header_sizes
-    same = header_sizes == header_sizes[0]
-    first = buffer[offsets[0] + 4 : data_at[0]].tobytes()
-    op_at = first.find(b"op=" + _MESSAGE)
-    ops = gather(buffer, offsets[same] + 4 + op_at, 4) if op_at >= 0 else np.zeros((0, 4), np.uint8)
-    if op_at < 0 or not same.all() or np.any(ops != np.frombuffer(b"op=" + _MESSAGE, np.uint8)):
-        offsets = np.array([_skip_connections(buffer, at) for at in offsets.tolist()], np.int64)
-        data_at = offsets + 4 + _words(buffer, offsets)
-    return data_at + 4, data_at + 4 + _words(buffer, data_at)
-
-
-def _skip_connections(buffer: Bytes, offset: int) -> int:
-    """Index entries may point at connection records written just before the message."""
-    while True:
-        header_size = int(_words(buffer, np.array([offset]))[0])
-        fields = _fields(buffer[offset + 4 : offset + 4 + header_size].tobytes())
-        if fields.get(b"op") != _CONNECTION:
-            return offset
-        data_at = offset + 4 + header_size
-        offset = data_at + 4 + int(_words(buffer, np.array([data_at]))[0])
-
-
-def _words(buffer: Bytes, at: Ints) -> Ints:
-    return gather(buffer, at, 4).view("<u4").ravel().astype(np.int64)
-
-
-def _walk(data: bytes) -> Iterator[tuple[int, Fields, bytes]]:
-    """Yield (offset, header, data) of every whole record of a decompressed chunk."""
-    at = 0
-    while at + 8 <= len(data):
-        header_end = at + 4 + _WORD.unpack_from(data, at)[0]
-        if header_end + 4 > len(data):
-            return
-        data_end = header_end + 4 + _WORD.unpack_from(data, header_end)[0]
-        if data_end > len(data):
-            return
-        yield at, _fields(data[at + 4 : header_end]), data[header_end + 4 : data_end]
-        at = data_end
-
-
-def _read_head(file: BinaryIO) -> tuple[Fields, int] | None:
-    """Read a record's header and the size of its data; None when the file ends."""
-    size = file.read(4)
-    if len(size) < 4:
-        return None
-    length = _WORD.unpack(size)[0]
-    header = file.read(length + 4)
-    if len(header) < length + 4:
-        return None
-    return _fields(header[:length]), _WORD.unpack(header[length:])[0]
-
-
-def _fields(header: bytes) -> Fields:
-    """Split a record header into its `name=value` fields."""
-    fields: Fields = {}
-    at = 0
-    while at + 4 <= len(header):
-        size = _WORD.unpack_from(header, at)[0]
-        name, _, value = header[at + 4 : at + 4 + size].partition(b"=")
-        fields[name] = value
-        at += 4 + size
-    return fields

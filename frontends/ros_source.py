@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.choices import choose_odom_topic, choose_scan_topic
 from slarm_graph.frontends.messages import (
     MULTI_ECHO,
     ODOMETRY,
@@ -30,7 +31,8 @@ from slarm_graph.frontends.mounting import Mounting, mounting_in_plane
 from slarm_graph.frontends.odometry import OdometryPath, path_from_messages, path_from_tree
 from slarm_graph.frontends.packed import Cursor, Ints, Malformed, Packed
 from slarm_graph.frontends.readings_from import MountingAt, RecordedSource
-from slarm_graph.frontends.rosbag import Recording, Topic, open_recording
+from slarm_graph.frontends.recordings import Recording, Topic
+from slarm_graph.frontends.rosbag import open_recording
 from slarm_graph.frontends.scan_table import ScanTable
 from slarm_graph.frontends.transforms import TransformTree, parse_static
 
@@ -66,56 +68,6 @@ def open_ros(paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
     wanted = [scan_topic, *tf_topics, *([odom_topic] if odom_topic else [])]
     messages = read_messages(recording, wanted, echo=config.echo)
     return _assemble(recording, messages, scan_topic, odom_topic, config)
-
-
-def choose_scan_topic(topics: Sequence[Topic], wanted: str | None) -> Topic:
-    """Return the topic with the scans.
-
-    Raises
-    ------
-    BadInput
-        When there is none, or several and no choice; the message lists them with the flag.
-    """
-    scans = [topic for topic in topics if topic.msgtype in SCAN_TYPES]
-    if wanted is not None:
-        found = [topic for topic in scans if topic.name == "/" + wanted.lstrip("/")]
-        if not found:
-            raise BadInput(f"no scans on topic {wanted}; {_listed(scans or topics)}")
-        return found[0]
-    filled = [topic for topic in scans if topic.count] or scans
-    if not filled:
-        raise BadInput(f"no LaserScan topic in the recording; {_listed(topics)}")
-    if len(filled) > 1:
-        flags = " or ".join(f"--scan {topic.name}" for topic in filled)
-        raise BadInput(f"{len(filled)} LaserScan topics; choose with {flags}; {_listed(filled)}")
-    return filled[0]
-
-
-def choose_odom_topic(topics: Sequence[Topic], wanted: str | None) -> Topic | None:
-    """Return the topic with nav_msgs/Odometry, or None when tf or nothing has to do."""
-    odoms = [topic for topic in topics if topic.msgtype == ODOMETRY and topic.count]
-    if wanted in ("none", "tf"):
-        return None
-    if wanted is not None:
-        found = [topic for topic in odoms if topic.name == "/" + wanted.lstrip("/")]
-        if not found:
-            raise BadInput(f"no odometry on topic {wanted}; {_listed(odoms or topics)}")
-        return found[0]
-    if len(odoms) > 1:
-        usual = [topic for topic in odoms if topic.name == "/odom"]
-        if not usual:
-            flags = " or ".join(f"--odom {topic.name}" for topic in odoms)
-            raise BadInput(f"{len(odoms)} Odometry topics; choose with {flags} or --odom none")
-        return usual[0]
-    return odoms[0] if odoms else None
-
-
-def _listed(topics: Iterable[Topic]) -> str:
-    told = ", ".join(
-        f"{topic.name} ({topic.msgtype}, {topic.count} messages, {topic.rate_hz:.1f} Hz)"
-        for topic in topics
-    )
-    return f"it has {told}" if told else "it has no topics"
 
 
 def read_messages(

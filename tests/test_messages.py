@@ -25,6 +25,15 @@ STORES = {
     "cdr little": Stores.ROS2_HUMBLE,
     "cdr big": Stores.ROS2_HUMBLE,
 }
+LIMITS = (
+    "angle_min",
+    "angle_max",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+)
 FRAMES = ["laser", "/laser", "a_rather_long_frame_name", "", "é"]
 
 
@@ -56,10 +65,15 @@ class Writer:
     def scan(self, rng: np.random.Generator, beams: int) -> object:
         floats = dict(
             zip(
-                (
-                    "angle_min angle_max angle_increment time_increment scan_time range_min "
-                    "range_max"
-                ).split(),
+                [
+                    "angle_min",
+                    "angle_max",
+                    "angle_increment",
+                    "time_increment",
+                    "scan_time",
+                    "range_min",
+                    "range_max",
+                ],
                 rng.normal(size=7).astype(np.float32).tolist(),
                 strict=True,
             )
@@ -129,7 +143,15 @@ def stamp_ns(header) -> int:
     return header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
-LIMITS = "angle_min angle_max angle_increment time_increment scan_time range_min range_max".split()
+LIMITS = [
+    "angle_min",
+    "angle_max",
+    "angle_increment",
+    "time_increment",
+    "scan_time",
+    "range_min",
+    "range_max",
+]
 
 
 @pytest.mark.parametrize("encoding", ENCODINGS)
