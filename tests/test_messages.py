@@ -6,11 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from ros_bags import ENCODINGS, LIMITS, Writer
 
 from slarm_graph.frontends.messages import (
-    MULTI_ECHO,
-    TF_TYPES,
     decode,
     read_multi_echo,
     read_odometry,
@@ -18,121 +16,6 @@ from slarm_graph.frontends.messages import (
     read_transforms,
 )
 from slarm_graph.frontends.packed import Malformed, pack
-
-ENCODINGS = ["ros1", "cdr little", "cdr big"]
-STORES = {
-    "ros1": Stores.ROS1_NOETIC,
-    "cdr little": Stores.ROS2_HUMBLE,
-    "cdr big": Stores.ROS2_HUMBLE,
-}
-LIMITS = (
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-)
-FRAMES = ["laser", "/laser", "a_rather_long_frame_name", "", "é"]
-
-
-class Writer:
-    """Makes and serializes messages of one encoding."""
-
-    def __init__(self, encoding: str) -> None:
-        self.encoding = encoding
-        self.store = get_typestore(STORES[encoding])
-        if encoding == "ros1":
-            tf = "geometry_msgs/TransformStamped[] transforms"
-            self.store.register(get_types_from_msg(tf, TF_TYPES[0]))
-        self.t = self.store.types
-        self.cdr = encoding != "ros1"
-
-    def header(self, stamp_ns: int, frame: str) -> object:
-        time = self.t["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
-        seq = {} if self.cdr else {"seq": 7}
-        return self.t["std_msgs/msg/Header"](stamp=time, frame_id=frame, **seq)
-
-    def raw(self, message: object) -> bytes:
-        kind = message.__msgtype__  # type: ignore[attr-defined]
-        if not self.cdr:
-            return bytes(self.store.serialize_ros1(message, kind))
-        return bytes(
-            self.store.serialize_cdr(message, kind, little_endian=self.encoding == "cdr little")
-        )
-
-    def scan(self, rng: np.random.Generator, beams: int) -> object:
-        floats = dict(
-            zip(
-                [
-                    "angle_min",
-                    "angle_max",
-                    "angle_increment",
-                    "time_increment",
-                    "scan_time",
-                    "range_min",
-                    "range_max",
-                ],
-                rng.normal(size=7).astype(np.float32).tolist(),
-                strict=True,
-            )
-        )
-        ranges = rng.normal(size=beams).astype(np.float32)
-        ranges[rng.random(beams) < 0.2] = np.inf
-        return self.t["sensor_msgs/msg/LaserScan"](
-            header=self.header(int(rng.integers(2**60)), str(rng.choice(FRAMES))),
-            ranges=ranges,
-            intensities=rng.normal(size=int(rng.integers(0, 3))).astype(np.float32),
-            **floats,
-        )
-
-    def multi_echo(self, rng: np.random.Generator, beams: int, *, lit: bool) -> object:
-        echo = self.t["sensor_msgs/msg/LaserEcho"]
-        counts = rng.integers(0, 4, size=beams)
-        lists = [
-            [echo(echoes=rng.normal(size=n).astype(np.float32)) for n in counts] for _ in range(2)
-        ]
-        return self.t[MULTI_ECHO](
-            header=self.header(int(rng.integers(2**60)), str(rng.choice(FRAMES))),
-            angle_min=-1.0,
-            angle_max=1.0,
-            angle_increment=0.1,
-            time_increment=0.0,
-            scan_time=0.1,
-            range_min=0.1,
-            range_max=30.0,
-            ranges=lists[0],
-            intensities=lists[1] if lit else [],
-        )
-
-    def pose(self, rng: np.random.Generator) -> tuple[object, object]:
-        point, turn = rng.normal(size=3), rng.normal(size=4)
-        return (
-            self.t["geometry_msgs/msg/Point"](*point.tolist()),
-            self.t["geometry_msgs/msg/Quaternion"](*turn.tolist()),
-        )
-
-    def odometry(self, rng: np.random.Generator) -> object:
-        g = "geometry_msgs/msg/"
-        zero = self.t[g + "Vector3"](0.0, 0.0, 0.0)
-        pose = self.t[g + "Pose"](*self.pose(rng))
-        return self.t["nav_msgs/msg/Odometry"](
-            header=self.header(int(rng.integers(2**60)), str(rng.choice(["odom", "/odom"]))),
-            child_frame_id=str(rng.choice(["base_link", "base", ""])),
-            pose=self.t[g + "PoseWithCovariance"](pose, rng.normal(size=36)),
-            twist=self.t[g + "TwistWithCovariance"](self.t[g + "Twist"](zero, zero), np.zeros(36)),
-        )
-
-    def tf(self, rng: np.random.Generator, count: int) -> object:
-        g = "geometry_msgs/msg/"
-        parts = []
-        for _ in range(count):
-            point, turn = self.pose(rng)
-            move = self.t[g + "Transform"](self.t[g + "Vector3"](point.x, point.y, point.z), turn)
-            header = self.header(int(rng.integers(2**60)), str(rng.choice(FRAMES)))
-            parts.append(self.t[g + "TransformStamped"](header, str(rng.choice(FRAMES)), move))
-        return self.t[TF_TYPES[0]](transforms=parts)
 
 
 def packed(writer: Writer, messages: list[object]):
