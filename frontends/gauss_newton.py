@@ -16,6 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.likelihood_grid import interpolate
+from slarm_graph.frontends.small_matrix import invert3
 from slarm_graph.geometry import Floats
 
 _FLOOR = 0.02
@@ -67,7 +68,7 @@ def refine(
         _add_prior(a, b, pose, prior, prior_information)
         for k in range(3):
             a[k, k] += 1e-6 * a[k, k] + 1e-9
-        step = np.linalg.solve(a, b)
+        step = invert3(a) @ b
         length = math.hypot(step[0], step[1])
         limit = min(1.0, 3.0 * resolution / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
         step *= limit
@@ -138,3 +139,51 @@ def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: F
         for k in range(3):
             a[r, k] += information[r, k]
             b[r] += information[r, k] * away[k]
+
+
+@njit(cache=True, nogil=True)
+def refine_motion(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    base: Floats,
+    motion: Floats,
+    covariance: Floats,
+    start: Floats,
+    point_information: float,
+    max_iterations: int,
+) -> tuple[Floats, Floats, float, int, int, float]:
+    """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
+
+    Returns
+    -------
+    pose : (3,), covariance : (3, 3) of pose given grid and prior, score, inliers, iterations,
+    surprise : squared sigmas between prior and pose
+    """
+    c, s = math.cos(base[2]), math.sin(base[2])
+    prior = np.array(
+        [
+            base[0] + c * motion[0] - s * motion[1],
+            base[1] + s * motion[0] + c * motion[1],
+            base[2] + motion[2],
+        ]
+    )
+    information = invert3(covariance)
+    pose, data, score, inliers, used = refine(
+        values,
+        origin_x,
+        origin_y,
+        resolution,
+        points,
+        start if len(start) else prior,
+        prior,
+        information,
+        point_information,
+        max_iterations,
+    )
+    pull = np.zeros(3)
+    _add_prior(np.zeros((3, 3)), pull, pose, prior, information)
+    surprise = float(pull @ (covariance @ pull))
+    return pose, invert3(data + information), score, inliers, used, surprise

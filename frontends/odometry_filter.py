@@ -4,19 +4,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
+from slarm_graph.frontends.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
 _ACCELERATION = np.array([1.0, 0.5, 2.0])
-_ODOMETRY_FLOOR = np.array([0.004, 0.004, 0.004])
+_FLOOR = np.array([0.004, 0.004, 0.004])
 _PER_DISTANCE = np.array([0.10, 0.06, 0.15])
 _PER_ANGLE = np.array([0.06, 0.06, 0.20])
 _MEMORY = 0.95
 _MAX_COASTING_S = 1.0
 _CONTRADICTION = 9.0
+_ANYWHERE = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +65,18 @@ class OdometryFilter:
             encoder, or a true jerk), both stand apart; else they are fused to one.
         """
         span = self._steady(span_s)
-        self._covariance = self._covariance + np.diag((_ACCELERATION * span) ** 2)
-        steady = Prediction(self._velocity * span, self._covariance * span * span)
-        if span_s > _MAX_COASTING_S:
-            steady = Prediction(np.zeros(3), steady.covariance + np.diag([0.5, 0.5, 0.5]) ** 2)
+        steady = coast(self._velocity, self._covariance, span, span_s > _MAX_COASTING_S)
         self._measured = None
         increment = self._increment(odom_from_robot)
         if increment is None:
-            return (steady,)
-        noise = odometry_covariance(increment) * self._distrust
+            return (Prediction(*steady),)
+        noise = odometry_covariance(increment, self._distrust)
         self._measured = (increment, noise)
+        motion, covariance, contradiction = fuse(*steady, increment, noise)
         measured = Prediction(increment, noise)
-        miss = increment - steady.motion
-        both = steady.covariance + noise
-        if miss @ np.linalg.solve(both, miss) > _CONTRADICTION:
-            return (measured, steady)
-        gain = np.linalg.solve(both, steady.covariance).T
-        covariance = steady.covariance - gain @ steady.covariance
-        fused = Prediction(steady.motion + gain @ miss, 0.5 * (covariance + covariance.T))
-        return (fused, measured, steady)
+        if contradiction > _CONTRADICTION:
+            return (measured, Prediction(*steady))
+        return (Prediction(motion, covariance), measured, Prediction(*steady))
 
     def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
         """Learn from the motion that came out of matching (or from the prediction kept)."""
@@ -87,10 +84,8 @@ class OdometryFilter:
         moved = motion.as_array()
         if self._measured is not None:
             increment, noise = self._measured
-            miss = moved - increment
-            miss[2] = np.remainder(miss[2] + np.pi, 2 * np.pi) - np.pi
-            surprise = float(miss @ np.linalg.solve(noise / self._distrust + covariance, miss)) / 3
-            self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise)
+            _, _, surprise = fuse(moved, covariance, increment, noise / self._distrust)
+            self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise / 3.0)
         self._velocity = moved / span
         self._covariance = covariance / (span * span)
 
@@ -111,8 +106,43 @@ class OdometryFilter:
         return increment if self._odometry_lives else None
 
 
-def odometry_covariance(increment: Floats) -> Floats:
+@njit(cache=True, nogil=True)
+def odometry_covariance(increment: Floats, distrust: float = 1.0) -> Floats:
     """Covariance (3, 3) of a differential odometry's increment (3,) [m, m, rad]."""
-    distance = float(np.hypot(increment[0], increment[1]))
-    sigma = _ODOMETRY_FLOOR + _PER_DISTANCE * distance + _PER_ANGLE * abs(float(increment[2]))
-    return np.diag(sigma**2)
+    distance = math.hypot(increment[0], increment[1])
+    covariance = np.zeros((3, 3))
+    for k in range(3):
+        sigma = _FLOOR[k] + _PER_DISTANCE[k] * distance + _PER_ANGLE[k] * abs(increment[2])
+        covariance[k, k] = distrust * sigma * sigma
+    return covariance
+
+
+@njit(cache=True, nogil=True)
+def coast(
+    velocity: Floats, covariance: Floats, span_s: float, too_long: bool
+) -> tuple[Floats, Floats]:
+    """Motion (3,) and covariance (3, 3) at constant velocity, or anywhere after too long."""
+    motion = np.zeros(3)
+    spread = np.empty((3, 3))
+    for r in range(3):
+        for k in range(3):
+            spread[r, k] = covariance[r, k] * span_s * span_s
+        spread[r, r] += (_ACCELERATION[r] * span_s * span_s) ** 2
+        if too_long:
+            spread[r, r] += _ANYWHERE**2
+        else:
+            motion[r] = velocity[r] * span_s
+    return motion, spread
+
+
+@njit(cache=True, nogil=True)
+def fuse(
+    motion: Floats, covariance: Floats, other: Floats, other_covariance: Floats
+) -> tuple[Floats, Floats, float]:
+    """Fuse two Gaussian estimates of one motion; returns also how far apart (squared sigmas)."""
+    miss = other - motion
+    miss[2] -= 2.0 * math.pi * math.floor((miss[2] + math.pi) / (2.0 * math.pi))
+    weight = invert3(covariance + other_covariance)
+    pull = weight @ miss
+    fused = covariance - covariance @ weight @ covariance
+    return motion + covariance @ pull, 0.5 * (fused + fused.T), float(miss @ pull)

@@ -12,11 +12,11 @@ import numpy as np
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.correlative import search_every_pose
-from slarm_graph.frontends.gauss_newton import refine
+from slarm_graph.frontends.gauss_newton import refine_motion
 from slarm_graph.frontends.keyframes import LocalMap
 from slarm_graph.frontends.odometry_filter import OdometryFilter, Prediction
 from slarm_graph.frontends.scan_filter import points_for_matching
-from slarm_graph.geometry import Floats, Pose2, between, compose
+from slarm_graph.geometry import Floats, Pose2, compose
 from slarm_graph.readings import Reading
 
 _DOUBTFUL_SURPRISE = 16.0
@@ -24,6 +24,7 @@ _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
 _MAX_DESKEW_S = 1.0
 _SEARCH_POINTS = 80
+_FROM_PREDICTION = np.empty(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,10 +62,10 @@ class TrackedScan:
 
 @dataclass(frozen=True, slots=True)
 class _Refined:
-    """A refined pose (3,), its information (3, 3), and how surprising it is (squared sigmas)."""
+    """A refined pose (3,), its covariance (3, 3), and how surprising it is (squared sigmas)."""
 
     pose: Floats
-    information: Floats
+    covariance: Floats
     score: float
     inliers: int
     iterations: int
@@ -153,7 +154,7 @@ class ScanTracker:
         self._usual_score = usual + 0.05 * (found.score - usual)
         return MatchResult(
             Pose2.from_array(found.pose),
-            _inverse(found.information),
+            found.covariance,
             found.score,
             found.inliers,
             found.iterations,
@@ -165,23 +166,21 @@ class ScanTracker:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
         grid, settings = self._map.grid, self._config.matching
         assert grid is not None
-        prior = compose(self._local_from_robot.as_array(), prediction.motion)
-        information = _inverse(prediction.covariance)
-        pose, data, score, inliers, iterations = refine(
-            grid.values,
-            grid.origin_x_m,
-            grid.origin_y_m,
-            grid.resolution_m,
-            points,
-            prior if start is None else start,
-            prior,
-            information,
-            (grid.sigma_m / settings.point_sigma_m) ** 2,
-            settings.max_iterations,
+        return _Refined(
+            *refine_motion(
+                grid.values,
+                grid.origin_x_m,
+                grid.origin_y_m,
+                grid.resolution_m,
+                points,
+                self._local_from_robot.as_array(),
+                prediction.motion,
+                prediction.covariance,
+                _FROM_PREDICTION if start is None else start,
+                (grid.sigma_m / settings.point_sigma_m) ** 2,
+                settings.max_iterations,
+            )
         )
-        away = between(prior, pose)
-        surprise = float(away @ information @ away)
-        return _Refined(pose, data + information, score, inliers, iterations, surprise)
 
     def _is_doubtful(self, found: _Refined) -> bool:
         usual = max(_DOUBTFUL_SHARE * self._usual_score, self._config.matching.min_score)
@@ -216,8 +215,3 @@ class ScanTracker:
             if other.score > found.score + _BETTER:
                 found = other
         return found
-
-
-def _inverse(matrix: Floats) -> Floats:
-    """Invert a square matrix."""
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)

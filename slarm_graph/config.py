@@ -58,8 +58,8 @@ class KeyframeConfig(Stage):
 
     distance_m: float = Field(default=0.25, gt=0)
     angle_rad: float = Field(default=0.25, gt=0)
-    window: int = Field(default=15, ge=1)
-    """Number of keyframes the local map is made of."""
+    window: int = Field(default=40, ge=1)
+    """The local map holds one to two windows of keyframes."""
 
 
 class FrontendConfig(Stage):
@@ -113,11 +113,6 @@ class PoseGraphConfig(Stage):
     """Keyframes a submap is made of."""
     recent_keyframes: int = Field(default=40, ge=1)
     """Submaps with younger keyframes than this are no old places."""
-    rematch_rounds: int = Field(default=3, ge=0)
-    """How often every keyframe is matched again against its optimised surroundings."""
-    rematch_radius_m: float = Field(default=3.0, gt=0)
-    rematch_visits: int = Field(default=5, ge=1)
-    """Groups of keyframes every keyframe is matched against."""
     loops: LoopClosureConfig = LoopClosureConfig()
 
 
