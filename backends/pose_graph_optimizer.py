@@ -203,7 +203,7 @@ def _factors(graph: PoseGraph, kernel: Kernel) -> gtsam.NonlinearFactorGraph:
     _check_all(graph.constraints)
     factors = gtsam.NonlinearFactorGraph()
     for c in graph.constraints:
-        noise = gtsam.noiseModel.Gaussian.Covariance(c.covariance)
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(c.covariance)
         if _is_closure(c) and kernel is not Kernel.NONE:
             noise = gtsam.noiseModel.Robust.Create(_estimator(kernel), noise)
         measured = gtsam.Pose2(c.i_from_j.x, c.i_from_j.y, c.i_from_j.theta)

@@ -8,6 +8,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
@@ -17,7 +18,7 @@ from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.loop_closure import Closure, Expectation
 from slarm_graph.frontends.submaps import Keyframe, Submap, make_submap
-from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 _CLOSURE_FLOOR = np.diag([0.02, 0.02, 0.005]) ** 2
@@ -38,10 +39,12 @@ class SubmapGraph:
         self.submaps: list[Submap] = []
         self._nodes: list[Floats] = []
         self._edges: list[Constraint] = []
-        self._closures: list[Closure] = []
+        self.closures: list[Closure] = []
         self._pending = 0
         self._surprising = False
+        self._links: dict[tuple[int, int], tuple[float, float, float]] = {}
         self._reach: tuple[Floats, Floats, Floats] | None = None
+        self._settled: Floats | None = None
 
     def add(self, keyframe: Keyframe) -> None:
         """Append a keyframe; begin a node and finish a submap when they are due."""
@@ -63,13 +66,21 @@ class SubmapGraph:
         anchor = self._anchor(len(self._nodes) - 1)
         return Pose2.from_array(self._nodes[-1]) @ anchor.local_from_robot.inverse()
 
-    def keyframe_poses(self) -> Floats:
-        """Poses (K, 3) of all keyframes; the correction of the nodes is spread between them."""
-        local = np.array([k.local_from_robot.as_array() for k in self.keyframes])
-        anchors = np.arange(len(self._nodes)) * self._config.node_keyframes
-        from slarm_graph.backends.pose_graph import spread
+    def node_of(self, keyframe: int) -> int:
+        """Return the node a keyframe belongs to."""
+        return keyframe // self._config.node_keyframes
 
-        return spread(local, anchors, np.array(self._nodes))
+    def pose_graph(self) -> PoseGraph:
+        """Return nodes and constraints as they stand."""
+        return PoseGraph(np.array(self._nodes), tuple(self._edges))
+
+    def corrected(self, local: Floats) -> Floats:
+        """Move all scans from the tracker's frame (N, 3) into the map (N, 3).
+
+        Between two nodes, what each of them says is blended linearly over the scans.
+        """
+        anchors = self.keyframes[:: self._config.node_keyframes]
+        return spread(local, np.array([a.scan for a in anchors]), np.array(self._nodes))
 
     def expectations(self) -> list[Expectation]:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
@@ -97,33 +108,36 @@ class SubmapGraph:
     def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Take closures in; optimise when they surprise, or when enough have come together."""
         for closure in closures:
-            self._closures.append(closure)
+            self.closures.append(closure)
+            self._settled = None
             if closure.reason:
                 continue
             edge = self._edge(closure)
             self._edges.append(edge)
+            self._link(edge)
+            if closure.searched:
+                self._reach = None
             self._pending += 1
             believed = between(self._nodes[edge.i], self._nodes[edge.j])
             away = between(believed, edge.i_from_j.as_array())
             if math.hypot(away[0], away[1]) > 0.1 or abs(away[2]) > 0.02:
                 self._surprising = True
-            self._reach = None
-        if self._surprising or self._pending > 10 + len(self._nodes) // 10:
+        if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
-    def weighed_closures(self, heartbeat: Heartbeat = silent) -> list[tuple[Closure, float]]:
-        """All closures, and the weight graduated non-convexity gives each of the accepted."""
-        graph = PoseGraph(np.array(self._nodes), tuple(self._edges))
-        weights = iter(())
-        accepted = [c for c in self._edges if c.kind is ConstraintKind.LOOP_CLOSURE]
-        if accepted:
-            found = optimizer.optimize_gnc(graph, heartbeat=heartbeat)
-            weights = iter(
-                w
-                for w, c in zip(found.weights, self._edges, strict=True)
-                if c.kind is ConstraintKind.LOOP_CLOSURE
-            )
-        return [(c, 0.0 if c.reason else float(next(weights))) for c in self._closures]
+    def settle(self, heartbeat: Heartbeat = silent) -> Floats:
+        """Optimise with graduated non-convexity; return the weight (C,) of every closure met.
+
+        Odometry is trusted; closures turned down earlier weigh 0.
+        """
+        if self._settled is None:
+            found = optimizer.optimize_gnc(self.pose_graph(), heartbeat=heartbeat)
+            self._nodes = list(found.poses)
+            is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
+            weights = np.zeros(len(self.closures))
+            weights[[not c.reason for c in self.closures]] = found.weights[is_closure]
+            self._settled = weights
+        return self._settled
 
     def _begin_node(self, k: int) -> None:
         if not self._nodes:
@@ -134,7 +148,9 @@ class SubmapGraph:
         self._nodes.append(compose(self._nodes[-1], step.as_array()))
         covariance = self._accumulated(k)
         node = len(self._nodes) - 1
-        self._edges.append(Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY))
+        edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
+        self._edges.append(edge)
+        self._link(edge)
         self._reach = None
 
     def _accumulated(self, k: int) -> Floats:
@@ -175,33 +191,30 @@ class SubmapGraph:
         return sigma_m, np.sqrt(heading)
 
     def _paths(self) -> tuple[Floats, Floats, Floats]:
-        count = len(self._nodes)
-        i = np.array([c.i for c in self._edges])
-        j = np.array([c.j for c in self._edges])
-        covariances = np.array([c.covariance for c in self._edges])
-        steps = np.array([(c.i_from_j.x, c.i_from_j.y) for c in self._edges])
-        odometry = np.array([c.kind is ConstraintKind.ODOMETRY for c in self._edges])
-        length_each = np.where(odometry, np.hypot(steps[:, 0], steps[:, 1]), 0.0)
-        heading_each = covariances[:, 2, 2]
-        position_each = covariances[:, 0, 0] + covariances[:, 1, 1]
-        # Parallel constraints: the surest one counts.
-        order = np.lexsort((heading_each, j, i))
-        key = i[order] * count + j[order]
-        order = order[np.unique(key, return_index=True)[1]]
-        links = sparse.csr_matrix((heading_each[order], (i[order], j[order])), (count, count))
+        """Variances of heading and position, and path lengths, from the newest node to all."""
+        count, links = len(self._nodes), self._links
+        pairs = np.array(list(links), dtype=np.int64).reshape(-1, 2)
+        values = np.array(list(links.values())).reshape(-1, 3)
+        graph = sparse.csr_matrix((values[:, 0], (pairs[:, 0], pairs[:, 1])), (count, count))
         heading, parents = dijkstra(
-            links, directed=False, indices=count - 1, return_predecessors=True
+            graph, directed=False, indices=count - 1, return_predecessors=True
         )
-        lookup = {
-            (int(a), int(b)): int(e) for a, b, e in zip(i[order], j[order], order, strict=True)
-        }
-        position, length = np.zeros(count), np.zeros(count)
-        for node in np.argsort(heading, kind="stable")[1:]:
+        table = np.zeros((count, 2))
+        for node in np.argsort(heading, kind="stable")[1:].tolist():
             parent = int(parents[node])
-            e = lookup.get((int(node), parent), lookup.get((parent, int(node)), -1))
-            position[node] = position[parent] + position_each[e]
-            length[node] = length[parent] + length_each[e]
-        return heading, position, length
+            link = links.get((node, parent)) or links[parent, node]
+            table[node] = table[parent] + link[1:]
+        return heading, table[:, 0], table[:, 1]
+
+    def _link(self, edge: Constraint) -> None:
+        """Remember the surest constraint between two nodes for `_paths`."""
+        c = edge.covariance
+        is_step = edge.kind is ConstraintKind.ODOMETRY
+        length = math.hypot(edge.i_from_j.x, edge.i_from_j.y) if is_step else 0.0
+        link = (float(c[2, 2]), float(c[0, 0] + c[1, 1]), length)
+        known = self._links.get((edge.i, edge.j))
+        if known is None or link < known:
+            self._links[edge.i, edge.j] = link
 
     def _optimize(self, heartbeat: Heartbeat) -> None:
         graph = PoseGraph(np.array(self._nodes), tuple(self._edges))
@@ -209,3 +222,34 @@ class SubmapGraph:
         self._nodes = list(found.poses)
         self._pending = 0
         self._surprising = False
+
+
+def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats:
+    """Give every scan a pose in the map, given the poses of some.
+
+    Parameters
+    ----------
+    local : (N, 3) float64
+        `local_from_robot` of all scans.
+    at : (A,) int64
+        Scans whose pose is known, ascending.
+    anchor_poses : (A, 3) float64
+        `map_from_robot` of those.
+
+    Returns
+    -------
+    (N, 3) float64
+        `map_from_robot` of all scans.
+    """
+    scans = np.arange(len(local))
+    before = np.clip(np.searchsorted(at, scans, side="right") - 1, 0, len(at) - 1)
+    after = np.minimum(before + 1, len(at) - 1)
+    from_before = compose(anchor_poses[before], between(local[at[before]], local))
+    from_after = compose(anchor_poses[after], between(local[at[after]], local))
+    gap = np.maximum(at[after] - at[before], 1)
+    share = np.clip((scans - at[before]) / gap, 0.0, 1.0)[:, None]
+    away = from_after - from_before
+    away[:, 2] = wrap_angles(away[:, 2])
+    poses = from_before + share * away
+    poses[:, 2] = wrap_angles(poses[:, 2])
+    return np.asarray(poses, dtype=np.float64)

@@ -29,6 +29,7 @@ _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
 _FINE_GRIDS = 32
 _QUERY_RANGE_M = 12.0
+_LONG_AGO = -1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +94,9 @@ class LoopCloser:
         self._fine = SubmapCache(matching, _FINE_GRIDS, _itself)
         self._coarse = SubmapCache(coarse, _COARSE_GRIDS, _pyramid)
         self._tentative: list[Closure] = []
-        self._last_search = -1_000_000
+        self._last_search = _LONG_AGO
         self._tried: dict[int, int] = {}
+        self._matched: dict[int, int] = {}
 
     def examine(
         self,
@@ -119,12 +121,14 @@ class LoopCloser:
         done = self._confirm(k, keyframes, submaps)
         sure = [e for e in expected if self._is_sure(e)][: self._config.candidates]
         for e in sure:
-            done.append(self._at_prediction(k, e, keyframes, submaps))
+            if k - self._matched.get(e.submap, _LONG_AGO) >= self._config.match_every:
+                self._matched[e.submap] = k
+                done.append(self._at_prediction(k, e, keyframes, submaps))
         unsure = [e for e in expected if not self._is_sure(e)]
         if unsure and k - self._last_search >= self._config.search_every:
             self._last_search = k
             self._search(k, unsure, keyframes, submaps)
-        return [c for c in done if c is not None]
+        return done
 
     def _is_sure(self, e: Expectation) -> bool:
         return e.sigma_m <= self._config.sure_m and e.sigma_rad <= self._config.sure_rad
@@ -150,7 +154,7 @@ class LoopCloser:
         submaps: Sequence[Submap],
     ) -> None:
         """Detect: best place of the last few keyframes' points in the nearest submaps' windows."""
-        fresh = [e for e in unsure if k - self._tried.get(e.submap, -1_000_000) >= 40]
+        fresh = [e for e in unsure if k - self._tried.get(e.submap, _LONG_AGO) >= 40]
         query = self._query(k, keyframes)
         for e in fresh[: self._config.searches]:
             self._tried[e.submap] = k
