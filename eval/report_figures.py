@@ -66,7 +66,7 @@ def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory
         )
     _put_ends(fig, next(iter(trajectories.values())))
     _metric_axes(fig, geometry)
-    return html.figure(fig)
+    return html.figure(fig, _height_px(geometry))
 
 
 def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
@@ -91,6 +91,12 @@ def _put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None
         sizing="stretch",
         layer="below",
     )
+
+
+def _height_px(geometry: GridGeometry) -> int:
+    """Return a height at which the map fills the page's width, within what fits a screen."""
+    x_min, x_max, y_min, y_max = geometry.extent_m
+    return round(min(max(1000.0 * (y_max - y_min) / (x_max - x_min), 420.0), 860.0))
 
 
 def _metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
@@ -138,7 +144,7 @@ def gain_figure(radio: RadioMap) -> str:
         float(x[0]), float(y[0]), g.resolution_m, rows.stop - rows.start, cols.stop - cols.start
     )
     _metric_axes(fig, shown)
-    return html.figure(fig)
+    return html.figure(fig, _height_px(shown))
 
 
 def _mapped(radio: RadioMap) -> tuple[slice, slice]:
@@ -171,7 +177,7 @@ def _put_access_points(fig: go.Figure, radio: RadioMap) -> None:
         }
         for index, ap in enumerate(radio.access_points)
     ]
-    fig.update_layout(updatemenus=[{"buttons": buttons, "x": 1, "y": 1.1, "xanchor": "right"}])
+    fig.update_layout(updatemenus=[{"buttons": buttons, "x": 0, "y": 1.12, "xanchor": "left"}])
 
 
 def _single(values: Floats) -> NDArray[np.float32]:

@@ -131,6 +131,12 @@ def bars(rows: Sequence[tuple[str, float]], unit: str) -> str:
     return f'<table style="width:100%"><tbody>{body}</tbody></table>' if rows else ""
 
 
+def links(targets: Iterable[tuple[str, str]]) -> str:
+    """Return a list of links: (what it is, where it is)."""
+    items = "".join(f'<li><a href="{escape(to)}">{escape(name)}</a></li>' for name, to in targets)
+    return f"<ul>{items}</ul>" if items else ""
+
+
 def folded(title: str, content: str) -> str:
     """Return content that opens on a click."""
     return f"<details><summary>{escape(title)}</summary>{content}</details>"

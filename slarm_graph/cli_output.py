@@ -6,12 +6,17 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
 from slarm_graph.eval.metrics import Metric, metrics_json
 from slarm_graph.readings import ScanStatus
+
+if TYPE_CHECKING:
+    from slarm_graph.eval.comparison import Outcome
+    from slarm_graph.run_folder import RunFolder
 
 
 def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False) -> None:
@@ -54,3 +59,18 @@ def show_scans(scans: Sequence[ScanStatus]) -> None:
         total = sum(count for _, count in dropped)
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped)
         print(f"note: {total} of {len(scans)} scans not used: {reasons}", file=sys.stderr)
+
+
+def show_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
+    """Print and write a comparison: table, `comparison.csv` and `report.html`."""
+    from slarm_graph.eval.comparison import comparison_html, run_rows, summary_rows
+    from slarm_graph.outputs import csv_text
+
+    columns, rows = summary_rows(outcomes)
+    show_table(columns, rows, title="mean ± standard deviation over seeds")
+    folder.write_text("comparison.csv", csv_text(*run_rows(outcomes)))
+    good = sum(outcome.status == "ok" for outcome in outcomes)
+    lead = f"{what}; {good} of {len(outcomes)} runs ok"
+    folder.write_text("report.html", comparison_html(outcomes, lead))
+    folder.note(status="ok" if good == len(outcomes) else "partial", runs=len(outcomes))
+    print(f"{lead} -> {folder.path}/report.html")

@@ -16,6 +16,7 @@ from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.config import RunConfig
+    from slarm_graph.eval.comparison import Outcome
     from slarm_graph.job import Job, Run
     from slarm_graph.radio_words import AccessPoint
     from slarm_graph.run_folder import RunFolder
@@ -31,9 +32,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for run folders."
 Name = Annotated[str | None, typer.Option("--name", help="Name of the run folder in it.")]
 AccessPoints = Annotated[
     list[str] | None,
-    typer.Option(
-        "--ap", metavar="X Y Z", help="Access point in the map, in metres; may be repeated."
-    ),
+    typer.Option("--ap", metavar="X Y Z", help="Access point in the map, in m; repeatable."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.")]
 ConfigFile = Annotated[
@@ -58,6 +57,7 @@ RelationsFile = Annotated[
 def add_to(app: typer.Typer) -> None:
     """Register the commands."""
     app.command("run")(run_command)
+    app.command("compare")(compare_command)
 
 
 def run_command(
@@ -171,3 +171,52 @@ def _show(job: Job, run: Run, folder: RunFolder) -> None:
     show_metrics(run.metrics, title=f"{job.paths[0].name}, backend {job.config.backend}")
     seconds = cast(float, folder.record()["wall_s"])
     print(f"{len(run.intake.stamps_ns)} scans in {seconds:.1f} s -> {folder.path}/report.html")
+
+
+def compare_command(
+    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="Recordings.")],
+    backends: Annotated[
+        str, typer.Option(metavar="A,B", help="Backends, with commas between them.")
+    ] = "odometry,gmapping,pose_graph",
+    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
+    ] = None,
+    ap: AccessPoints = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Run every source with every backend and seed, and compare."""
+    from slarm_graph.backends import registered
+    from slarm_graph.cli_output import show_comparison
+    from slarm_graph.compare import compare, trials
+    from slarm_graph.config_files import load_config
+    from slarm_graph.frontends.sources import existing_paths
+    from slarm_graph.run_folder import create_run_folder
+
+    chosen = [word.strip() for word in backends.split(",") if word.strip()]
+    unknown = [word for word in chosen if word not in registered()]
+    if unknown or not chosen:
+        raise BadInput(f"no backend {unknown}; there are {', '.join(sorted(registered()))}")
+    access_points(ap or (), load_config(config, settings or ()))
+    folder = create_run_folder(out, name)
+    options = [
+        *(word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())),
+        *(("--config", str(config.resolve())) if config else ()),
+        *(word for setting in settings or () for word in ("--set", setting)),
+    ]
+    planned = trials(existing_paths(sources), chosen, seeds, folder.path, options)
+    outcomes = compare(planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome)
+    show_comparison(folder, outcomes, f"{len(sources)} sources, {len(chosen)} backends")
+    return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
+
+
+def _tell_outcome(outcome: Outcome) -> None:
+    seconds = outcome.figures.get("wall_s", 0.0)
+    about = outcome.problem or f"{seconds:.1f} s"
+    print(f"{outcome.source} {outcome.backend} seed {outcome.seed}: {outcome.status} ({about})")

@@ -48,7 +48,7 @@ def _scans_per_s(folder: RunFolder, run: Run) -> float:
     """Scans over the time from the first reading to the final map."""
     stages = folder.record()["stages"]
     assert isinstance(stages, dict)
-    spent_s = sum(stages.get(name, 0.0) for name in _SLAM_STAGES)
+    spent_s = sum(float(stages.get(name, 0.0)) for name in _SLAM_STAGES)
     return round(len(run.intake.stamps_ns) / max(spent_s, 1e-3), 1)
 
 
@@ -64,7 +64,7 @@ def _trajectories(backend: str, run: Run, references: References) -> dict[str, T
     estimate = run.slam.trajectory
     paths = {backend: estimate}
     odometry = run.intake.odometry_trajectory()
-    if odometry is not None:
+    if odometry is not None and backend != "odometry":
         map_from_odom = Pose2.from_array(estimate.at(odometry.stamps_ns[:1])[0]) @ (
             Pose2.from_array(odometry.poses[0]).inverse()
         )

@@ -1,0 +1,34 @@
+# Everything sets itself up: `make demo` and `make test` need python3 >= 3.11, git and make.
+PYTHON ?= python3
+BIN := .venv/bin
+READY := .venv/.ready
+
+.PHONY: install demo test slow bench lint clean
+
+install: $(READY)
+
+$(READY): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "slarm-graph needs Python 3.11 or later: make PYTHON=/path/to/python3")'
+	test -x $(BIN)/python || $(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+demo: $(READY)
+	$(BIN)/slarm demo
+
+test: $(READY)
+	$(BIN)/python -m pytest -n auto -p no:benchmark
+
+slow: $(READY)
+	$(BIN)/python -m pytest -n auto -p no:benchmark -m slow
+
+bench: $(READY)
+	$(BIN)/python -m pytest benchmarks --benchmark-only -m ''
+
+lint: $(READY)
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+clean:
+	rm -rf .venv build dist *.egg-info

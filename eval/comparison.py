@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Many runs beside each other: one row per run, one per source and backend, and a page."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import plotly.graph_objects as go
+
+from slarm_graph.eval import report_page as html
+
+HEADLINES = (
+    "relations_translation_m",
+    "relations_rotation_deg",
+    "ate_rmse_m",
+    "accuracy",
+    "wall_s",
+    "scans_per_s",
+    "peak_memory_mb",
+)
+"""Figures of the short table, in this order, where any run has them."""
+
+Columns = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What came of one run of a comparison.
+
+    Parameters
+    ----------
+    source, backend : str
+    seed : int
+    status : str
+        `ok`, `partial` or `failed`, as in `run.json`.
+    problem : str
+        Why it is not `ok`.
+    folder : str
+        The run's folder, relative to the comparison's.
+    figures : mapping of str to float
+        Metrics, and time and memory from the run's record.
+    """
+
+    source: str
+    backend: str
+    seed: int
+    status: str
+    problem: str = ""
+    folder: str = ""
+    figures: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Mean, standard deviation, median and worst of a figure over the runs that have it."""
+
+    mean: float
+    sd: float
+    median: float
+    worst: float
+    count: int
+
+    def __str__(self) -> str:
+        if not self.count:
+            return "-"
+        return f"{self.mean:.4g}" + (f" ± {self.sd:.2g}" if self.count > 1 else "")
+
+
+def run_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:
+    """Return columns and one row per run, with every figure that any run has."""
+    names = sorted({name for outcome in outcomes for name in outcome.figures})
+    columns = ("source", "backend", "seed", "status", "problem", "folder", *names)
+    rows: list[tuple[html.Cell, ...]] = [
+        (
+            *(o.source, o.backend, o.seed, o.status, o.problem, o.folder),
+            *(o.figures.get(name) for name in names),
+        )
+        for o in outcomes
+    ]
+    return columns, rows
+
+
+def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[str, ...]]]:
+    """Return columns and one row per source and backend; failures stay in the count."""
+    names = [n for n in HEADLINES if any(n in outcome.figures for outcome in outcomes)]
+    rows = []
+    for source, backend, group in _groups(outcomes):
+        good = [o for o in group if o.status == "ok"]
+        problems = sorted({f"{o.status}: {o.problem}" for o in group if o.status != "ok"})
+        cells = (str(spread([o.figures[n] for o in good if n in o.figures])) for n in names)
+        rows.append((source, backend, f"{len(good)} of {len(group)}", *cells, "; ".join(problems)))
+    return ("source", "backend", "ok", *names, "problems"), rows
+
+
+def spread(values: Sequence[float]) -> Spread:
+    """Summarise values; larger counts as worse."""
+    if not values:
+        return Spread(math.nan, math.nan, math.nan, math.nan, 0)
+    v = np.array(values, dtype=np.float64)
+    sd = float(v.std(ddof=1)) if len(v) > 1 else 0.0
+    return Spread(float(v.mean()), sd, float(np.median(v)), float(v.max()), len(v))
+
+
+def comparison_html(outcomes: Sequence[Outcome], lead: str) -> str:
+    """Return the comparison as one self-contained page."""
+    columns, rows = summary_rows(outcomes)
+    all_columns, all_rows = run_rows(outcomes)
+    figures = [
+        html.section(name, html.figure(_strip(outcomes, name), 380))
+        for name in HEADLINES
+        if any(name in outcome.figures for outcome in outcomes)
+    ]
+    links = [(o.folder, f"{o.folder}/report.html") for o in outcomes if o.status == "ok"]
+    return html.page(
+        "Backend comparison",
+        [
+            html.heading("Backend comparison", lead),
+            html.section("Mean ± standard deviation over seeds", html.table(columns, rows)),
+            *figures,
+            html.section("Every run", html.table(all_columns, all_rows)),
+            html.section("Reports", html.links(links)),
+        ],
+    )
+
+
+def _strip(outcomes: Sequence[Outcome], name: str) -> go.Figure:
+    """Draw every run's figure as a point, sources side by side, backends by colour."""
+    fig = go.Figure()
+    for backend in dict.fromkeys(outcome.backend for outcome in outcomes):
+        mine = [o for o in outcomes if o.backend == backend and name in o.figures]
+        fig.add_box(
+            x=[o.source for o in mine],
+            y=[o.figures[name] for o in mine],
+            text=[f"seed {o.seed}" for o in mine],
+            name=backend,
+            boxpoints="all",
+            pointpos=0,
+            jitter=0.3,
+        )
+    fig.update_layout(boxmode="group")
+    fig.update_yaxes(title=name, rangemode="tozero", gridcolor="#dfe4ea")
+    return fig
+
+
+def _groups(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, str, list[Outcome]]]:
+    for source, backend in dict.fromkeys((o.source, o.backend) for o in outcomes):
+        yield (
+            source,
+            backend,
+            [o for o in outcomes if (o.source, o.backend) == (source, backend)],
+        )
