@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Configuration files: round trips, order of precedence, and typos with file, line and a hint."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from slarm_graph.config import RunConfig
+from slarm_graph.config_files import config_differences, config_yaml, load_config
+from slarm_graph.errors import BadInput
+
+
+@pytest.mark.parametrize("comments", [True, False])
+def test_what_is_printed_is_read_back(tmp_path: Path, comments: bool) -> None:
+    config = load_config(overrides=["backend=odometry", "mapping.resolution_m=0.1", "seed=7"])
+    path = tmp_path / "config.yaml"
+    path.write_text(config_yaml(config, comments=comments))
+    assert load_config(path) == config
+
+
+def test_overrides_beat_the_file_and_the_file_beats_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("seed: 3\nbackend: odometry\n")
+    config = load_config(path, ["seed=4"])
+    assert (config.seed, config.backend) == (4, "odometry")
+    assert config.mapping == RunConfig().mapping
+
+
+def test_every_key_is_explained_or_plain() -> None:
+    text = config_yaml(RunConfig(), comments=True)
+    assert "# Beams are cut here; what lies behind stays unseen.\n  max_range_m: 30.0" in text
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "seed: 1\nmapping:\n  max_rnge_m: 3\n",
+            ":3: unknown key 'mapping.max_rnge_m'; did you mean 'mapping.max_range_m'?",
+        ),
+        ("sed: 1\n", ":1: unknown key 'sed'; did you mean 'seed'?"),
+        ("mapping:\n  resolution_m: -1\n", ":2: mapping.resolution_m: Input should be greater"),
+        ("- 1\n", ": expected keys and values"),
+        ("a: [\n", ": cannot be read as YAML"),
+    ],
+)
+def test_typos_in_a_file(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInput) as refused:
+        load_config(path)
+    assert str(refused.value).startswith(f"{path}{words}")
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("resolution_m=1", "did you mean 'mapping.resolution_m'"),
+        ("seed", "expected key=value"),
+        ("seed=a", "seed: Input should be a valid integer"),
+        ("seed.x=1", "unknown key 'seed.x'"),
+        ("mapping=3", "mapping: "),
+    ],
+)
+def test_typos_on_the_command_line(override: str, words: str) -> None:
+    with pytest.raises(BadInput, match=r"--set") as refused:
+        load_config(overrides=[override])
+    assert words in str(refused.value)
+
+
+def test_empty_file_is_all_defaults(tmp_path: Path) -> None:
+    path = tmp_path / "c.yaml"
+    path.write_text("# nothing\n")
+    assert load_config(path) == RunConfig()
+
+
+def test_differences_are_named() -> None:
+    other = load_config(overrides=["mapping.resolution_m=0.1"])
+    assert config_differences(RunConfig(), other) == ("mapping.resolution_m: 0.05 -> 0.1",)

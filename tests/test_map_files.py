@@ -1,0 +1,157 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps written are read back identically by a reader that knows only nav2's rules."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import yaml
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from slarm_graph.errors import BadInput
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.map_files import map_yaml, pgm_bytes, read_map, trinary_image
+
+
+def nav2_cells(path: Path) -> tuple[NDArray[np.int8], list[float], float]:
+    """Read a map as nav2's map_server does, pixel by pixel and without our code or OpenCV.
+
+    Returns cells (rows, cols) of -1, 0 ... 100 with row 0 at the origin, origin and resolution.
+    """
+    info = yaml.safe_load(path.read_text())
+    data = (path.parent / info["image"]).read_bytes()
+    magic, size, maxval, pixels = data.split(b"\n", 3)
+    assert (magic, maxval) == (b"P5", b"255")
+    cols, rows = (int(word) for word in size.split())
+    assert len(pixels) == rows * cols
+    cells = np.full((rows, cols), -1, dtype=np.int8)
+    for index, value in enumerate(pixels):
+        row, col = rows - 1 - index // cols, index % cols
+        p = value / 255.0 if info["negate"] else (255 - value) / 255.0
+        if p >= info["occupied_thresh"]:
+            cells[row, col] = 100
+        elif p <= info["free_thresh"]:
+            cells[row, col] = 0
+    return cells, info["origin"], info["resolution"]
+
+
+def save(folder: Path, grid: OccupancyGrid) -> Path:
+    (folder / "map.pgm").write_bytes(pgm_bytes(trinary_image(grid.occupied, grid.free)))
+    path = folder / "map.yaml"
+    path.write_text(map_yaml("map.pgm", grid.geometry))
+    return path
+
+
+def corner_grid() -> OccupancyGrid:
+    """A wall along the lowest row, one free cell to its upper left, everything else unknown."""
+    p = np.full((4, 6), np.nan, dtype=np.float32)
+    p[0, :] = 1.0
+    p[3, 0] = 0.0
+    return OccupancyGrid(GridGeometry(-1.0, 2.0, 0.05, 4, 6), p)
+
+
+def test_nothing_is_mirrored_and_unknown_stays_unknown(tmp_path: Path) -> None:
+    cells, origin, resolution = nav2_cells(save(tmp_path, corner_grid()))
+    assert (cells[0] == 100).all()
+    assert cells[3, 0] == 0
+    assert (cells == -1).sum() == 24 - 6 - 1
+    assert (origin, resolution) == ([-1.0, 2.0, 0.0], 0.05)
+
+
+numbers = st.floats(-1e4, 1e4, allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.integers(1, 9), st.integers(1, 9), numbers, numbers, st.floats(1e-6, 10), st.integers(0, 99)
+)
+def test_two_readers_agree(
+    tmp_path_factory: pytest.TempPathFactory,
+    rows: int,
+    cols: int,
+    x: float,
+    y: float,
+    resolution: float,
+    seed: int,
+) -> None:
+    cells = np.random.default_rng(seed).choice([0.0, 1.0, np.nan], (rows, cols))
+    grid = OccupancyGrid(GridGeometry(x, y, resolution, rows, cols), cells.astype(np.float32))
+    path = save(tmp_path_factory.mktemp("map"), grid)
+    theirs, origin, their_resolution = nav2_cells(path)
+    ours = read_map(path)
+    assert ours.geometry == grid.geometry
+    assert (origin[0], origin[1], their_resolution) == (x, y, resolution)
+    assert np.array_equal(ours.probability, grid.probability, equal_nan=True)
+    assert np.array_equal(theirs, np.nan_to_num(grid.probability, nan=-0.01) * 100)
+
+
+def described(folder: Path, pixels: NDArray[np.uint8], **changes: object) -> Path:
+    """Write an image as PNG with a YAML that differs from the usual one by some keys."""
+    cv2.imwrite(str(folder / "m.png"), pixels)
+    keys = {
+        "image": "m.png",
+        "resolution": 0.1,
+        "origin": [0.0, 0.0, 0.0],
+        "negate": 0,
+        "occupied_thresh": 0.65,
+        "free_thresh": 0.196,
+    } | changes
+    path = folder / "m.yaml"
+    path.write_text(yaml.safe_dump({k: v for k, v in keys.items() if v is not None}))
+    return path
+
+
+def test_scale_and_raw_maps_follow_nav2(tmp_path: Path) -> None:
+    image = np.arange(256, dtype=np.uint8)[None, :]
+    scale = read_map(described(tmp_path, image, mode="scale")).probability[0]
+    raw = read_map(described(tmp_path, image, mode="raw")).probability[0]
+    for value in range(256):
+        p = (255 - value) / 255
+        between = round(100 * (p - 0.196) / (0.65 - 0.196)) / 100
+        expected = 1.0 if p >= 0.65 else 0.0 if p <= 0.196 else between
+        assert scale[value] == pytest.approx(expected, abs=1e-6)
+        assert (
+            (raw[value] == pytest.approx(value / 100)) if value <= 100 else math.isnan(raw[value])
+        )
+
+
+def test_negated_coloured_and_transparent_images(tmp_path: Path) -> None:
+    dark = np.zeros((1, 2), dtype=np.uint8)
+    assert (read_map(described(tmp_path, dark, negate=1)).probability == 0).all()
+    pixels = np.array([[[0, 0, 0, 255], [255, 255, 255, 255], [0, 0, 0, 10]]], dtype=np.uint8)
+    cells = read_map(described(tmp_path, pixels)).probability[0]
+    assert cells[:2].tolist() == [1, 0]
+    assert math.isnan(cells[2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"resolution": None}, "missing key 'resolution'"),
+        ({"origin": [0, 0]}, "'origin' should have 3 elements"),
+        ({"origin": [0, 0, 0.1]}, "only yaw 0"),
+        ({"origin": [0, math.nan, 0]}, "'origin' is not finite"),
+        ({"free_thresh": 0.7}, "0 <= free_thresh < occupied_thresh <= 1"),
+        ({"resolution": "fine"}, "'resolution' is not a number"),
+        ({"resolution": -1}, "resolution must be positive"),
+        ({"mode": "colour"}, "none of trinary, scale, raw"),
+        ({"image": "nowhere.png"}, "no such file"),
+    ],
+)
+def test_names_what_is_wrong(tmp_path: Path, changes: dict[str, object], words: str) -> None:
+    with pytest.raises(BadInput, match=words):
+        read_map(described(tmp_path, np.zeros((1, 1), dtype=np.uint8), **changes))
+
+
+def test_real_map_of_gmapping_is_read(shared_data: Path) -> None:
+    grid = read_map(shared_data / "robot_bags" / "all.yaml")
+    assert grid.occupied.any()
+    assert grid.free.any()
+    assert grid.unknown.any()

@@ -1,0 +1,122 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""TUM as evo reads it, round trips to the nanosecond, and every bad line named."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from evo.tools import file_interface
+from hypothesis import given
+from hypothesis import strategies as st
+
+from slarm_graph.errors import BadInput
+from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
+from slarm_graph.trajectory import Trajectory
+from slarm_graph.trajectory_files import read_trajectory, tum_text
+
+STAMP_NS = 1_700_000_000_123_456_789
+
+
+def spiral(count: int = 60) -> Trajectory:
+    angle = np.linspace(-3.2, 3.2, count)
+    stamps = STAMP_NS + np.arange(count) * 100_000_007
+    return Trajectory(
+        stamps, np.column_stack([np.cos(angle), angle, 2 * angle])
+    )
+
+
+def written(tmp_path: Path, text: str | bytes, name: str = "t.tum") -> Path:
+    path = tmp_path / name
+    path.write_bytes(text if isinstance(text, bytes) else text.encode())
+    return path
+
+
+@given(st.integers(-(2**62), 2**62))
+def test_nanoseconds_survive_as_text(stamp_ns: int) -> None:
+    assert seconds_to_ns(ns_to_seconds(stamp_ns)) == stamp_ns
+
+
+def test_round_trip_keeps_stamps_exactly_and_poses_to_a_nanometre(tmp_path: Path) -> None:
+    path = spiral()
+    back = read_trajectory(written(tmp_path, tum_text(path)))
+    assert np.array_equal(back.stamps_ns, path.stamps_ns)
+    assert np.allclose(back.poses[:, :2], path.poses[:, :2], atol=1e-9)
+    turn = np.angle(np.exp(1j * (back.poses[:, 2] - path.poses[:, 2])))
+    assert np.abs(turn).max() < 1e-11
+
+
+def test_evo_reads_what_is_written(tmp_path: Path) -> None:
+    path = spiral()
+    theirs = file_interface.read_tum_trajectory_file(written(tmp_path, tum_text(path)))
+    assert theirs.check()[0]
+    assert np.allclose(theirs.positions_xyz[:, :2], path.poses[:, :2], atol=1e-9)
+    headings = [np.arctan2(m[1, 0], m[0, 0]) for m in theirs.poses_se3]
+    assert np.allclose(np.exp(1j * np.array(headings)), np.exp(1j * path.poses[:, 2]), atol=1e-9)
+
+
+def test_lines_are_strict_tum() -> None:
+    text = tum_text(Trajectory(np.array([5]), np.array([[-1e-12, 2.0, 0.0]])))
+    assert text == (
+        "# timestamp tx ty tz qx qy qz qw\n"
+        "0.000000005 0.000000000 2.000000000 0.000000000"
+        " 0.000000000000 0.000000000000 0.000000000000 1.000000000000\n"
+    )
+
+
+def test_tolerates_what_other_tools_write(tmp_path: Path) -> None:
+    text = "\ufeff# comment\r\n\r\n1.5\t1  2 0 0 0 0 1 \r\n2.5 3 4 0 0 0 1 0\t\r\n\r\n"
+    path = read_trajectory(written(tmp_path, text))
+    assert path.stamps_ns.tolist() == [1_500_000_000, 2_500_000_000]
+    assert np.allclose(path.poses, [[1, 2, 0], [3, 4, np.pi]])
+
+
+def test_reads_euroc_with_w_first(tmp_path: Path) -> None:
+    text = "#timestamp [ns],x,y,z,qw,qx,qy,qz\n1403636579763555584,1,2,0,0,0,0,1,9,9\n"
+    path = read_trajectory(written(tmp_path, text, "data.csv"))
+    assert path.stamps_ns[0] == 1403636579763555584
+    assert np.allclose(path.poses, [[1, 2, np.pi]])
+
+
+def test_reads_kitti_with_a_second_between_poses(tmp_path: Path) -> None:
+    path = read_trajectory(written(tmp_path, "1 0 0 7 0 1 0 8 0 0 1 0\n0 -1 0 7 1 0 0 9 0 0 1 0\n"))
+    assert path.stamps_ns.tolist() == [0, 1_000_000_000]
+    assert np.allclose(path.poses, [[7, 8, 0], [7, 9, np.pi / 2]])
+
+
+def test_sorts_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    line = "{} {} 0 0 0 0 0 1\n"
+    text = "".join(line.format(stamp, stamp) for stamp in (3, 1, 2, 2))
+    logger = "slarm_graph.trajectory_files"
+    with caplog.at_level("WARNING", logger):
+        path = read_trajectory(written(tmp_path, text))
+    assert path.poses[:, 0].tolist() == [1, 2, 3]
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "words"),
+    [
+        ("1 2 3 0 0 0 0 1\n2 2 3 0 0 0 1\n", 2, "expected 8 numbers, got 7"),
+        ("1 2 3 0 0 0 0\n", 1, "expected 8 numbers (TUM)"),
+        ("1 2 3 0 0 0 0 1\n\n# c\n2 nan 3 0 0 0 0 1\n", 4, "not a finite number"),
+        ("1 x 3 0 0 0 0 1\n", 1, "could not convert"),
+        ("1 2 3 0 0 0 0 0\n", 1, "quaternion of length 0"),
+    ],
+)
+def test_names_file_and_line(tmp_path: Path, text: str, line: int, words: str) -> None:
+    path = written(tmp_path, text)
+    with pytest.raises(BadInput) as refused:
+        read_trajectory(path)
+    assert str(refused.value).startswith(f"{path}:{line}: ")
+    assert words in str(refused.value)
+
+
+def test_refuses_missing_empty_and_binary_files(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="no such file"):
+        read_trajectory(tmp_path / "missing.tum")
+    with pytest.raises(BadInput, match="no poses"):
+        read_trajectory(written(tmp_path, ""))
+    with pytest.raises(BadInput, match="cannot be read as text"):
+        read_trajectory(written(tmp_path, b"\xff\xfe\x00\x80"))
