@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.messages import ODOMETRY, SCAN_TYPES
 from slarm_graph.frontends.recordings import Topic
 
+FrameOf = Callable[[Topic], str]
+"""Finds the frame of a topic's first message."""
 
-def choose_scan_topic(topics: Sequence[Topic], wanted: str | None) -> Topic:
+
+def choose_scan_topic(topics: Sequence[Topic], wanted: str | None, frame_of: FrameOf) -> Topic:
     """Return the topic with the scans.
 
     Raises
@@ -21,41 +24,61 @@ def choose_scan_topic(topics: Sequence[Topic], wanted: str | None) -> Topic:
     """
     scans = [topic for topic in topics if topic.msgtype in SCAN_TYPES]
     if wanted is not None:
-        found = [topic for topic in scans if topic.name == "/" + wanted.lstrip("/")]
+        found = [topic for topic in scans if topic.name == _absolute(wanted)]
         if not found:
-            raise BadInput(f"no scans on topic {wanted}; {_listed(scans or topics)}")
+            raise BadInput(f"no scans on topic {wanted}; it has {listed(scans or topics)}")
         return found[0]
     filled = [topic for topic in scans if topic.count] or scans
     if not filled:
-        raise BadInput(f"no LaserScan topic in the recording; {_listed(topics)}")
+        raise BadInput(f"no LaserScan topic in the recording; it has {listed(topics)}")
     if len(filled) > 1:
         flags = " or ".join(f"--scan {topic.name}" for topic in filled)
-        raise BadInput(f"{len(filled)} LaserScan topics; choose with {flags}; {_listed(filled)}")
+        told = listed(filled, frame_of)
+        raise BadInput(f"{len(filled)} LaserScan topics; choose with {flags}; it has {told}")
     return filled[0]
 
 
-def choose_odom_topic(topics: Sequence[Topic], wanted: str | None) -> Topic | None:
-    """Return the topic with nav_msgs/Odometry, or None when tf or nothing has to do."""
+def choose_odom_topic(
+    topics: Sequence[Topic], wanted: str | None
+) -> tuple[Topic | None, list[str]]:
+    """Return the topic with nav_msgs/Odometry, and what to tell of the choice.
+
+    The topic is None where tf or nothing has to do.
+
+    Raises
+    ------
+    BadInput
+        When the wanted one is not there, or several are and none is called /odom.
+    """
     odoms = [topic for topic in topics if topic.msgtype == ODOMETRY and topic.count]
     if wanted in ("none", "tf"):
-        return None
+        return None, []
     if wanted is not None:
-        found = [topic for topic in odoms if topic.name == "/" + wanted.lstrip("/")]
+        found = [topic for topic in odoms if topic.name == _absolute(wanted)]
         if not found:
-            raise BadInput(f"no odometry on topic {wanted}; {_listed(odoms or topics)}")
-        return found[0]
-    if len(odoms) > 1:
-        usual = [topic for topic in odoms if topic.name == "/odom"]
-        if not usual:
-            flags = " or ".join(f"--odom {topic.name}" for topic in odoms)
-            raise BadInput(f"{len(odoms)} Odometry topics; choose with {flags} or --odom none")
-        return usual[0]
-    return odoms[0] if odoms else None
+            raise BadInput(f"no odometry on topic {wanted}; it has {listed(odoms or topics)}")
+        return found[0], []
+    if len(odoms) < 2:
+        return (odoms[0] if odoms else None), []
+    usual = next((topic for topic in odoms if topic.name == "/odom"), None)
+    if usual is None:
+        flags = " or ".join(f"--odom {topic.name}" for topic in odoms)
+        raise BadInput(f"{len(odoms)} Odometry topics; choose with {flags} or --odom none")
+    others = ", ".join(topic.name for topic in odoms if topic is not usual)
+    return usual, [f"using /odom, not {others}; choose with --odom"]
 
 
-def _listed(topics: Iterable[Topic]) -> str:
-    told = ", ".join(
-        f"{topic.name} ({topic.msgtype}, {topic.count} messages, {topic.rate_hz:.1f} Hz)"
-        for topic in topics
+def _absolute(name: str) -> str:
+    return "/" + name.lstrip("/")
+
+
+def listed(topics: Iterable[Topic], frame_of: FrameOf | None = None) -> str:
+    """Write topics with type, frame, count and rate."""
+    return (
+        ", ".join(
+            f"{topic.name} ({topic.msgtype}{f' in {frame_of(topic)}' if frame_of else ''}, "
+            f"{topic.count} messages, {topic.rate_hz:.1f} Hz)"
+            for topic in topics
+        )
+        or "no topics"
     )
-    return f"it has {told}" if told else "it has no topics"

@@ -194,18 +194,26 @@ class RecordedSource:
             )
 
     def _place(self, rows: Ints, mounting_at: MountingAt) -> list[Mounting]:
+        """Find where the laser sat at every scan; one unknown frame among others is no reason."""
         mountings = [Mounting()] * len(self._table)
-        for frame, of_frame in self._table.frames().items():
-            some = rows[np.isin(rows, of_frame)] if len(of_frame) < len(self._table) else rows
-            if not some.size:
+        refused: list[BadInput] = []
+        frames = {name: rows[np.isin(rows, some)] for name, some in self._table.frames().items()}
+        frames = {name: some for name, some in frames.items() if some.size}
+        for frame, some in frames.items():
+            try:
+                found = mounting_at(frame, self._stamps[some])
+            except BadInput as error:
+                refused.append(error)
+                self._fates.drop(some, str(error))
                 continue
-            found = mounting_at(frame, self._stamps[some])
             for row, mounting in zip(some.tolist(), found, strict=True):
                 if mounting is None:
                     self._fates.drop([row], f"no transform from {frame} at its stamp")
                 else:
                     mountings[row] = mounting
             self._notices += next((m.describe(frame) for m in found if m is not None), [])
+        if refused and len(refused) == len(frames):
+            raise refused[0]
         return mountings
 
     def _odometry_at(self, odometry: OdometryPath | None) -> tuple[Floats, NDArray[np.bool_]]:

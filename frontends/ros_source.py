@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -62,12 +63,26 @@ class RosMessages:
 def open_ros(paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
     """Open ROS recordings as one source of readings."""
     recording = open_recording(paths)
-    scan_topic = choose_scan_topic(recording.topics, config.scan_topic)
-    odom_topic = choose_odom_topic(recording.topics, config.odom)
+    scan_topic = choose_scan_topic(
+        recording.topics, config.scan_topic, partial(first_frame, recording)
+    )
+    odom_topic, told = choose_odom_topic(recording.topics, config.odom)
     tf_topics = [topic for topic in recording.topics if topic.msgtype in TF_TYPES]
     wanted = [scan_topic, *tf_topics, *([odom_topic] if odom_topic else [])]
     messages = read_messages(recording, wanted, echo=config.echo)
-    return _assemble(recording, messages, scan_topic, odom_topic, config)
+    return _assemble(recording, messages, scan_topic, odom_topic, config, told)
+
+
+def first_frame(recording: Recording, topic: Topic) -> str:
+    """Return the frame of a scan topic's first message, `?` where it cannot be read."""
+    for _, packed in recording.read([topic]):
+        first = packed.subset(np.arange(min(1, len(packed))))
+        try:
+            blocks = _decode_scans(first, topic, recording.cdr, "first", 0)
+        except Malformed:
+            break
+        return blocks[0].frame if blocks else "?"
+    return "?"
 
 
 def read_messages(
@@ -122,11 +137,12 @@ def _assemble(
     scan_topic: Topic,
     odom_topic: Topic | None,
     config: SourceConfig,
+    told: Sequence[str],
 ) -> RecordedSource:
     blocks = messages.scans.get(scan_topic.name, [])
     if not blocks:
         raise BadInput(f"{scan_topic.name} holds no scans")
-    notices = list(recording.notices)
+    notices = [*recording.notices, *told]
     tree = _tree(messages, config, notices)
     odometry = messages.odometry.get(odom_topic.name) if odom_topic else None
     robot = _robot_frame(tree, odometry, blocks, config, notices)
@@ -162,7 +178,7 @@ def _robot_frame(
     notices: list[str],
 ) -> str:
     """The configured frame, else the odometry's child, else the usual names above the laser."""
-    laser = blocks[0].frame
+    laser = _usual_frame(blocks)
     if config.robot_frame is not None:
         return config.robot_frame.lstrip("/")
     if odometry is not None and len(odometry):
@@ -179,6 +195,14 @@ def _robot_frame(
     root = tree.root(laser)
     notices.append(f"no base_link in tf: the robot's frame is taken to be {root}")
     return root
+
+
+def _usual_frame(blocks: Sequence[ScanBlock]) -> str:
+    """The frame most scans are in."""
+    counts: Counter[str] = Counter()
+    for block in blocks:
+        counts[block.frame] += len(block)
+    return counts.most_common(1)[0][0]
 
 
 def mountings(tree: TransformTree, robot: str, config: SourceConfig) -> MountingAt:

@@ -26,17 +26,6 @@ def stamp_ns(header) -> int:
     return header.stamp.sec * 10**9 + header.stamp.nanosec
 
 
-LIMITS = [
-    "angle_min",
-    "angle_max",
-    "angle_increment",
-    "time_increment",
-    "scan_time",
-    "range_min",
-    "range_max",
-]
-
-
 @pytest.mark.parametrize("encoding", ENCODINGS)
 def test_scans_of_any_frame_and_beam_count_are_read_as_rosbags_reads_them(encoding: str) -> None:
     writer, rng = Writer(encoding), np.random.default_rng(1)

@@ -1,0 +1,471 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings of every kind become readings; bad ones are told in one line."""
+
+from __future__ import annotations
+
+import shutil
+import sqlite3
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ros_bags import IDENTITY, KINDS, Recorded, maker_of, write_recording
+
+from slarm_graph.config import SourceConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.sources import open_source
+from slarm_graph.readings import Reading, Source
+
+T0 = 1000.0
+NONE = SourceConfig(odom="none")
+
+
+def drive(
+    kind: str = "bag",
+    *,
+    scans: int = 40,
+    odom: bool = True,
+    until_s: float = 1e9,
+    laser: str = "base_link",
+    seed: int = 0,
+    **scan: object,
+) -> list[Recorded]:
+    """A robot that drives along x at 1 m/s, scanning at 10 Hz."""
+    make, rng = maker_of(kind), np.random.default_rng(seed)
+    messages: list[Recorded] = []
+    for k in range(scans):
+        t = T0 + 0.1 * k
+        ranges = 2.0 + rng.random(60)
+        messages.append(("/scan", t, make.laser_scan(t, ranges, frame=laser, **scan)))
+        if odom and t - T0 <= until_s:
+            messages.append(("/odom", t, make.odom(t - 0.02, x=t - 0.02 - T0)))
+    return messages
+
+
+def opened(path: Path | list[Path], config: SourceConfig | None = None) -> Source:
+    return open_source(path, config or SourceConfig())
+
+
+def readings(path: Path | list[Path], config: SourceConfig | None = None) -> list[Reading]:
+    return list(opened(path, config))
+
+
+def told(path: Path | list[Path], config: SourceConfig | None = None) -> str:
+    """The one line that refuses a recording."""
+    with pytest.raises(BadInput) as caught:
+        opened(path, config)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def noticed(path: Path, config: SourceConfig | None = None) -> str:
+    return "; ".join(opened(path, config).info().notices)
+
+
+# Every kind of recording ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_gives_the_same_readings(tmp_path: Path, kind: str) -> None:
+    path = write_recording(tmp_path / f"drive.{'bag' if kind == 'bag' else 'd'}", drive(kind), kind)
+    got = readings(path)
+    assert [r.stamp_ns for r in got] == [round((T0 + 0.1 * k) * 1e9) for k in range(40)]
+    at = np.array([r.odom_from_robot.x for r in got[1:]])
+    # The last odometry is 20 ms older than the last scan: held, not extrapolated.
+    np.testing.assert_allclose(at[:-1], 0.1 * np.arange(1, 39), atol=1e-6)
+    assert at[-1] == pytest.approx(3.88)
+    assert len(got[0].scan.ranges_m) == 60
+
+
+@pytest.mark.parametrize("kind", ["db3", "mcap"])
+def test_ros2_storage_is_found_however_it_is_named(tmp_path: Path, kind: str) -> None:
+    folder = write_recording(tmp_path / "rec", drive(kind), kind)
+    want = [r.stamp_ns for r in readings(folder)]
+    lone = next(folder.glob(f"*.{kind}"))
+    assert [r.stamp_ns for r in readings(lone)] == want
+    assert [r.stamp_ns for r in readings(folder / "metadata.yaml")] == want
+    unnamed = tmp_path / "recording"
+    shutil.copy(lone, unnamed)
+    assert [r.stamp_ns for r in readings(unnamed)] == want
+    (folder / "metadata.yaml").unlink()
+    assert [r.stamp_ns for r in readings(folder)] == want
+    assert "no usable metadata.yaml" in noticed(folder)
+
+
+def test_metadata_with_an_empty_storage_id_is_gone_round(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "rec", drive("db3"), "db3")
+    meta = folder / "metadata.yaml"
+    meta.write_text(
+        meta.read_text().replace("storage_identifier: sqlite3", "storage_identifier: ''")
+    )
+    assert len(readings(folder)) == 40
+
+
+def test_db3_without_type_definitions_is_read(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "rec", drive("db3"), "db3")
+    with sqlite3.connect(next(folder.glob("*.db3"))) as database:
+        database.execute("DELETE FROM message_definitions")
+    database.close()
+    assert len(readings(folder)) == 40
+
+
+def test_several_bags_are_put_together_in_order_of_time(tmp_path: Path) -> None:
+    messages = drive()
+    first = write_recording(tmp_path / "b_first.bag", messages[:40])
+    second = write_recording(tmp_path / "a_second.bag", messages[40:])
+    got = readings([second, first])
+    assert len(got) == 40
+    assert all(r.odom_from_robot is not None for r in got)
+
+
+def test_the_old_tf_message_type_is_read(shared_data: Path) -> None:
+    got = readings(shared_data / "robot_bags" / "jan17_expt08.bag", SourceConfig(odom="tf"))
+    assert got[400].odom_from_robot is not None
+
+
+# The bad-input matrix ---------------------------------------------------------------------------
+
+
+def test_missing_path(tmp_path: Path) -> None:
+    assert told(tmp_path / "no.bag") == f"no such file: {tmp_path / 'no.bag'}"
+
+
+def test_empty_file_and_text_named_bag(tmp_path: Path) -> None:
+    empty, text = tmp_path / "empty.bag", tmp_path / "text.bag"
+    empty.touch()
+    text.write_text("hello world, this is no bag\n")
+    assert told(empty) == f"{empty} is empty"
+    assert told(text) == f"{text} is not a ROS bag or CARMEN log (first bytes 'hello wo')"
+
+
+def test_empty_folder(tmp_path: Path) -> None:
+    assert "without a recording" in told(tmp_path)
+
+
+def test_truncated_bag_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "cut.bag", drive(scans=400))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size * 2 // 3])
+    source = opened(path)
+    assert 100 < len(list(source)) < 400
+    assert "cut.bag ends early" in source.info().notices[0]
+
+
+def test_truncated_mcap_and_db3_name_the_repair(tmp_path: Path) -> None:
+    for kind, tool in (("mcap", "mcap recover"), ("db3", ".recover")):
+        folder = write_recording(tmp_path / kind, drive(kind, scans=400), kind)
+        lone = next(folder.glob(f"*.{kind}"))
+        lone.write_bytes(lone.read_bytes()[: lone.stat().st_size // 2])
+        assert tool in told(lone)
+
+
+def test_old_bag_format(shared_data: Path) -> None:
+    text = told(shared_data / "odd_bags" / "rosrecord_v1_2.bag")
+    assert "old format ROSRECORD V1.2" in text
+    assert "rosbag fix" in text
+
+
+def test_no_laser_scan_lists_what_there_is(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", [m for m in drive() if m[0] == "/odom"])
+    text = told(path)
+    assert text.startswith("no LaserScan topic in the recording")
+    assert "/odom (nav_msgs/msg/Odometry, 40 messages, 10.0 Hz)" in text
+
+
+def test_two_laser_scans_list_frames_rates_and_the_flag(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    scans = [
+        (f"/{n}", T0 + 0.1 * k, make.laser_scan(T0 + 0.1 * k, [2.0] * 9, frame=f"{n}_laser"))
+        for k in range(11)
+        for n in ("front", "rear")
+    ]
+    path = write_recording(tmp_path / "two.bag", scans)
+    text = told(path)
+    assert "2 LaserScan topics; choose with --scan /front or --scan /rear" in text
+    assert "/front (sensor_msgs/msg/LaserScan in front_laser, 11 messages, 10.0 Hz)" in text
+    assert len(readings(path, SourceConfig(scan_topic="/rear"))) == 11
+    assert len(readings(path, SourceConfig(scan_topic="front"))) == 11
+    assert "no scans on topic /side" in told(path, SourceConfig(scan_topic="/side"))
+
+
+def test_laser_frame_not_in_tf_tells_both_trees_and_the_option(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    tf = make.transforms(
+        T0,
+        ("base_link", "imu", (0.0, 0.0, 0.0), IDENTITY),
+        ("lidar_mount", "laser", (0.0, 0.0, 0.0), IDENTITY),
+    )
+    path = write_recording(tmp_path / "a.bag", [("/tf_static", T0, tf), *drive(laser="laser")])
+    text = told(path)
+    assert "no path laser -> base_link" in text
+    assert "tree 1 = base_link>imu" in text
+    assert "tree 2 = lidar_mount>laser" in text
+    assert "--static-tf 'base_link lidar_mount x y z yaw'" in text
+    mended = SourceConfig(static_tf=("base_link lidar_mount 0.2 0 0.3 1.5",))
+    placed = readings(path, mended)[0].scan.robot_from_laser
+    assert (placed.x, placed.theta) == pytest.approx((0.2, 1.5))
+    wrong = SourceConfig(static_tf=("base_link lidar_mount 0.2",))
+    assert "expected 'parent child x y z yaw [pitch roll]'" in told(path, wrong)
+
+
+def test_no_odometry_goes_on(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(odom=False))
+    assert all(r.odom_from_robot is None for r in readings(path))
+    assert "no odometry found" in noticed(path)
+    assert "using scan matching only" in noticed(path)
+
+
+def test_odometry_not_wanted(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", drive())
+    assert all(r.odom_from_robot is None for r in readings(path, NONE))
+    assert "no odometry on topic /wheel" in told(path, SourceConfig(odom="/wheel"))
+
+
+def test_odometry_stops_half_way(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(until_s=2.0))
+    known = [r.odom_from_robot is not None for r in readings(path)]
+    assert known[:20] == [True] * 20
+    assert not any(known[23:])
+    assert "scan matching only there" in noticed(path)
+
+
+def test_all_stamps_zero_uses_record_time(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    scans = [("/scan", T0 + k, make.laser_scan(0.0, [2.0 + k] * 9)) for k in range(5)]
+    path = write_recording(tmp_path / "a.bag", scans)
+    assert [r.stamp_ns for r in readings(path)] == [round((T0 + k) * 1e9) for k in range(5)]
+    assert "all 5 stamps in /scan are 0: using the time of recording" in noticed(path)
+
+
+def test_one_zero_stamp_is_left_out_and_told(tmp_path: Path) -> None:
+    messages = drive()
+    messages[10] = ("/scan", messages[10][1], maker_of("bag").laser_scan(0.0, [2.0] * 9))
+    source = opened(write_recording(tmp_path / "a.bag", messages))
+    assert len(list(source)) == 39
+    assert [s.reason for s in source.scan_statuses() if s.reason] == ["stamp is 0"]
+    assert len(source.scan_statuses()) == 40
+
+
+def test_reversed_and_repeated_stamps_are_sorted_and_told_apart(tmp_path: Path) -> None:
+    make, messages = maker_of("bag"), drive()
+    scans = [m for m in messages if m[0] == "/scan"]
+    scans[7], scans[8] = scans[8], scans[7]
+    again = ("/scan", scans[20][1] + 0.01, scans[20][2])
+    other = (
+        "/scan",
+        scans[30][1] + 0.01,
+        make.laser_scan(scans[30][1], [3.0] * 60, frame="base_link"),
+    )
+    in_order = [
+        (t, T0 + 0.05 * k, m)
+        for k, (t, _, m) in enumerate([*scans[:21], again, *scans[21:], other])
+    ]
+    source = opened(write_recording(tmp_path / "a.bag", in_order))
+    stamps = [r.stamp_ns for r in source]
+    assert len(stamps) == 40
+    assert np.all(np.diff(stamps) > 0)
+    reasons = [s.reason for s in source.scan_statuses() if s.reason]
+    assert reasons == ["duplicate of the scan before", "same stamp as another scan"]
+    assert any("out of order (at most 900 ms), sorted" in n for n in source.info().notices)
+
+
+def test_clock_jumps_back_lists_segments(tmp_path: Path) -> None:
+    second = [(t, s + 4.0, m) for t, s, m in drive(seed=1)]
+    path = write_recording(tmp_path / "a.bag", drive() + second)
+    text = told(path)
+    assert "the clock goes back by 3.9 s at scan 40" in text
+    assert "--segment 1 ... 2" in text
+    source = opened(path, SourceConfig(segment=2))
+    got = list(source)
+    assert len(got) == 40
+    assert got[5].scan.ranges_m[0] == pytest.approx(
+        readings(write_recording(tmp_path / "b.bag", drive(seed=1)))[5].scan.ranges_m[0]
+    )
+    assert sum(s.reason == "not in segment 2" for s in source.scan_statuses()) == 40
+    assert "there are only 2" in told(path, SourceConfig(segment=3))
+
+
+def test_a_late_message_is_no_clock_jump(tmp_path: Path) -> None:
+    messages = drive()
+    late = messages.pop(10)
+    path = write_recording(tmp_path / "a.bag", [*messages, (late[0], T0 + 4.0, late[2])])
+    assert len(readings(path)) == 40
+
+
+def test_beam_count_may_change(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    counts = [360, 1080, 7, 1080, 360]
+    scans = [("/scan", T0 + k, make.laser_scan(T0 + k, [2.0] * n)) for k, n in enumerate(counts)]
+    got = readings(write_recording(tmp_path / "a.bag", scans))
+    assert [len(r.scan.ranges_m) for r in got] == counts
+
+
+def test_more_than_a_turn_is_kept(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(angles=(0.0, 2 * np.pi / 59)))
+    assert len(readings(path)[0].scan.ranges_m) == 60
+
+
+@pytest.mark.parametrize(
+    ("limits", "line"),
+    [
+        ((0.1, 0.0), "range_max is 0 in /scan; set --set source.range_max_m=..."),
+        ((5.0, 1.0), "range_min 5 and range_max 1 in /scan leave no range"),
+        ((0.1, float("nan")), "range_max is nan in /scan"),
+    ],
+)
+def test_impossible_range_limits(tmp_path: Path, limits: tuple[float, float], line: str) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(limits=limits))
+    assert line in told(path)
+    fixed = SourceConfig(range_min_m=0.1, range_max_m=9.0)
+    assert readings(path, fixed)[0].scan.range_max_m == 9.0
+
+
+@pytest.mark.parametrize(
+    ("value", "holds"),
+    [(np.inf, "60 inf"), (np.nan, "60 nan"), (99.0, "60 outside the range limits")],
+)
+def test_no_scan_has_a_return(tmp_path: Path, value: float, holds: str) -> None:
+    make = maker_of("bag")
+    scans = [("/scan", T0 + k, make.laser_scan(T0 + k, [value] * 60)) for k in range(10)]
+    text = told(write_recording(tmp_path / "a.bag", scans))
+    assert text == (
+        f"/scan: 10 of 10 scans have no return; first: scan t=1000.000 s: no valid beam ({holds})"
+    )
+
+
+def test_a_scan_without_returns_is_left_out_and_told(tmp_path: Path) -> None:
+    messages = drive()
+    stamp = messages[10][1]
+    messages[10] = (
+        "/scan",
+        stamp,
+        maker_of("bag").laser_scan(stamp, [np.inf] * 60, frame="base_link"),
+    )
+    source = opened(write_recording(tmp_path / "a.bag", messages))
+    assert [s.reason for s in source.scan_statuses() if s.reason] == ["no valid beam (60 inf)"]
+    assert "1 of 40 scans not used: 1 no valid beam" in source.info().notices
+
+
+def test_a_scan_of_an_unknown_frame_is_left_out_and_told(tmp_path: Path) -> None:
+    messages = drive()
+    stamp = messages[10][1]
+    messages[10] = ("/scan", stamp, maker_of("bag").laser_scan(stamp, [2.0] * 60, frame="other"))
+    source = opened(write_recording(tmp_path / "a.bag", messages))
+    reasons = [s.reason for s in source.scan_statuses() if s.reason]
+    assert len(reasons) == 1
+    assert reasons[0].startswith("no path other -> base_link in tf")
+
+
+def test_most_scans_unusable_is_refused(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    scans = [
+        ("/scan", T0 + k, make.laser_scan(T0 + k, [np.nan if k % 4 else 2.0] * 60))
+        for k in range(12)
+    ]
+    assert "9 of 12 scans not used: 9 no valid beam" in told(
+        write_recording(tmp_path / "a.bag", scans)
+    )
+
+
+def test_odometry_with_zero_quaternions(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    zero = (0.0, 0.0, 0.0, 0.0)
+    bad = [(t, s, make.odom(s, quaternion=zero) if t == "/odom" else m) for t, s, m in drive()]
+    some = [b if 20 < k < 30 else m for k, (m, b) in enumerate(zip(drive(), bad, strict=True))]
+    assert "5 of 40 poses in /odom unusable, skipped" in noticed(
+        write_recording(tmp_path / "a.bag", some)
+    )
+    assert "all 40 poses lack a unit quaternion" in told(write_recording(tmp_path / "b.bag", bad))
+
+
+def test_map_to_odom_in_tf_is_ignored(tmp_path: Path) -> None:
+    tf = maker_of("bag").transforms(T0, ("map", "odom", (5.0, 0.0, 0.0), IDENTITY))
+    path = write_recording(tmp_path / "a.bag", [("/tf", T0, tf), *drive()])
+    assert readings(path)[5].odom_from_robot.x == pytest.approx(0.5)
+    assert "tf map -> odom is another SLAM's output: ignored" in noticed(path)
+
+
+def test_odometry_from_tf(tmp_path: Path) -> None:
+    make, messages = maker_of("bag"), drive(odom=False, laser="laser")
+    mount = make.transforms(T0, ("base_footprint", "laser", (0.3, 0.0, 0.2), IDENTITY))
+    messages.append(("/tf_static", T0 + 4.0, mount))  # late, yet valid for all time
+    for k in range(41):
+        t = T0 + 0.1 * k
+        edge = ("odom", "base_footprint", (0.1 * k, 0.0, 0.0), IDENTITY)
+        messages.append(("/tf", t, make.transforms(t, edge)))
+    path = write_recording(tmp_path / "a.bag", messages)
+    got = readings(path)
+    assert got[13].odom_from_robot.x == pytest.approx(1.3)
+    assert got[13].scan.robot_from_laser.x == pytest.approx(0.3)
+    assert "odometry from tf odom -> base_footprint" in noticed(path)
+
+
+def test_faked_odometry_that_never_moves_is_not_used(tmp_path: Path) -> None:
+    make, rng = maker_of("bag"), np.random.default_rng(0)
+    messages: list[Recorded] = []
+    for k in range(40):
+        t = T0 + 0.1 * k
+        messages.append(
+            ("/scan", t, make.laser_scan(t, 1.0 + 8 * rng.random(60), frame="base_link"))
+        )
+        messages.append(("/odom", t, make.odom(t)))
+    path = write_recording(tmp_path / "a.bag", messages)
+    assert all(r.odom_from_robot is None for r in readings(path))
+    assert "never changes although scans do" in noticed(path)
+
+
+def test_several_odometry_topics(tmp_path: Path) -> None:
+    messages = drive()
+    both = [*messages, *(("/visual", s, m) for t, s, m in messages if t == "/odom")]
+    path = write_recording(tmp_path / "a.bag", both)
+    assert "using /odom, not /visual" in noticed(path)
+    renamed = [("/wheel" if t == "/odom" else t, s, m) for t, s, m in both]
+    text = told(write_recording(tmp_path / "b.bag", renamed))
+    assert "2 Odometry topics; choose with --odom /visual or --odom /wheel or --odom none" in text
+
+
+def test_stamps_moved_to_the_first_beam(tmp_path: Path) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(times=(0.001, 0.1)))
+    last = readings(path, SourceConfig(stamp_at="last"))
+    assert last[0].stamp_ns == pytest.approx((T0 - 0.059) * 1e9, abs=100)
+    assert last[0].scan.time_increment_s == pytest.approx(0.001)
+    shared = write_recording(tmp_path / "b.bag", drive(times=(0.0, 0.06)))
+    assert readings(shared)[0].scan.time_increment_s == pytest.approx(0.001)
+
+
+def test_ranges_follow_rep_117(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    values = [0.05, 0.1, 5.0, 10.0, 10.5, np.inf, -np.inf, np.nan, 0.0]
+    path = write_recording(
+        tmp_path / "a.bag", [("/scan", T0 + k, make.laser_scan(T0 + k, values)) for k in range(2)]
+    )
+    got = readings(path)[0].scan
+    nan = np.nan
+    want = [nan, 0.1, 5.0, 10.0, nan, np.inf, -np.inf, nan, nan]
+    np.testing.assert_array_equal(got.ranges_m, np.array(want, np.float32))
+    assert got.is_return().tolist() == [k in (1, 2, 3) for k in range(9)]
+    silent = readings(path, SourceConfig(clear_on_inf=False))[0].scan
+    assert not silent.is_clear().any()
+
+
+@settings(
+    max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(data=st.data())
+def test_damaged_bags_never_crash(tmp_path: Path, data: st.DataObject) -> None:
+    whole = tmp_path / "whole.bag"
+    if not whole.exists():
+        write_recording(whole, drive(scans=5))
+    raw = bytearray(whole.read_bytes())
+    for _ in range(data.draw(st.integers(0, 6))):
+        raw[data.draw(st.integers(13, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    cut = data.draw(st.integers(1, len(raw)))
+    broken = tmp_path / "broken.bag"
+    broken.write_bytes(raw[:cut])
+    try:
+        list(opened(broken))
+    except BadInput as error:
+        assert "\n" not in str(error)
