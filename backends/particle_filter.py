@@ -1,0 +1,135 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Weights, selective resampling and the ancestry of particles, whatever the particles are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+import numpy as np
+from filterpy.monte_carlo import multinomial_resample, stratified_resample, systematic_resample
+from numpy.random import Generator
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats, wrap_angles
+
+Indices = NDArray[np.int64]
+
+
+def normalised(log_weights: Floats) -> Floats:
+    """Turn log weights (P,) into weights that sum to 1, without under- or overflow."""
+    weights = np.exp(log_weights - log_weights.max())
+    return np.asarray(weights / weights.sum())
+
+
+def effective_sample_size(weights: Floats) -> float:
+    """N_eff = 1 / sum w^2 of weights (P,) that sum to 1: from 1 to P."""
+    return float(1.0 / np.square(weights).sum())
+
+
+def weighted_mean(poses: Floats, weights: Floats) -> Floats:
+    """Mean (..., 3) of poses (..., P, 3), circular for the heading, eq. (11) with weights (P,)."""
+    x, y = poses[..., 0] @ weights, poses[..., 1] @ weights
+    theta = np.arctan2(np.sin(poses[..., 2]) @ weights, np.cos(poses[..., 2]) @ weights)
+    return np.stack([x, y, wrap_angles(theta)], axis=-1)
+
+
+def resample(weights: Floats, method: str, rng: Generator) -> Indices:
+    """Draw ancestors (P,) so that particle i is expected P * weights[i] times.
+
+    Parameters
+    ----------
+    weights : (P,) float64
+        Summing to 1.
+    method : str
+        `systematic`, `stratified`, `residual` or `multinomial`.
+    rng : Generator
+    """
+    safe = weights / weights.sum()
+    # Rounding must not leave the cumulative sum below filterpy's last position.
+    safe[-1] += max(0.0, 1.0 - np.cumsum(safe)[-1])
+    with _numpy_seeded_by(rng):
+        if method == "systematic":
+            drawn = systematic_resample(safe)
+        elif method == "stratified":
+            drawn = stratified_resample(safe)
+        elif method == "multinomial":
+            drawn = multinomial_resample(safe)
+        else:
+            drawn = _residual(safe)
+    return np.asarray(drawn, dtype=np.int64)
+
+
+def _residual(weights: Floats) -> Indices:
+    """Keep floor(P w) copies of each and draw the rest from what remains.
+
+    filterpy 1.4.5's `residual_resample` subtracts the copies from w instead of P w, which biases
+    the rest; only its multinomial part is used.
+    """
+    expected = len(weights) * weights
+    copies = np.floor(expected).astype(np.int64)
+    kept = np.repeat(np.arange(len(weights)), copies)
+    remaining = expected - copies
+    if len(kept) >= len(weights) or not remaining.sum() > 0.0:
+        return kept[: len(weights)]
+    drawn = multinomial_resample(remaining / remaining.sum())
+    return np.concatenate([kept, drawn[: len(weights) - len(kept)]])
+
+
+@contextmanager
+def _numpy_seeded_by(rng: Generator) -> Iterator[None]:
+    """Lend filterpy, which draws from numpy's global state, a seed; leave that state unchanged."""
+    before = np.random.get_state()  # noqa: NPY002
+    np.random.seed(int(rng.integers(2**32)))  # noqa: NPY002
+    try:
+        yield
+    finally:
+        np.random.set_state(before)  # noqa: NPY002
+
+
+@dataclass
+class Ancestry:
+    """Where every particle was at every update, as a tree: paths are shared, never copied.
+
+    Parameters
+    ----------
+    poses : list of (P, 3) float64
+        Per update, after resampling.
+    parents : list of (P,) int64
+        Per update: the particle of the update before that each descends from.
+    """
+
+    poses: list[Floats] = field(default_factory=list)
+    parents: list[Indices] = field(default_factory=list)
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def append(self, parents: Indices, poses: Floats) -> None:
+        """Add an update."""
+        self.parents.append(parents)
+        self.poses.append(poses)
+
+    def path(self, particle: int) -> Floats:
+        """Poses (U, 3) of the whole ancestry of a particle of the last update."""
+        return self.paths(np.array([particle]))[:, 0]
+
+    def paths(self, particles: Indices) -> Floats:
+        """Poses (U, M, 3) of the ancestries of M particles of the last update."""
+        out = np.empty((len(self), len(particles), 3))
+        who = particles
+        for update in range(len(self) - 1, -1, -1):
+            out[update] = self.poses[update][who]
+            who = self.parents[update][who]
+        return out
+
+    def common_update(self) -> int:
+        """Return the last update at which all present particles were one, -1 if none."""
+        who = np.arange(len(self.poses[-1])) if self.poses else np.zeros(0, dtype=np.int64)
+        for update in range(len(self) - 1, -1, -1):
+            if (who == who[0]).all():
+                return update
+            who = np.unique(self.parents[update][who])
+        return -1

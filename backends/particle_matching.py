@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Scan to particle-map matching: each point to the line through the nearest mean end point."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from slarm_graph.backends.particle_maps import TILE_BITS, TILE_CELLS, Cells, Indices, Tables
+from slarm_graph.geometry import Floats
+
+_SAME_SIDE = 0.5
+"""Least cosine between the normals of a point and of the wall it may lie on."""
+_ALIGNED = 0.5
+"""A cell has a normal when the mean of its points' normals is at least this long."""
+
+
+@njit(cache=True, nogil=True)
+def point_normals(points: Floats, origin: Floats) -> Floats:
+    """Return points (K, 2) in beam order with unit normals towards the laser, (K, 4).
+
+    The normal is that of the line through the neighbours; (0, 0) where they lie on no line.
+    """
+    window, gap_m = 3, 0.5
+    out = np.zeros((len(points), 4))
+    for i in range(len(points)):
+        n, sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        x0, y0 = points[i, 0], points[i, 1]
+        for j in range(max(0, i - window), min(len(points), i + window + 1)):
+            dx, dy = points[j, 0] - x0, points[j, 1] - y0
+            if dx * dx + dy * dy > gap_m * gap_m:
+                continue
+            n += 1.0
+            sx += dx
+            sy += dy
+            sxx += dx * dx
+            sxy += dx * dy
+            syy += dy * dy
+        out[i, 0], out[i, 1] = x0, y0
+        if n < 3.0:
+            continue
+        cxx, cxy, cyy = (
+            sxx / n - sx * sx / n / n,
+            sxy / n - sx * sy / n / n,
+            syy / n - sy * sy / n / n,
+        )
+        mean, half = 0.5 * (cxx + cyy), math.hypot(0.5 * (cxx - cyy), cxy)
+        if mean - half > 0.1 * (mean + half) or mean + half < 1e-6:
+            continue
+        along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
+        nx, ny = -math.sin(along), math.cos(along)
+        sign = 1.0 if nx * (origin[0] - x0) + ny * (origin[1] - y0) > 0.0 else -1.0
+        out[i, 2], out[i, 3] = sign * nx, sign * ny
+    return out
+
+
+@njit(cache=True, nogil=True)
+def associate(
+    table: Tables,
+    corner: Indices,
+    cells: Cells,
+    resolution: float,
+    kernel: int,
+    points: Floats,
+    pose: Floats,
+    lines: Floats,
+) -> int:
+    """Find for every point at a pose the nearest mean end point facing the same way.
+
+    Fills `lines` (K, 5) with mean end point x, y [m], normal x, y (0, 0 where it has none) and 1
+    where something was found; returns how many were.
+    """
+    rows, cols = table.shape
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    found = 0
+    for k in range(len(points)):
+        x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / resolution
+        y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / resolution
+        nx = c * points[k, 2] - s * points[k, 3]
+        ny = s * points[k, 2] + c * points[k, 3]
+        directed = nx != 0.0 or ny != 0.0
+        col0, row0 = math.floor(x), math.floor(y)
+        best = (kernel + 0.5) ** 2
+        lines[k, 4] = 0.0
+        for row in range(row0 - kernel, row0 + kernel + 1):
+            tile_row = (row >> TILE_BITS) - corner[0]
+            if tile_row < 0 or tile_row >= rows:
+                continue
+            for col in range(col0 - kernel, col0 + kernel + 1):
+                tile_col = (col >> TILE_BITS) - corner[1]
+                if tile_col < 0 or tile_col >= cols:
+                    continue
+                tile = table[tile_row, tile_col]
+                if tile < 0:
+                    continue
+                cell = cells[
+                    tile, ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
+                ]
+                n = cell[0]
+                if n == 0.0:
+                    continue
+                mx, my = col + 0.5 + cell[1] / n, row + 0.5 + cell[2] / n
+                distance = (x - mx) ** 2 + (y - my) ** 2
+                if distance >= best:
+                    continue
+                cx, cy = cell[3], cell[4]
+                size = math.sqrt(cx * cx + cy * cy)
+                smooth = size > _ALIGNED * n
+                if directed and smooth and nx * cx + ny * cy < _SAME_SIDE * size:
+                    continue
+                best = distance
+                lines[k, 0], lines[k, 1] = mx * resolution, my * resolution
+                if smooth:
+                    lines[k, 2], lines[k, 3] = cx / size, cy / size
+                else:
+                    lines[k, 2], lines[k, 3] = 0.0, 0.0
+                lines[k, 4] = 1.0
+        if lines[k, 4] > 0.0:
+            found += 1
+    return found
+
+
+@njit(cache=True, nogil=True)
+def log_of_miss(kernel: int, resolution: float, sigma: float) -> float:
+    """Log likelihood of a return with nothing within reach: that of one at the edge of reach."""
+    reach = (kernel + 0.5) * resolution
+    return -math.log(1.0 + (reach / sigma) ** 2)
+
+
+@njit(cache=True, nogil=True)
+def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, miss: float) -> float:
+    """Return log p(o | m, x) up to a constant: Cauchy tails, `miss` for points without a line."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total, product = 0.0, 1.0
+    for k in range(len(points)):
+        if lines[k, 4] == 0.0:
+            total += miss
+            continue
+        dx = pose[0] + c * points[k, 0] - s * points[k, 1] - lines[k, 0]
+        dy = pose[1] + s * points[k, 0] + c * points[k, 1] - lines[k, 1]
+        if lines[k, 2] != 0.0 or lines[k, 3] != 0.0:
+            r = dx * lines[k, 2] + dy * lines[k, 3]
+            square = r * r
+        else:
+            square = dx * dx + dy * dy
+        product *= 1.0 + square / (sigma * sigma)
+        if product > 1e200:
+            total -= math.log(product)
+            product = 1.0
+    return total - math.log(product)
+
+
+@njit(cache=True, nogil=True)
+def curvature(
+    points: Floats,
+    lines: Floats,
+    pose: Floats,
+    sigma: float,
+    gain: float,
+    hessian: Floats,
+    gradient: Floats,
+) -> None:
+    """Add Gauss-Newton terms of -gain * log_likelihood to `hessian` (3, 3), `gradient` (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(points)):
+        if lines[k, 4] == 0.0:
+            continue
+        ax, ay = c * points[k, 0] - s * points[k, 1], s * points[k, 0] + c * points[k, 1]
+        dx, dy = pose[0] + ax - lines[k, 0], pose[1] + ay - lines[k, 1]
+        nx, ny = lines[k, 2], lines[k, 3]
+        if nx != 0.0 or ny != 0.0:
+            r = dx * nx + dy * ny
+            w = 2.0 * gain / (sigma * sigma + r * r)
+            jt = ax * ny - ay * nx
+            hessian[0, 0] += w * nx * nx
+            hessian[0, 1] += w * nx * ny
+            hessian[1, 1] += w * ny * ny
+            hessian[0, 2] += w * nx * jt
+            hessian[1, 2] += w * ny * jt
+            hessian[2, 2] += w * jt * jt
+            gradient[0] += w * r * nx
+            gradient[1] += w * r * ny
+            gradient[2] += w * r * jt
+        else:
+            w = 2.0 * gain / (sigma * sigma + dx * dx + dy * dy)
+            hessian[0, 0] += w
+            hessian[1, 1] += w
+            hessian[0, 2] -= w * ay
+            hessian[1, 2] += w * ax
+            hessian[2, 2] += w * (ax * ax + ay * ay)
+            gradient[0] += w * dx
+            gradient[1] += w * dy
+            gradient[2] += w * (dy * ax - dx * ay)
+    hessian[1, 0] = hessian[0, 1]
+    hessian[2, 0] = hessian[0, 2]
+    hessian[2, 1] = hessian[1, 2]
