@@ -154,13 +154,13 @@ def refine_motion(
     start: Floats,
     point_information: float,
     max_iterations: int,
-) -> tuple[Floats, Floats, float, int, int, float]:
+) -> tuple[Floats, Floats, float, int, int, float, float]:
     """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
 
     Returns
     -------
     pose : (3,), covariance : (3, 3) of pose given grid and prior, score, inliers, iterations,
-    surprise : squared sigmas between prior and pose
+    surprise : squared sigmas between prior and pose, shift : distance plus angle between them
     """
     c, s = math.cos(base[2]), math.sin(base[2])
     prior = np.array(
@@ -185,5 +185,7 @@ def refine_motion(
     )
     pull = np.zeros(3)
     _add_prior(np.zeros((3, 3)), pull, pose, prior, information)
-    surprise = float(pull @ (covariance @ pull))
-    return pose, invert3(data + information), score, inliers, used, surprise
+    away = covariance @ pull
+    surprise = float(pull @ away)
+    shift = math.hypot(away[0], away[1]) + abs(away[2])
+    return pose, invert3(data + information), score, inliers, used, surprise, shift

@@ -48,9 +48,9 @@ def build_likelihood_grid(
 ) -> LikelihoodGrid:
     """Splat segments (S, 4) (x, y, x, y) [m] into a grid that holds them and a margin around."""
     margin = margin_m + _REACH_SIGMAS * sigma_m + 4 * resolution_m
-    ends = segments.reshape(-1, 2)
-    low = np.floor((ends.min(axis=0) - margin) / resolution_m) * resolution_m
-    size = np.ceil((ends.max(axis=0) + margin - low) / resolution_m).astype(int) + 1
+    low, high = _bounds(segments)
+    low = np.floor((low - margin) / resolution_m) * resolution_m
+    size = np.ceil((high + margin - low) / resolution_m).astype(int) + 1
     values = np.zeros((int(size[1]), int(size[0])), dtype=np.float32)
     grid = LikelihoodGrid(float(low[0]), float(low[1]), resolution_m, sigma_m, values)
     add_segments(grid, segments)
@@ -60,14 +60,13 @@ def build_likelihood_grid(
 def add_segments(grid: LikelihoodGrid, segments: Floats) -> bool:
     """Splat further segments (S, 4) [m] in place; False, and nothing done, if they do not fit."""
     reach = _REACH_SIGMAS * grid.sigma_m
-    ends = segments.reshape(-1, 2)
     rows, cols = grid.values.shape
-    low, high = ends.min(axis=0) - reach, ends.max(axis=0) + reach
-    if low[0] < grid.origin_x_m or low[1] < grid.origin_y_m:
+    low, high = _bounds(segments)
+    if low[0] - reach < grid.origin_x_m or low[1] - reach < grid.origin_y_m:
         return False
-    if high[0] > grid.origin_x_m + cols * grid.resolution_m:
+    if high[0] + reach > grid.origin_x_m + cols * grid.resolution_m:
         return False
-    if high[1] > grid.origin_y_m + rows * grid.resolution_m:
+    if high[1] + reach > grid.origin_y_m + rows * grid.resolution_m:
         return False
     _splat(
         grid.values,
@@ -112,6 +111,17 @@ def scan_segments(points: Floats, pose: Floats, max_gap: float) -> Floats:
             count += 1
         joined = next_joined
     return out[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _bounds(segments: Floats) -> tuple[Floats, Floats]:
+    """Lowest and highest x and y of segments (S, 4)."""
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
+    for k in range(len(segments)):
+        for axis in range(2):
+            low[axis] = min(low[axis], segments[k, axis], segments[k, axis + 2])
+            high[axis] = max(high[axis], segments[k, axis], segments[k, axis + 2])
+    return low, high
 
 
 @njit(cache=True, nogil=True)

@@ -20,6 +20,7 @@ from slarm_graph.geometry import Floats, Pose2, compose
 from slarm_graph.readings import Reading
 
 _DOUBTFUL_SURPRISE = 16.0
+_DOUBTFUL_SHIFT = 0.1
 _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
 _MAX_DESKEW_S = 1.0
@@ -62,7 +63,10 @@ class TrackedScan:
 
 @dataclass(frozen=True, slots=True)
 class _Refined:
-    """A refined pose (3,), its covariance (3, 3), and how surprising it is (squared sigmas)."""
+    """A refined pose (3,) and its covariance (3, 3), compared with the prediction.
+
+    `surprise` is in squared sigmas, `shift` the distance [m] plus the angle [rad].
+    """
 
     pose: Floats
     covariance: Floats
@@ -70,6 +74,7 @@ class _Refined:
     inliers: int
     iterations: int
     surprise: float
+    shift: float
 
 
 class ScanTracker:
@@ -183,8 +188,10 @@ class ScanTracker:
         )
 
     def _is_doubtful(self, found: _Refined) -> bool:
+        """Whether the scan fits worse than usual, or fits far from where it was expected."""
         usual = max(_DOUBTFUL_SHARE * self._usual_score, self._config.matching.min_score)
-        return found.score < usual or found.surprise > _DOUBTFUL_SURPRISE
+        is_far = found.surprise > _DOUBTFUL_SURPRISE and found.shift > _DOUBTFUL_SHIFT
+        return found.score < usual or is_far
 
     def _search(
         self, points: Floats, predictions: tuple[Prediction, ...], found: _Refined
