@@ -152,7 +152,7 @@ def _execute(job: Job, folder: RunFolder) -> int:
 
     with shown() as progress:
         run = execute(job, folder, progress)
-    _show(job, run, folder)
+    _show(run, folder)
     if run.intake.problem:
         print(
             f"slarm: {run.intake.problem}; partial results are in {folder.path}, and"
@@ -163,12 +163,12 @@ def _execute(job: Job, folder: RunFolder) -> int:
     return 0
 
 
-def _show(job: Job, run: Run, folder: RunFolder) -> None:
+def _show(run: Run, folder: RunFolder) -> None:
     from slarm_graph.cli_output import show_metrics, show_notices, show_scans
 
     show_notices((*run.source.info().notices, *run.slam.notices))
     show_scans(run.source.scan_statuses())
-    show_metrics(run.metrics, title=f"{job.paths[0].name}, backend {job.config.backend}")
+    show_metrics(run.metrics, title=run.title)
     seconds = cast(float, folder.record()["wall_s"])
     print(f"{len(run.intake.stamps_ns)} scans in {seconds:.1f} s -> {folder.path}/report.html")
 

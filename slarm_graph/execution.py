@@ -18,6 +18,7 @@ from slarm_graph.progress import Progress
 from slarm_graph.radio_words import AccessPoint
 from slarm_graph.run_folder import RunFolder, read_record
 
+_log = logging.getLogger(__name__)
 _LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
@@ -40,6 +41,8 @@ def execute(job: Job, folder: RunFolder, progress: Progress) -> Run:
             job=_job_facts(job),
         )
         result = run(job, folder, progress)
+        for notice in result.notices():
+            _log.info(notice)
         problem = result.intake.problem
         folder.note(status="partial" if problem else "ok", problem=problem)
     return result
@@ -113,7 +116,7 @@ def _recorded(folder: RunFolder) -> Iterator[None]:
         raise
     except Exception as error:
         there = (folder.path / "trajectory.tum").is_file()
-        logging.getLogger(__name__).error("%s", error, exc_info=error)
+        _log.error("%s", error, exc_info=error)
         folder.note(status="partial" if there else "failed", problem=str(error))
         raise
 

@@ -118,7 +118,7 @@ def feed(
     """
     after_ns = intake.stamps_ns[-1] if intake.stamps_ns else None
     progress.start("slam", source.info().scan_count)
-    with _stop_on_signal() as stop:
+    with stop_on_signal() as stop:
         try:
             for reading in source:
                 progress.advance()
@@ -143,7 +143,7 @@ def feed(
 
 
 @contextmanager
-def _stop_on_signal() -> Iterator[list[int]]:
+def stop_on_signal() -> Iterator[list[int]]:
     """Collect the first Ctrl-C or termination in a list; the next one acts at once.
 
     Stopping between readings, never within, keeps the backend's state whole.

@@ -12,6 +12,7 @@ from slarm_graph.config import RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.intake import Intake
+from slarm_graph.radio import radio_notices
 from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.readings import Source
 
@@ -44,6 +45,9 @@ class Run:
 
     Parameters
     ----------
+    title : str
+        What was run, for headings.
+    config : RunConfig
     source : Source
         As it is after it was read.
     intake : Intake
@@ -55,9 +59,18 @@ class Run:
     metrics : tuple of Metric
     """
 
+    title: str
+    config: RunConfig
     source: Source
     intake: Intake
     slam: SlamResult
     geographic: GeographicMap
     radio: RadioMap | None
     metrics: tuple[Metric, ...]
+
+    def notices(self) -> tuple[str, ...]:
+        """Return what a user should know."""
+        problem = (self.intake.problem,) if self.intake.problem else ()
+        points = self.radio.access_points if self.radio else ()
+        radio = radio_notices(self.geographic.geometry, points, self.config.radio)
+        return (*problem, *self.source.info().notices, *self.slam.notices, *radio)

@@ -65,6 +65,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         metrics = assess(slam.trajectory, references, intake.robot_from_laser)
-        done = Run(source, intake, slam, geographic, radio, metrics)
-        save_report(folder, job, done, references)
+        title = f"{job.paths[0].name}, {config.backend}"
+        done = Run(title, config, source, intake, slam, geographic, radio, metrics)
+        save_report(folder, done, references)
     return done

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import resource
 import subprocess
@@ -19,6 +20,8 @@ from typing import Literal
 
 from slarm_graph.errors import BadInput
 from slarm_graph.progress import Progress
+
+_log = logging.getLogger(__name__)
 
 Status = Literal["running", "ok", "partial", "failed"]
 Facts = dict[str, object]
@@ -87,6 +90,7 @@ class RunFolder:
         finally:
             spent_s = time.monotonic() - started_s
             self._stages[name] = round(self._stages.get(name, 0.0) + spent_s, 3)
+            _log.info("%s took %.2f s", name, spent_s)
             self.note()
 
     def note(self, **facts: object) -> None:

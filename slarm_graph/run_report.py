@@ -9,38 +9,37 @@ from slarm_graph.eval.assessment import References, ground_truth_in_map
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
 from slarm_graph.geometry import Pose2
-from slarm_graph.job import Job, Run
+from slarm_graph.job import Run
 from slarm_graph.outputs import save_trajectory
-from slarm_graph.radio import radio_notices
 from slarm_graph.run_folder import RunFolder
 from slarm_graph.trajectory import Trajectory
 
 _SLAM_STAGES = ("slam", "optimisation and map")
 
 
-def save_report(folder: RunFolder, job: Job, run: Run, references: References) -> None:
+def save_report(folder: RunFolder, run: Run, references: References) -> None:
     """Write `metrics.json`, `metrics.csv`, `ground_truth.tum` and `report.html`."""
     folder.note(scans_per_s=_scans_per_s(folder, run))
     folder.write_text("metrics.json", metrics_json(run.metrics))
     folder.write_text("metrics.csv", metrics_csv(run.metrics))
     save_trajectory(folder, "ground_truth", _at_scans(references.ground_truth, run))
-    folder.write_text("report.html", report_html(_content(folder, job, run, references)))
+    folder.write_text("report.html", report_html(_content(folder, run, references)))
 
 
-def _content(folder: RunFolder, job: Job, run: Run, references: References) -> ReportContent:
+def _content(folder: RunFolder, run: Run, references: References) -> ReportContent:
     info = run.source.info()
     return ReportContent(
-        title=f"{job.paths[0].name}: {job.config.backend}",
-        lead=f"{info.description}; seed {job.config.seed}",
+        title=run.title,
+        lead=f"{info.description}; seed {run.config.seed}",
         grid=run.slam.grid,
-        trajectories=_trajectories(job.config.backend, run, references),
+        trajectories=_trajectories(run, references),
         radio=run.radio,
         metrics=run.metrics,
         record=folder.record(),
         scans=run.source.scan_statuses(),
         tables=run.slam.tables,
-        notices=run_notices(job, run),
-        config_text=config_yaml(job.config),
+        notices=run.notices(),
+        config_text=config_yaml(run.config),
     )
 
 
@@ -52,16 +51,9 @@ def _scans_per_s(folder: RunFolder, run: Run) -> float:
     return round(len(run.intake.stamps_ns) / max(spent_s, 1e-3), 1)
 
 
-def run_notices(job: Job, run: Run) -> tuple[str, ...]:
-    """Return what a user should know of a run."""
-    problem = (run.intake.problem,) if run.intake.problem else ()
-    radio = radio_notices(run.geographic.geometry, job.access_points, job.config.radio)
-    return (*problem, *run.source.info().notices, *run.slam.notices, *radio)
-
-
-def _trajectories(backend: str, run: Run, references: References) -> dict[str, Trajectory]:
+def _trajectories(run: Run, references: References) -> dict[str, Trajectory]:
     """Return all known paths in the frame of the map, the estimate first."""
-    estimate = run.slam.trajectory
+    estimate, backend = run.slam.trajectory, run.config.backend
     paths = {backend: estimate}
     odometry = run.intake.odometry_trajectory()
     if odometry is not None and backend != "odometry":
