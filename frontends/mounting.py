@@ -37,9 +37,9 @@ class Mounting:
         """What a user should know of it."""
         told = []
         if self.angle_sign < 0:
-            told.append(f"laser {frame} is mounted upside down (from tf)")
+            told.append(f"laser frame {frame} is mounted upside down (from tf)")
         if self.tilt_deg > _NOTICED_TILT_DEG:
-            told.append(f"laser {frame} is tilted {self.tilt_deg:.1f} deg; treated as level")
+            told.append(f"laser frame {frame} is tilted {self.tilt_deg:.1f} deg; treated as level")
         return told
 
 
@@ -62,7 +62,7 @@ def mounting_in_plane(rotation: Floats, translation_m: Floats, frame: str) -> Mo
     tilt_deg = math.degrees(math.acos(min(1.0, abs(float(up[2])))))
     if tilt_deg > MAX_TILT_DEG:
         raise BadInput(
-            f"laser {frame} is tilted {tilt_deg:.1f} deg about {_tilt_axis(up)}; "
+            f"laser frame {frame} is tilted {tilt_deg:.1f} deg about {_tilt_axis(up)}; "
             f"2D needs < {MAX_TILT_DEG:g} deg"
         )
     heading = math.atan2(rotation[1, 0], rotation[0, 0])

@@ -274,6 +274,6 @@ def _silences(stamps: Ints, steps: Ints) -> list[str]:
         return []
     row = int(np.argmax(steps))
     return [
-        f"{np.count_nonzero(long)} gaps between scans, longest {steps[row] * 1e-9:.1f} s "
+        f"gaps between scans: {np.count_nonzero(long)}, longest {steps[row] * 1e-9:.1f} s "
         f"after {seconds(stamps[row])}"
     ]

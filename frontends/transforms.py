@@ -157,18 +157,17 @@ class TransformTree:
         listed = ", ".join(f"tree {number} = {tree}" for number, tree in enumerate(trees, start=1))
         return (
             f"no path {source} -> {target} in tf: {listed or 'no transforms recorded'}. "
-            f"Give --static-tf '{target} {self.root(source)} x y z yaw' [m, rad]"
+            f"Give --static-tf '{target} {self.ancestors(source)[-1]} x y z yaw' [m, rad]"
         )
 
-    def root(self, frame: str) -> str:
-        """Topmost ancestor of a frame."""
-        seen = {frame}
+    def ancestors(self, frame: str) -> list[str]:
+        """The frame, its parent, and so on to the top of its tree."""
+        chain = [frame]
         while True:
-            parents = [parent for parent, child in self.edges if child == frame]
-            if not parents or parents[0] in seen:
-                return frame
-            frame = parents[0]
-            seen.add(frame)
+            parents = [parent for parent, child in self.edges if child == chain[-1]]
+            if not parents or parents[0] in chain:
+                return chain
+            chain.append(parents[0])
 
     def _trees(self) -> list[str]:
         groups: list[list[tuple[str, str]]] = []
