@@ -60,7 +60,7 @@ class _State:
     poses: Floats
     log_weights: Floats
     log_evidence: Floats
-    ancestry: Ancestry = field(default_factory=Ancestry)
+    ancestry: Ancestry
     updates: list[int] = field(default_factory=list)
     rows: list[tuple[float | int | str, ...]] = field(default_factory=list)
     stamps_ns: list[int] = field(default_factory=list)
@@ -97,6 +97,7 @@ class GmappingBackend:
             np.zeros((count, 3)),
             np.zeros(count),
             np.zeros(count),
+            Ancestry(count),
         )
         self._map = SettledMap(config.mapping)
 

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 
 import numpy as np
 from filterpy.monte_carlo import multinomial_resample, stratified_resample, systematic_resample
+from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -89,28 +89,37 @@ def _numpy_seeded_by(rng: Generator) -> Iterator[None]:
         np.random.set_state(before)  # noqa: NPY002
 
 
-@dataclass
 class Ancestry:
     """Where every particle was at every update, as a tree: paths are shared, never copied.
 
     Parameters
     ----------
-    poses : list of (P, 3) float64
-        Per update, after resampling.
-    parents : list of (P,) int64
-        Per update: the particle of the update before that each descends from.
+    particles : int
     """
 
-    poses: list[Floats] = field(default_factory=list)
-    parents: list[Indices] = field(default_factory=list)
+    def __init__(self, particles: int) -> None:
+        self._length = 0
+        self._poses: Floats = np.empty((64, particles, 3))
+        self._parents: Indices = np.empty((64, particles), dtype=np.int64)
 
     def __len__(self) -> int:
-        return len(self.poses)
+        return self._length
 
     def append(self, parents: Indices, poses: Floats) -> None:
-        """Add an update."""
-        self.parents.append(parents)
-        self.poses.append(poses)
+        """Add an update.
+
+        Parameters
+        ----------
+        parents : (P,) int64
+            The particle of the update before that each one descends from.
+        poses : (P, 3) float64
+            After resampling.
+        """
+        if self._length == len(self._poses):
+            self._poses = np.concatenate([self._poses, np.empty_like(self._poses)])
+            self._parents = np.concatenate([self._parents, np.empty_like(self._parents)])
+        self._poses[self._length], self._parents[self._length] = poses, parents
+        self._length += 1
 
     def path(self, particle: int) -> Floats:
         """Poses (U, 3) of the whole ancestry of a particle of the last update."""
@@ -118,18 +127,25 @@ class Ancestry:
 
     def paths(self, particles: Indices) -> Floats:
         """Poses (U, M, 3) of the ancestries of M particles of the last update."""
-        out = np.empty((len(self), len(particles), 3))
+        out = np.empty((self._length, len(particles), 3))
         who = particles
-        for update in range(len(self) - 1, -1, -1):
-            out[update] = self.poses[update][who]
-            who = self.parents[update][who]
+        for update in range(self._length - 1, -1, -1):
+            out[update] = self._poses[update, who]
+            who = self._parents[update, who]
         return out
 
     def common_update(self) -> int:
         """Return the last update at which all present particles were one, -1 if none."""
-        who = np.arange(len(self.poses[-1])) if self.poses else np.zeros(0, dtype=np.int64)
-        for update in range(len(self) - 1, -1, -1):
-            if (who == who[0]).all():
-                return update
-            who = np.unique(self.parents[update][who])
-        return -1
+        return int(_common_update(self._parents[: self._length]))
+
+
+@njit(cache=True, nogil=True)
+def _common_update(parents: Indices) -> int:
+    updates, particles = parents.shape
+    who = np.arange(particles)
+    for update in range(updates - 1, -1, -1):
+        if (who == who[0]).all():
+            return update
+        for i in range(particles):
+            who[i] = parents[update, who[i]]
+    return -1

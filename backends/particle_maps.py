@@ -31,6 +31,7 @@ CELL_VALUES = 5
 their normals x, y."""
 NO_TILE = -1
 _SPARE_TILES = 2
+_FIRST_TILES = 1024
 _TILE_BYTES = TILE_CELLS**2 * CELL_VALUES * 4
 _USUAL_PLACE_M = 50.0
 _MUCH_MB = 1000.0
@@ -70,12 +71,13 @@ class ParticleMaps:
     @staticmethod
     def empty(particles: int, resolution_m: float, max_tiles: int = 1 << 20) -> ParticleMaps:
         """Make maps without any end point."""
+        first = min(_FIRST_TILES, max_tiles)
         return ParticleMaps(
             resolution_m,
             np.full((particles, 1, 1), NO_TILE, dtype=np.int32),
             np.zeros(2, dtype=np.int64),
-            np.zeros((64, TILE_CELLS**2, CELL_VALUES), dtype=np.float32),
-            np.zeros(64, dtype=np.int32),
+            np.zeros((first, TILE_CELLS**2, CELL_VALUES), dtype=np.float32),
+            np.zeros(first, dtype=np.int32),
             max_tiles,
         )
 
@@ -142,7 +144,7 @@ class ParticleMaps:
 
     def _grow(self, tiles: int) -> None:
         capacity = len(self.cells)
-        wanted = min(max(capacity + tiles, capacity + capacity // 4), self.max_tiles)
+        wanted = min(max(capacity + tiles, capacity + capacity // 2), self.max_tiles)
         if wanted < capacity + tiles:
             raise BadInput(
                 f"particle maps would need more than {self.max_tiles * _TILE_BYTES / 1e6:.0f} MB;"
@@ -150,7 +152,7 @@ class ParticleMaps:
                 " gmapping.maps.max_memory_mb"
             )
         extra = wanted - capacity
-        more = np.zeros((extra, *self.cells.shape[1:]), dtype=np.float32)
+        more = np.empty((extra, *self.cells.shape[1:]), dtype=np.float32)
         self.cells = np.concatenate([self.cells, more])
         self.references = np.concatenate([self.references, np.zeros(extra, dtype=np.int32)])
 

@@ -96,17 +96,15 @@ def associate(
                 tile = table[tile_row, tile_col]
                 if tile < 0:
                     continue
-                cell = cells[
-                    tile, ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
-                ]
-                n = cell[0]
+                at = ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
+                n = cells[tile, at, 0]
                 if n == 0.0:
                     continue
-                mx, my = col + 0.5 + cell[1] / n, row + 0.5 + cell[2] / n
+                mx, my = col + 0.5 + cells[tile, at, 1] / n, row + 0.5 + cells[tile, at, 2] / n
                 distance = (x - mx) ** 2 + (y - my) ** 2
                 if distance >= best:
                     continue
-                cx, cy = cell[3], cell[4]
+                cx, cy = cells[tile, at, 3], cells[tile, at, 4]
                 size = math.sqrt(cx * cx + cy * cy)
                 smooth = size > _ALIGNED * n
                 if directed and smooth and nx * cx + ny * cy < _SAME_SIDE * size:

@@ -20,8 +20,8 @@ from slarm_graph.backends.particle_matching import (
 from slarm_graph.config import GmappingConfig
 from slarm_graph.geometry import Floats
 
-_ENOUGH_M = 2e-4
-_ENOUGH_RAD = 1e-4
+_ENOUGH_M = 1e-3
+_ENOUGH_RAD = 5e-4
 _LATTICE_CELL_VOLUME = 4.0
 _TINY_VARIANCE = 1e-12
 
