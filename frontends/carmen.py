@@ -22,7 +22,7 @@ import numpy as np
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.messages import ScanBlock
 from slarm_graph.frontends.packed import Ints
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, between
 
 GZIP_MAGIC = b"\x1f\x8b"
 
@@ -215,13 +215,12 @@ def _blocks(name: str, scans: list[_Scan], by_logger: bool) -> list[ScanBlock]:
         rows = np.flatnonzero(counts == count)
         some = [scans[row] for row in rows.tolist()]
         stamps = _nanoseconds([scan.stamps_s[by_logger] for scan in some])
-        record = _nanoseconds([scan.stamps_s[1] for scan in some])
         ranges = np.array([scan.ranges_m for scan in some], np.float32).reshape(len(some), count)
         limits = np.array([scan.limits for scan in some])
         poses = None
         if all(scan.robot for scan in some):
             poses = np.array([scan.robot for scan in some], np.float64)
-        blocks.append(ScanBlock(stamps, record, rows, limits, ranges, name, poses))
+        blocks.append(ScanBlock(stamps, stamps, rows, limits, ranges, name, poses))
     return blocks
 
 
@@ -230,8 +229,6 @@ def _offset(scans: list[_Scan]) -> Floats:
 
     Corrected logs write the map pose in place of the laser's, which is no fixed offset.
     """
-    from slarm_graph.geometry import between
-
     pairs = [(scan.robot, scan.laser) for scan in scans if scan.robot]
     if not pairs:
         return np.zeros(3)
