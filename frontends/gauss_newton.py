@@ -2,9 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """Gauss-Newton refinement of a scan on a smooth likelihood grid, with a prior on the pose.
 
-With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 2 (1 - L) is
-Welsch's robust cost of d / sigma. Its square root is the residual, so near the optimum every point
-counts as in point-to-line ICP, and far points do not count at all.
+With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 1 - L is
+Welsch's robust cost of d / sigma: near points count as in point-to-line ICP, far ones not at all.
+
+Its curvature is taken in two ways. On the way, as that of the residual sqrt(2 (1 - L)), which makes
+long steps. For the last of the way and for the covariance, as L / sigma^2 across the wall, whose
+direction the gradient shows: true also on the ridge itself, where the first one vanishes.
 """
 
 from __future__ import annotations
@@ -20,6 +23,10 @@ from slarm_graph.frontends.small_matrix import invert3
 from slarm_graph.geometry import Floats
 
 _FLOOR = 0.02
+_FLAT = 0.03
+_LONG_STEPS = 6
+_NEAR_SIGMAS = 0.2
+_NEAR_RAD = 0.01
 _CONVERGED_M = 2e-4
 _CONVERGED_RAD = 1e-4
 
@@ -36,6 +43,7 @@ def refine(
     prior_information: Floats,
     point_information: float,
     max_iterations: int,
+    sigma: float = 0.04,
 ) -> tuple[Floats, Floats, float, int, int]:
     """Align points (K, 2) in the robot's frame with the grid.
 
@@ -46,7 +54,10 @@ def refine(
     prior_information : (3, 3) float64
         Inverse covariance of the prior in its own body frame.
     point_information : float
-        Weight that turns the robust costs into honest negative log likelihoods.
+        Weight that turns the robust costs into honest negative log likelihoods: the ratio of
+        `sigma` squared to a return's variance.
+    sigma : float
+        The fall-off the grid was built with [m].
 
     Returns
     -------
@@ -58,10 +69,11 @@ def refine(
     h = np.zeros((3, 3))
     g = np.zeros(3)
     score, inliers = 0.0, 0
+    long_steps = True
     for iteration in range(max_iterations):
         used = iteration + 1
         score, inliers = _normal_equations(
-            values, origin_x, origin_y, resolution, points, pose, h, g
+            values, origin_x, origin_y, resolution, points, pose, sigma, long_steps, h, g
         )
         a = h * point_information
         b = g * point_information
@@ -76,9 +88,14 @@ def refine(
         pose[0] += c * step[0] - s * step[1]
         pose[1] += s * step[0] + c * step[1]
         pose[2] += step[2]
-        if abs(step[2]) < _CONVERGED_RAD and length * limit < _CONVERGED_M:
+        if long_steps:
+            is_near = length < _NEAR_SIGMAS * sigma and abs(step[2]) < _NEAR_RAD
+            long_steps = not is_near and used < _LONG_STEPS
+        elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
-    score, inliers = _normal_equations(values, origin_x, origin_y, resolution, points, pose, h, g)
+    score, inliers = _normal_equations(
+        values, origin_x, origin_y, resolution, points, pose, sigma, False, h, g
+    )
     return pose, h * point_information, score, inliers, used
 
 
@@ -90,6 +107,8 @@ def _normal_equations(
     resolution: float,
     points: Floats,
     pose: Floats,
+    sigma: float,
+    long_steps: bool,
     h: Floats,
     g: Floats,
 ) -> tuple[float, int]:
@@ -98,6 +117,7 @@ def _normal_equations(
     g[:] = 0.0
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, inliers = 0.0, 0
+    precision = 1.0 / (sigma * sigma)
     for i in range(len(points)):
         px, py = points[i, 0], points[i, 1]
         x = pose[0] + c * px - s * py
@@ -111,7 +131,10 @@ def _normal_equations(
         jx = c * gx + s * gy
         jy = -s * gx + c * gy
         jt = px * jy - py * jx
-        weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
+        if long_steps:
+            weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
+        else:
+            weight = value * precision / (gx * gx + gy * gy + _FLAT * _FLAT * precision)
         g[0] += jx
         g[1] += jy
         g[2] += jt
@@ -154,6 +177,7 @@ def refine_motion(
     start: Floats,
     point_information: float,
     max_iterations: int,
+    sigma: float,
 ) -> tuple[Floats, Floats, float, int, int, float, float]:
     """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
 
@@ -182,6 +206,7 @@ def refine_motion(
         information,
         point_information,
         max_iterations,
+        sigma,
     )
     pull = np.zeros(3)
     _add_prior(np.zeros((3, 3)), pull, pose, prior, information)

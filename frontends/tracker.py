@@ -184,6 +184,7 @@ class ScanTracker:
                 _FROM_PREDICTION if start is None else start,
                 (grid.sigma_m / settings.point_sigma_m) ** 2,
                 settings.max_iterations,
+                grid.sigma_m,
             )
         )
 

@@ -43,11 +43,11 @@ class MatchingConfig(Stage):
     resolution_m: float = Field(default=0.05, gt=0)
     sigma_m: float = Field(default=0.04, gt=0)
     """Standard deviation of the likelihood's fall-off from what was seen."""
-    point_sigma_m: float = Field(default=0.02, gt=0)
+    point_sigma_m: float = Field(default=0.01, gt=0)
     """What one return is worth against the prediction: its error, correlations allowed for."""
     max_gap_m: float = Field(default=0.3, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
-    max_iterations: int = Field(default=15, ge=1)
+    max_iterations: int = Field(default=20, ge=1)
     min_score: float = Field(default=0.35, ge=0, le=1)
     """A match with less mean agreement has failed."""
     min_points: int = Field(default=10, ge=3)
@@ -84,6 +84,8 @@ class LoopClosureConfig(Stage):
     """Old submaps searched at a time where it is not."""
     search_every: int = Field(default=4, ge=1)
     """Keyframes between searches."""
+    search_again: int = Field(default=40, ge=1)
+    """Keyframes until the same old submap is searched again."""
     search_resolution_m: float = Field(default=0.1, gt=0)
     search_sigma_m: float = Field(default=0.1, gt=0)
     search_score: float = Field(default=0.55, ge=0, le=1)
