@@ -123,7 +123,7 @@ def gain_figure(radio: RadioMap) -> str:
     y = g.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * g.resolution_m
     gain_db = radio.channel_power_gain_db[:, rows, cols][:, ::step, ::step]
     clear = radio.line_of_sight[:, rows, cols][:, ::step, ::step]
-    low, high = np.nanmin(gain_db), np.nanmax(gain_db)
+    low, high = radio.gain_span_db()
     for index, ap in enumerate(radio.access_points):
         fig.add_heatmap(
             x=_single(x),
@@ -133,8 +133,8 @@ def gain_figure(radio: RadioMap) -> str:
             hovertemplate="%{x:.2f}, %{y:.2f} m<br>%{z:.2f} dB<br>line of sight: %{customdata}"
             f"<extra>{ap.name}</extra>",
             colorscale="Viridis",
-            zmin=float(low),
-            zmax=float(high),
+            zmin=low,
+            zmax=high,
             colorbar={"title": "gain [dB]"},
             visible=index == 0,
             hoverongaps=False,

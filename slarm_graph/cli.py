@@ -14,7 +14,7 @@ from typing import Annotated
 
 import typer
 
-from slarm_graph import __version__, cli_eval, cli_run, cli_tools
+from slarm_graph import __version__, cli_compare, cli_eval, cli_run, cli_tools
 from slarm_graph.errors import BadInput, RunFailed
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -30,6 +30,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 cli_run.add_to(app)
+cli_compare.add_to(app)
 cli_eval.add_to(app)
 cli_tools.add_to(app)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run the whole flow: run, explore, demo, reproduce, compare."""
+"""Commands that run the whole flow once: run a recording, explore a world."""
 
 from __future__ import annotations
 
@@ -16,7 +16,6 @@ from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.config import RunConfig
-    from slarm_graph.eval.comparison import Outcome
     from slarm_graph.job import Job, Run
     from slarm_graph.radio_words import AccessPoint
     from slarm_graph.run_folder import RunFolder
@@ -57,7 +56,7 @@ RelationsFile = Annotated[
 def add_to(app: typer.Typer) -> None:
     """Register the commands."""
     app.command("run")(run_command)
-    app.command("compare")(compare_command)
+    app.command("explore")(explore_command)
 
 
 def run_command(
@@ -152,15 +151,56 @@ def _execute(job: Job, folder: RunFolder) -> int:
 
     with shown() as progress:
         run = execute(job, folder, progress)
+    return _finish(run, folder)
+
+
+def explore_command(
+    world: Annotated[
+        str, typer.Option(help="YAML file of a world, or one that comes along.")
+    ] = "paper_room",
+    backend: Backend = None,
+    explorer: Annotated[str | None, typer.Option(help="Who decides where to drive.")] = None,
+    resolution: Annotated[
+        float | None, typer.Option(help="Side of the maps' cells, in m (the paper's delta).")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Of the robot, in m/s.")] = None,
+    seed: Seed = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Let a simulated robot explore a world, and measure the maps against the truth."""
+    from slarm_graph.config_files import load_config
+    from slarm_graph.execution import execute_exploration
+    from slarm_graph.progress import shown
+    from slarm_graph.run_folder import create_run_folder
+    from slarm_graph.world_files import load_world
+
+    overrides = [
+        *(settings or ()),
+        *_set("backend", backend),
+        *_set("seed", seed),
+        *_set("explore.explorer", explorer),
+        *_set("explore.resolution_m", resolution),
+        *_set("explore.driving.speed_m_s", speed),
+    ]
+    resolved, found = load_config(config, overrides), load_world(world)
+    folder = create_run_folder(out, name)
+    with shown() as progress:
+        run = execute_exploration(found, resolved, folder, progress)
+    return _finish(run, folder)
+
+
+def _finish(run: Run, folder: RunFolder) -> int:
+    """Show a run and turn how it ended into an exit code."""
     _show(run, folder)
-    if run.intake.problem:
-        print(
-            f"slarm: {run.intake.problem}; partial results are in {folder.path}, and"
-            f" slarm run --resume {folder.path} goes on",
-            file=sys.stderr,
-        )
-        return _INTERRUPTED if run.intake.interrupted else _FAILED
-    return 0
+    if not run.intake.problem:
+        return 0
+    print(f"slarm: {run.intake.problem}; partial results are in {folder.path}", file=sys.stderr)
+    if (folder.path / "checkpoint").is_dir():
+        print(f"slarm: go on with: slarm run --resume {folder.path}", file=sys.stderr)
+    return _INTERRUPTED if run.intake.interrupted else _FAILED
 
 
 def _show(run: Run, folder: RunFolder) -> None:
@@ -171,52 +211,3 @@ def _show(run: Run, folder: RunFolder) -> None:
     show_metrics(run.metrics, title=run.title)
     seconds = cast(float, folder.record()["wall_s"])
     print(f"{len(run.intake.stamps_ns)} scans in {seconds:.1f} s -> {folder.path}/report.html")
-
-
-def compare_command(
-    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="Recordings.")],
-    backends: Annotated[
-        str, typer.Option(metavar="A,B", help="Backends, with commas between them.")
-    ] = "odometry,gmapping,pose_graph",
-    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")] = 1,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
-    ] = None,
-    ap: AccessPoints = None,
-    out: Out = Path("runs"),
-    name: Name = None,
-    config: ConfigFile = None,
-    settings: Settings = None,
-) -> int:
-    """Run every source with every backend and seed, and compare."""
-    from slarm_graph.backends import registered
-    from slarm_graph.cli_output import show_comparison
-    from slarm_graph.compare import compare, trials
-    from slarm_graph.config_files import load_config
-    from slarm_graph.frontends.sources import existing_paths
-    from slarm_graph.run_folder import create_run_folder
-
-    chosen = [word.strip() for word in backends.split(",") if word.strip()]
-    unknown = [word for word in chosen if word not in registered()]
-    if unknown or not chosen:
-        raise BadInput(f"no backend {unknown}; there are {', '.join(sorted(registered()))}")
-    access_points(ap or (), load_config(config, settings or ()))
-    folder = create_run_folder(out, name)
-    options = [
-        *(word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())),
-        *(("--config", str(config.resolve())) if config else ()),
-        *(word for setting in settings or () for word in ("--set", setting)),
-    ]
-    planned = trials(existing_paths(sources), chosen, seeds, folder.path, options)
-    outcomes = compare(planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome)
-    show_comparison(folder, outcomes, f"{len(sources)} sources, {len(chosen)} backends")
-    return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
-
-
-def _tell_outcome(outcome: Outcome) -> None:
-    seconds = outcome.figures.get("wall_s", 0.0)
-    about = outcome.problem or f"{seconds:.1f} s"
-    print(f"{outcome.source} {outcome.backend} seed {outcome.seed}: {outcome.status} ({about})")

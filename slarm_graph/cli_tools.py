@@ -4,20 +4,69 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from slarm_graph.cli_run import ConfigFile, Settings
+from slarm_graph.cli_run import AccessPoints, ConfigFile, Name, Out, Settings, access_points
 
 
 def add_to(app: typer.Typer) -> None:
     """Register the commands."""
+    app.command("radio")(radio_command)
+    app.command("check")(check_command)
     app.command("convert")(convert_command)
     app.command("config")(config_command)
     app.command("backends")(backends_command)
     app.command("doctor")(doctor_command)
+
+
+def radio_command(
+    map_file: Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")],
+    ap: AccessPoints = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> None:
+    """Make the radio map over any map_server map, taken as it is."""
+    from slarm_graph.config_files import config_yaml, load_config
+    from slarm_graph.geographic import as_geographic
+    from slarm_graph.map_files import read_map
+    from slarm_graph.outputs import save_radio
+    from slarm_graph.radio import radio_map
+    from slarm_graph.run_folder import create_run_folder
+
+    resolved = load_config(config, settings or ())
+    points = access_points(ap or (), resolved)
+    geographic = as_geographic(read_map(map_file), resolved.recovery.default_height_m)
+    radio = radio_map(geographic, points, resolved.radio)
+    folder = create_run_folder(out, name)
+    folder.write_text("config.yaml", config_yaml(resolved))
+    save_radio(folder, radio)
+    folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
+    low, high = radio.gain_span_db()
+    print(
+        f"{len(points)} access points, expected gain {low:.1f} to {high:.1f} dB"
+        f" -> {folder.path}/radio_map.png"
+    )
+
+
+def check_command(
+    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Diagnose a recording before running it; exit code 1 for warnings, 2 when it is unusable."""
+    from slarm_graph.config_files import load_config
+    from slarm_graph.frontends.check import check
+
+    diagnosis = check(sources, load_config(config, settings or ()).source)
+    print(json.dumps(diagnosis.as_json(), indent=2) if as_json else diagnosis.text())
+    return diagnosis.exit_code
 
 
 def convert_command(

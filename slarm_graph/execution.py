@@ -9,14 +9,18 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from slarm_graph.config import RunConfig
 from slarm_graph.config_files import config_differences, config_yaml, load_config
 from slarm_graph.errors import BadInput
+from slarm_graph.exploration import explore_world
 from slarm_graph.input_files import input_facts
 from slarm_graph.job import Job, Run
 from slarm_graph.pipeline import run
 from slarm_graph.progress import Progress
 from slarm_graph.radio_words import AccessPoint
 from slarm_graph.run_folder import RunFolder, read_record
+from slarm_graph.world import WorldMap
+from slarm_graph.world_files import world_to_yaml
 
 _log = logging.getLogger(__name__)
 _LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
@@ -32,20 +36,27 @@ def execute(job: Job, folder: RunFolder, progress: Progress) -> Run:
     BadInput, RunFailed
         When there is nothing to show for it.
     """
-    with _logged(folder), _recorded(folder):
-        folder.write_text("config.yaml", config_yaml(job.config))
-        folder.note(
-            seed=job.config.seed,
-            backend=job.config.backend,
-            input=input_facts(job.paths),
-            job=_job_facts(job),
-        )
-        result = run(job, folder, progress)
-        for notice in result.notices():
-            _log.info(notice)
-        problem = result.intake.problem
-        folder.note(status="partial" if problem else "ok", problem=problem)
-    return result
+    with _recorded(folder, job.config):
+        folder.note(input=input_facts(job.paths), job=_job_facts(job))
+        return _ended(folder, run(job, folder, progress))
+
+
+def execute_exploration(
+    world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress
+) -> Run:
+    """Explore a world to the end and record how it went, as `execute` does."""
+    with _recorded(folder, config):
+        folder.write_text("world.yaml", world_to_yaml(world))
+        folder.note(input={"world": world.name})
+        return _ended(folder, explore_world(world, config, folder, progress))
+
+
+def _ended(folder: RunFolder, done: Run) -> Run:
+    for notice in done.notices():
+        _log.info(notice)
+    problem = done.intake.problem
+    folder.note(status="partial" if problem else "ok", problem=problem)
+    return done
 
 
 def resumed_job(path: Path, config_file: Path | None, overrides: Iterable[str]) -> Job:
@@ -107,18 +118,21 @@ def _path_or_none(text: str | None) -> Path | None:
 
 
 @contextmanager
-def _recorded(folder: RunFolder) -> Iterator[None]:
-    """Record a failure, and whether there are results all the same."""
-    try:
-        yield
-    except KeyboardInterrupt:
-        folder.note(status="partial", problem="interrupted")
-        raise
-    except Exception as error:
-        there = (folder.path / "trajectory.tum").is_file()
-        _log.error("%s", error, exc_info=error)
-        folder.note(status="partial" if there else "failed", problem=str(error))
-        raise
+def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
+    """Record the configuration; on failure why, and whether there are results all the same."""
+    folder.write_text("config.yaml", config_yaml(config))
+    folder.note(seed=config.seed, backend=config.backend)
+    with _logged(folder):
+        try:
+            yield
+        except KeyboardInterrupt:
+            folder.note(status="partial", problem="interrupted")
+            raise
+        except Exception as error:
+            there = (folder.path / "trajectory.tum").is_file()
+            _log.error("%s", error, exc_info=error)
+            folder.note(status="partial" if there else "failed", problem=str(error))
+            raise
 
 
 @contextmanager

@@ -10,7 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.world import Solid
 
 
@@ -83,3 +83,26 @@ class GeographicMap:
     def obstacle(self) -> Mask:
         """Cells that belong to a wall or a thing."""
         return np.asarray(self.states == CellState.OBSTACLE)
+
+
+def as_geographic(grid: OccupancyGrid, default_height_m: float | None = None) -> GeographicMap:
+    """Take an occupancy grid as it is: free cells accessible, obstacles of one height.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    default_height_m : float, optional
+        Of every obstacle [m]; infinite when left out.
+    """
+    states = np.full(grid.geometry.shape, CellState.UNKNOWN, dtype=np.uint8)
+    states[grid.free] = CellState.ACCESSIBLE
+    states[grid.occupied] = CellState.OBSTACLE
+    height_m = np.inf if default_height_m is None else default_height_m
+    nowhere = np.zeros(grid.geometry.shape, dtype=np.bool_)
+    return GeographicMap(
+        grid.geometry,
+        states,
+        np.where(grid.occupied, height_m, 0.0).astype(np.float32),
+        "infinite" if default_height_m is None else "default",
+        Coverage(grid.free, nowhere, nowhere),
+    )

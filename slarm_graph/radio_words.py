@@ -86,3 +86,9 @@ class RadioMap:
         """Index of the strongest access point per cell (rows, cols); -1 where there is none."""
         rss = np.where(np.isnan(self.path_loss_db), -np.inf, self.rss_dbm)
         return np.where(np.isneginf(rss).all(axis=0), -1, rss.argmax(axis=0))
+
+    def gain_span_db(self) -> tuple[float, float]:
+        """Return the least and the greatest gain anywhere [dB]; nan where there is none."""
+        if not np.isfinite(self.path_loss_db).any():
+            return float("nan"), float("nan")
+        return -float(np.nanmax(self.path_loss_db)), -float(np.nanmin(self.path_loss_db))

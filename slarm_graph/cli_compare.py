@@ -1,0 +1,111 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that run many: compare backends, demo."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slarm_graph.cli_run import (
+    AccessPoints,
+    ConfigFile,
+    Name,
+    Out,
+    Settings,
+    access_points,
+)
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.compare import Trial
+    from slarm_graph.eval.comparison import Outcome
+    from slarm_graph.run_folder import RunFolder
+
+_FAILED = 1
+_DEMO_BACKENDS = ("pose_graph", "gmapping")
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    app.command("compare")(compare_command)
+    app.command("demo")(demo_command)
+
+
+def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
+    """Explore the paper's room with both backends and compare; takes a minute or two."""
+    from slarm_graph.compare import find_sources, trials
+    from slarm_graph.run_folder import create_run_folder
+
+    folder = create_run_folder(out, name)
+    print("A simulated robot explores the paper's room, once with each SLAM backend ...")
+    planned = trials(find_sources(["paper_room"]), _DEMO_BACKENDS, 1, folder.path)
+    return _compare(planned, folder, "The paper's room, explored in closed loop")
+
+
+def compare_command(
+    sources: Annotated[
+        list[str],
+        typer.Argument(metavar="SOURCE...", help="Recordings, and worlds (YAML or name)."),
+    ],
+    backends: Annotated[
+        str, typer.Option(metavar="A,B", help="Backends, with commas between them.")
+    ] = "odometry,gmapping,pose_graph",
+    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")] = 1,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
+    ] = None,
+    ap: AccessPoints = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Run every source with every backend and seed, and compare."""
+    from slarm_graph.backends import registered
+    from slarm_graph.compare import find_sources, trials
+    from slarm_graph.config_files import load_config
+    from slarm_graph.run_folder import create_run_folder
+
+    chosen = [word.strip() for word in backends.split(",") if word.strip()]
+    unknown = [word for word in chosen if word not in registered()]
+    if unknown or not chosen:
+        raise BadInput(f"no backend {unknown}; there are {', '.join(sorted(registered()))}")
+    access_points(ap or (), load_config(config, settings or ()))
+    found = find_sources(sources)
+    folder = create_run_folder(out, name)
+    points = [word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())]
+    options = [
+        *(("--config", str(config.resolve())) if config else ()),
+        *(word for setting in settings or () for word in ("--set", setting)),
+    ]
+    planned = trials(found, chosen, seeds, folder.path, options=options, for_recordings=points)
+    what = f"{len(found)} sources, {len(chosen)} backends, {seeds} seeds"
+    return _compare(planned, folder, what, jobs, scheduler)
+
+
+def _compare(
+    planned: Sequence[Trial],
+    folder: RunFolder,
+    what: str,
+    jobs: int | None = None,
+    scheduler: str | None = None,
+) -> int:
+    """Carry trials out, show and write the comparison; 1 when one of them failed."""
+    from slarm_graph.cli_output import show_comparison
+    from slarm_graph.compare import compare
+
+    outcomes = compare(planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome)
+    show_comparison(folder, outcomes, what)
+    return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
+
+
+def _tell_outcome(outcome: Outcome) -> None:
+    about = outcome.problem or f"{outcome.figures.get('wall_s', 0.0):.1f} s"
+    print(f"{outcome.source} {outcome.backend} seed {outcome.seed}: {outcome.status} ({about})")
