@@ -24,6 +24,7 @@ def add_to(app: typer.Typer) -> None:
     group.command("trajectory")(trajectory_command)
     group.command("relations")(relations_command)
     group.command("map")(map_command)
+    group.command("radio")(radio_command)
     app.add_typer(group, name="eval", no_args_is_help=True)
 
 
@@ -156,3 +157,47 @@ def _write_difference(
         path.write_bytes(png_bytes(difference_image(reference, estimate, motion)))
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror}") from None
+
+
+def radio_command(
+    reference: Annotated[
+        str, typer.Argument(metavar="REF", help="True radio_map.npz, or a world (YAML or name).")
+    ],
+    estimate: Annotated[
+        Path, typer.Argument(metavar="EST", help="Run folder, or a radio_map.npz.")
+    ],
+    tolerance: Annotated[float, typer.Option(help="Of the gain, in dB.")] = 1.0,
+    access_point: Annotated[int, typer.Option(min=1, help="Which one, counted from 1.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map."""
+    from slarm_graph.cli_output import show_metrics, show_notices
+    from slarm_graph.eval.radio_accuracy import radio_accuracy
+    from slarm_graph.radio_references import (
+        geographic_of,
+        has_coverage,
+        read_estimate,
+        reference_for,
+    )
+
+    radio, folder = read_estimate(estimate)
+    accessible, truth, extent_m = reference_for(reference, radio)
+    for name, points in (("REF", truth.access_points), ("EST", radio.access_points)):
+        if access_point > len(points):
+            raise BadInput(f"--access-point {access_point}: {name} has {len(points)}")
+    result = radio_accuracy(
+        accessible,
+        truth,
+        geographic_of(radio, folder),
+        radio,
+        tolerance_db=tolerance,
+        access_point=access_point - 1,
+        extent_m=extent_m,
+    )
+    show_notices(result.warnings)
+    metrics = result.metrics()
+    if not has_coverage(folder):
+        show_notices([f"no coverage.npz in {folder}: where there is a gain counts as accessible"])
+        unknown = ("coverage_observed", "coverage_visited", "coverage_footprint")
+        metrics = tuple(m for m in metrics if m.name not in unknown)
+    show_metrics(metrics, title=f"reference {reference}, estimate {estimate}", as_json=as_json)

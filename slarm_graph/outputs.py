@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from slarm_graph.backend import SlamResult, Table
+from slarm_graph.coverage_files import write_coverage
 from slarm_graph.g2o import write_g2o
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, Mask
@@ -64,26 +65,14 @@ def save_map(
 def save_geographic(folder: RunFolder, geographic: GeographicMap) -> None:
     """Write the recovered map and its coverage.
 
-    In the map every cell without an obstacle is free, reachable or not; `coverage.npz` holds the
-    cells' states and heights and the three coverage layers, all (rows, cols) with row 0 lowest.
+    In the map every cell known to be without an obstacle is free, reachable or not; the states
+    of the cells are in `coverage.npz`.
     """
     states = geographic.states
     free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
     save_map(folder, "geographic_map", geographic.geometry, geographic.obstacle, free)
-    g, coverage = geographic.geometry, geographic.coverage
     with folder.replacing("coverage.npz") as temporary:
-        np.savez_compressed(
-            temporary,
-            states=states,
-            state_names=np.array([state.name.lower() for state in CellState]),
-            heights_m=geographic.heights_m,
-            height_source=np.array(geographic.height_source),
-            observed=coverage.observed,
-            visited=coverage.visited,
-            footprint=coverage.footprint,
-            resolution_m=g.resolution_m,
-            origin_m=np.array([g.origin_x_m, g.origin_y_m]),
-        )
+        write_coverage(temporary, geographic)
 
 
 def save_radio(folder: RunFolder, radio: RadioMap | None) -> None:

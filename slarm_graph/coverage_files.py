@@ -1,0 +1,58 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The geographic map's layers as `coverage.npz`."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from slarm_graph.errors import BadInput
+from slarm_graph.geographic import CellState, Coverage, GeographicMap
+from slarm_graph.grid import GridGeometry
+
+
+def write_coverage(path: Path, geographic: GeographicMap) -> None:
+    """Write states, heights and the three coverage layers, all (rows, cols) with row 0 lowest."""
+    g, coverage = geographic.geometry, geographic.coverage
+    np.savez_compressed(
+        path,
+        states=geographic.states,
+        state_names=np.array([state.name.lower() for state in CellState]),
+        heights_m=geographic.heights_m,
+        height_source=np.array(geographic.height_source),
+        observed=coverage.observed,
+        visited=coverage.visited,
+        footprint=coverage.footprint,
+        changed_cells=geographic.changed_cells,
+        resolution_m=g.resolution_m,
+        origin_m=np.array([g.origin_x_m, g.origin_y_m]),
+    )
+
+
+def read_coverage(path: Path) -> GeographicMap:
+    """Read what `write_coverage` wrote; the map's solids are not in it.
+
+    Raises
+    ------
+    BadInput
+        When the file is missing or not of that kind.
+    """
+    try:
+        with np.load(path) as file:
+            x_m, y_m = (float(v) for v in file["origin_m"])
+            states = file["states"]
+            return GeographicMap(
+                GridGeometry(x_m, y_m, float(file["resolution_m"]), *states.shape),
+                states,
+                file["heights_m"],
+                str(file["height_source"]),
+                Coverage(file["observed"], file["visited"], file["footprint"]),
+                int(file["changed_cells"]),
+            )
+    except FileNotFoundError:
+        raise BadInput(f"no such file: {path}") from None
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise BadInput(f"{path}: not a coverage file written by slarm ({error})") from None
