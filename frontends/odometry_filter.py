@@ -55,8 +55,18 @@ class OdometryFilter:
         self._measured: tuple[Floats, Floats] | None = None
         self._usual_span_s = 0.0
 
-    def predict(self, span_s: float, odom_from_robot: Pose2 | None) -> tuple[Prediction, ...]:
+    def predict(
+        self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float = 0.0
+    ) -> tuple[Prediction, ...]:
         """Predict the motion over `span_s`.
+
+        Parameters
+        ----------
+        span_s : float
+            Time since the last prediction [s].
+        odom_from_robot : Pose2 or None
+        lag_s : float
+            How much later than the odometry the motion is asked for [s].
 
         Returns
         -------
@@ -71,6 +81,7 @@ class OdometryFilter:
         if increment is None:
             return (Prediction(*steady),)
         noise = odometry_covariance(increment, self._distrust)
+        noise = noise + self.lag_covariance(lag_s)
         self._measured = (increment, noise)
         motion, covariance, contradiction = fuse(*steady, increment, noise)
         measured = Prediction(increment, noise)
@@ -88,6 +99,16 @@ class OdometryFilter:
             self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise / 3.0)
         self._velocity = moved / span
         self._covariance = covariance / (span * span)
+
+    def rate(self, motion: Floats, span_s: float) -> Floats:
+        """Velocity (3,) [m/s, m/s, rad/s] of a motion (3,) over `span_s`; 0 across a gap."""
+        if not 0.0 < span_s < _MAX_COASTING_S:
+            return np.zeros(3)
+        return np.asarray(motion / max(span_s, 0.5 * self._usual_span_s))
+
+    def lag_covariance(self, lag_s: float) -> Floats:
+        """Covariance (3, 3) of carrying a pose over `lag_s` with the last interval's velocity."""
+        return np.diag((_ACCELERATION * self._usual_span_s * lag_s) ** 2)
 
     def _steady(self, span_s: float) -> float:
         """Floor a span by half the usual one: some logs' stamps bunch up, the robot does not."""

@@ -15,9 +15,12 @@ from slarm_graph.readings import LaserScan
 
 
 def points_for_matching(
-    scan: LaserScan, config: FrontendConfig, robot_rate: Floats | None = None
+    scan: LaserScan,
+    config: FrontendConfig,
+    robot_rate: Floats | None = None,
+    at_beam: float = 0.0,
 ) -> Floats:
-    """Returns of a scan in the robot's frame at the first beam, in beam order.
+    """Returns of a scan in the robot's frame at one beam's instant, in beam order.
 
     Parameters
     ----------
@@ -26,6 +29,8 @@ def points_for_matching(
     robot_rate : (3,) float64, optional
         Robot's velocity in its own frame [m/s, m/s, rad/s], to undo the motion within the scan.
         Used only when `config.deskew` is set and the scan knows its `time_increment_s`.
+    at_beam : float
+        Beam in whose frame the points are wanted; by default the first.
 
     Returns
     -------
@@ -44,6 +49,7 @@ def points_for_matching(
             min(scan.range_max_m, config.max_range_m),
             scan.robot_from_laser.as_array(),
             per_beam,
+            at_beam,
             config.point_spacing_m,
         )
     )
@@ -58,6 +64,7 @@ def _points(
     range_max: float,
     robot_from_laser: Floats,
     motion_per_beam: Floats,
+    at_beam: float,
     spacing: float,
 ) -> Floats:
     """Project, deskew and thin; NaN and infinite ranges fail both comparisons."""
@@ -67,11 +74,12 @@ def _points(
         r = ranges[i]
         if not (r >= range_min and r <= range_max):
             continue
-        turn = i * motion_per_beam[2]
+        later = i - at_beam
+        turn = later * motion_per_beam[2]
         c, s = math.cos(turn), math.sin(turn)
         direction = turn + robot_from_laser[2] + angle_min + i * angle_increment
-        x = i * motion_per_beam[0] + c * robot_from_laser[0] - s * robot_from_laser[1]
-        y = i * motion_per_beam[1] + s * robot_from_laser[0] + c * robot_from_laser[1]
+        x = later * motion_per_beam[0] + c * robot_from_laser[0] - s * robot_from_laser[1]
+        y = later * motion_per_beam[1] + s * robot_from_laser[0] + c * robot_from_laser[1]
         x += r * math.cos(direction)
         y += r * math.sin(direction)
         if count > 0:

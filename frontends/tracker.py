@@ -1,31 +1,29 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Lidar odometry: every scan matched against a local map of the last keyframes."""
+"""Lidar odometry: every scan matched against a local map of the last keyframes.
+
+A scan that takes time is matched in the middle of its sweep, where an error of the velocity it was
+deskewed with cancels; the pose at its first beam follows from the velocity that comes out.
+"""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
-from slarm_graph.frontends.correlative import search_every_pose
-from slarm_graph.frontends.gauss_newton import refine_motion
 from slarm_graph.frontends.keyframes import LocalMap
-from slarm_graph.frontends.odometry_filter import OdometryFilter, Prediction
+from slarm_graph.frontends.local_matching import LocalMatcher
+from slarm_graph.frontends.odometry_filter import OdometryFilter
 from slarm_graph.frontends.scan_filter import points_for_matching
-from slarm_graph.geometry import Floats, Pose2, compose
-from slarm_graph.readings import Reading
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import LaserScan, Reading
 
-_DOUBTFUL_SURPRISE = 16.0
-_DOUBTFUL_SHIFT = 0.1
-_DOUBTFUL_SHARE = 0.8
-_BETTER = 0.02
-_MAX_DESKEW_S = 1.0
-_SEARCH_POINTS = 80
-_FROM_PREDICTION = np.empty(0)
+_MAX_SWEEP_S = 1.0
+_MISTIMED_M = 0.01
+_MISTIMED_RAD = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,22 +59,6 @@ class TrackedScan:
     is_keyframe: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Refined:
-    """A refined pose (3,) and its covariance (3, 3), compared with the prediction.
-
-    `surprise` is in squared sigmas, `shift` the distance [m] plus the angle [rad].
-    """
-
-    pose: Floats
-    covariance: Floats
-    score: float
-    inliers: int
-    iterations: int
-    surprise: float
-    shift: float
-
-
 class ScanTracker:
     """Follows the robot by matching every scan against the last keyframes.
 
@@ -89,137 +71,67 @@ class ScanTracker:
         self._config = config
         self._filter = OdometryFilter()
         self._map = LocalMap(config.keyframes, config.matching)
+        self._matcher = LocalMatcher(config.matching)
         self._local_from_robot = Pose2()
+        self._local_from_middle = Pose2()
         self._last_stamp_ns: int | None = None
-        self._usual_score = 0.0
 
     def track(self, reading: Reading) -> TrackedScan:
         """Follow the robot to the next reading."""
-        first = self._last_stamp_ns is None
+        scan, previous, base = reading.scan, self._local_from_robot, self._local_from_middle
         span_s = (reading.stamp_ns - (self._last_stamp_ns or reading.stamp_ns)) * 1e-9
-        predictions = self._filter.predict(span_s, reading.odom_from_robot)
-        rate = predictions[0].motion / span_s if 0.0 < span_s < _MAX_DESKEW_S else np.zeros(3)
-        points = points_for_matching(reading.scan, self._config, rate)
-        match = self._match(points, predictions)
-        motion = self._local_from_robot.between(match.target_from_source)
-        if not first:
-            self._filter.correct(span_s, motion, match.covariance)
+        sweep_s = self._sweep_s(scan)
+        predictions = self._filter.predict(span_s, reading.odom_from_robot, 0.5 * sweep_s)
+        rate = self._filter.rate(predictions[0].motion, span_s)
+        middle = 0.5 * (len(scan.ranges_m) - 1) if sweep_s else 0.0
+        points = points_for_matching(scan, self._config, rate, middle)
+        match = self._matcher.match(points, self._map.grid, base, predictions)
+        if sweep_s and match:
+            found = self._filter.rate(base.between(match.target_from_source).as_array(), span_s)
+            off = np.abs(found - rate) * sweep_s
+            rate = found
+            if max(off[0], off[1]) > _MISTIMED_M or off[2] > _MISTIMED_RAD:
+                points = points_for_matching(scan, self._config, rate, middle)
+                match = self._matcher.match(points, self._map.grid, base, predictions)
+        if self._last_stamp_ns is not None:
+            moved = base.between(match.target_from_source)
+            self._filter.correct(span_s, moved, match.covariance)
+        self._local_from_middle = match.target_from_source
+        if sweep_s:
+            match, points = self._at_first_beam(scan, match, rate, middle)
+            unsure = self._filter.lag_covariance(0.5 * sweep_s)
+            match = replace(match, covariance=match.covariance + unsure)
         self._local_from_robot = match.target_from_source
         self._last_stamp_ns = reading.stamp_ns
-        is_keyframe = len(points) >= self._config.matching.min_points and self._map.wants(
-            self._local_from_robot
-        )
-        if is_keyframe:
-            self._map.add(points, self._local_from_robot)
         return TrackedScan(
             reading.stamp_ns,
             points,
             self._local_from_robot,
-            motion,
+            previous.between(self._local_from_robot),
             match.covariance,
             match,
             reading.odom_from_robot,
-            is_keyframe,
+            self._keep(points),
         )
 
-    def _match(self, points: Floats, predictions: tuple[Prediction, ...]) -> MatchResult:
-        """Align points with the local map, starting from (and leaning on) what is expected."""
-        settings = self._config.matching
-        best = predictions[0]
-        if self._map.grid is None:
-            return MatchResult(self._local_from_robot, best.covariance, reason="first scan")
-        if len(points) < settings.min_points:
-            expected = self._local_from_robot @ Pose2.from_array(best.motion)
-            return MatchResult(expected, best.covariance, reason=f"only {len(points)} returns")
-        found: _Refined | None = None
-        for prediction in predictions:
-            other = self._refine(points, prediction)
-            if found is None or other.score > found.score + _BETTER:
-                found = other
-            if not self._is_doubtful(found):
-                break
-        assert found is not None
-        if self._is_doubtful(found):
-            found = self._search(points, predictions, found)
-        return self._conclude(found, predictions)
+    def _sweep_s(self, scan: LaserScan) -> float:
+        """Time from the first beam to the last [s]; 0 where it is unknown or not to be undone."""
+        sweep_s = max(len(scan.ranges_m) - 1, 0) * scan.time_increment_s
+        return sweep_s if self._config.deskew and 0.0 < sweep_s < _MAX_SWEEP_S else 0.0
 
-    def _conclude(self, found: _Refined, predictions: tuple[Prediction, ...]) -> MatchResult:
-        if found.score < self._config.matching.min_score:
-            best = predictions[0]
-            expected = self._local_from_robot @ Pose2.from_array(best.motion)
-            return MatchResult(
-                expected,
-                best.covariance,
-                found.score,
-                found.inliers,
-                found.iterations,
-                f"score {found.score:.2f} is too low",
-            )
-        usual = self._usual_score or found.score
-        self._usual_score = usual + 0.05 * (found.score - usual)
-        return MatchResult(
-            Pose2.from_array(found.pose),
-            found.covariance,
-            found.score,
-            found.inliers,
-            found.iterations,
-        )
+    def _at_first_beam(
+        self, scan: LaserScan, match: MatchResult, rate: Floats, middle: float
+    ) -> tuple[MatchResult, Floats]:
+        """Carry a match in the middle of the sweep back to the scan's stamp."""
+        back = Pose2.from_array(-rate * scan.time_increment_s * middle)
+        pose = match.target_from_source @ back
+        points = back.inverse().transform(points_for_matching(scan, self._config, rate, middle))
+        return replace(match, target_from_source=pose), points
 
-    def _refine(
-        self, points: Floats, prediction: Prediction, start: Floats | None = None
-    ) -> _Refined:
-        """Refine from the prediction, or from another start (3,) leaning on the prediction."""
-        grid, settings = self._map.grid, self._config.matching
-        assert grid is not None
-        return _Refined(
-            *refine_motion(
-                grid.values,
-                grid.origin_x_m,
-                grid.origin_y_m,
-                grid.resolution_m,
-                points,
-                self._local_from_robot.as_array(),
-                prediction.motion,
-                prediction.covariance,
-                _FROM_PREDICTION if start is None else start,
-                (grid.sigma_m / settings.point_sigma_m) ** 2,
-                settings.max_iterations,
-                grid.sigma_m,
-            )
-        )
-
-    def _is_doubtful(self, found: _Refined) -> bool:
-        """Whether the scan fits worse than usual, or fits far from where it was expected."""
-        usual = max(_DOUBTFUL_SHARE * self._usual_score, self._config.matching.min_score)
-        is_far = found.surprise > _DOUBTFUL_SURPRISE and found.shift > _DOUBTFUL_SHIFT
-        return found.score < usual or is_far
-
-    def _search(
-        self, points: Floats, predictions: tuple[Prediction, ...], found: _Refined
-    ) -> _Refined:
-        """Look for a better place in the windows the predictions allow."""
-        grid = self._map.grid
-        assert grid is not None
-        few = points[:: max(1, len(points) // _SEARCH_POINTS)]
-        far = max(float(np.percentile(np.hypot(few[:, 0], few[:, 1]), 75)), 1.0)
-        for prediction in predictions:
-            sigma = np.sqrt(np.diag(prediction.covariance))
-            start = compose(self._local_from_robot.as_array(), prediction.motion)
-            reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), 1.0)
-            reach_rad = min(max(4.0 * float(sigma[2]), 0.2), 0.7)
-            step_rad = grid.resolution_m / far
-            turn, col, row, _ = search_every_pose(
-                grid.values,
-                (start[:2] - [grid.origin_x_m, grid.origin_y_m]) / grid.resolution_m,
-                few / grid.resolution_m,
-                start[2],
-                step_rad,
-                math.ceil(reach_m / grid.resolution_m),
-                math.ceil(reach_rad / step_rad),
-            )
-            start += [col * grid.resolution_m, row * grid.resolution_m, turn * step_rad]
-            loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
-            other = self._refine(points, loose, start)
-            if other.score > found.score + _BETTER:
-                found = other
-        return found
+    def _keep(self, points: Floats) -> bool:
+        """Add the scan to the local map when the robot has moved on since the last one."""
+        enough = len(points) >= self._config.matching.min_points
+        if not enough or not self._map.wants(self._local_from_robot):
+            return False
+        self._map.add(points, self._local_from_robot)
+        return True
