@@ -63,19 +63,19 @@ def check_tf(moving: StampedTransforms, fixed: StampedTransforms) -> list[Findin
     """Look at all transforms."""
     found = _check_poses("tf", moving) + _check_poses("tf_static", fixed)
     tree = TransformTree([moving], [fixed])
-    for parent, child in tree.edges:
+    for parent, child in tree.pairs():
         if parent == "map":
             told = f"{parent} -> {child} is almost always the output of another SLAM"
             found.append(Finding("note", "tf", told, "it is ignored"))
-    for child in sorted({child for _, child in tree.edges}):
-        parents = sorted(parent for parent, other in tree.edges if other == child)
+    for child in sorted({child for _, child in tree.pairs()}):
+        parents = sorted(parent for parent, other in tree.pairs() if other == child)
         if len(parents) > 1:
             told = f"{child} has several parents: {', '.join(parents)}"
             found.append(
                 Finding("warning", "tf", told, "a frame has one parent (REP-105); stop one of them")
             )
-    for (parent, child), edge in tree.edges.items():
-        if not edge.is_static:
+    for parent, child in tree.pairs():
+        if not tree.edge((parent, child)).is_static:
             found += _check_edge(f"tf {parent} -> {child}", moving, (parent, child))
     return found
 

@@ -35,8 +35,8 @@ def build_tree(
     tree = TransformTree([moving], [fixed, extra] if extra else [fixed])
     if tree.refused:
         told.append(f"{tree.refused} transforms without a unit quaternion ignored")
-    for parent, child in [pair for pair in tree.edges if pair[0] == "map"]:
-        del tree.edges[parent, child]
+    for parent, child in [pair for pair in tree.pairs() if pair[0] == "map"]:
+        tree.remove((parent, child))
         told.append(f"tf {parent} -> {child} is another SLAM's output: ignored")
     return tree, told
 

@@ -148,7 +148,7 @@ class Cursor:
 
 def _distinct_rows(rows: Bytes) -> tuple[Bytes, Ints]:
     """Return the distinct rows and which one each row is; fast when all are equal."""
-    if np.array_equal(rows, np.broadcast_to(rows[:1], rows.shape)):
+    if (rows == rows[:1]).all():
         return rows[:1], np.zeros(len(rows), np.int64)
     unique, inverse = np.unique(rows, axis=0, return_inverse=True)
     return unique, inverse.ravel().astype(np.int64)

@@ -97,17 +97,18 @@ class RecordedSource:
     def __iter__(self) -> Iterator[Reading]:
         """Yield readings, strictly increasing in stamp."""
         rows, table = self._rows, self._table
-        for row, stamp, block, line, limits, pose, known in zip(
+        # Columns of plain numbers: one list per scan would keep the garbage collector busy.
+        for row, stamp, block, line, start, step, sweep, low, high, x, y, theta, known in zip(
             rows.tolist(),
             self._stamps[rows].tolist(),
             table.block[rows].tolist(),
             table.line[rows].tolist(),
-            self._limits[rows].tolist(),
-            self._poses.tolist(),
+            *self._limits[rows].T.tolist(),
+            *self._poses.T.tolist(),
             self._known.tolist(),
             strict=True,
         ):
-            mounting, (start, step, sweep, low, high) = self._mountings[row], limits
+            mounting = self._mountings[row]
             scan = LaserScan(
                 self._ranges[block][line],
                 mounting.angle_sign * start,
@@ -117,7 +118,7 @@ class RecordedSource:
                 mounting.robot_from_laser,
                 sweep,
             )
-            yield Reading(stamp, scan, Pose2(*pose) if known else None)
+            yield Reading(stamp, scan, Pose2(x, y, theta) if known else None)
 
     def _choose_stamps(self) -> Ints:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""

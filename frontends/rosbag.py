@@ -83,25 +83,36 @@ def _storage_files(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 
 def _inside(folder: Path) -> tuple[list[Path], list[str]]:
-    if (folder / "metadata.yaml").exists() and _metadata_usable(folder):
-        return [folder], []
+    """The files of a recording in a folder, by its metadata.yaml where that is of use."""
+    has_metadata = (folder / "metadata.yaml").exists()
+    listed = _listed_files(folder) if has_metadata else []
+    if listed:
+        return listed, []
     found = sorted([*folder.glob("*.mcap"), *folder.glob("*.db3")], key=_natural)
     bags = sorted(folder.glob("*.bag"), key=_natural)
     if found or bags:
         names = ", ".join(file.name for file in found or bags)
         return found or bags, [f"{folder} has no usable metadata.yaml; reading {names}"]
+    if has_metadata:
+        return [folder], []
     raise BadInput(f"{folder} is a folder without a recording (no .bag, .mcap or .db3 inside)")
 
 
-def _metadata_usable(folder: Path) -> bool:
-    """Whether rosbags can open the folder as it is; `ros2 bag reindex` may leave it incomplete."""
+def _listed_files(folder: Path) -> list[Path]:
+    """The storage files that metadata.yaml names, or the folder when rosbags has to unpack them.
+
+    Nothing when rosbags cannot open the folder: the files are tried then, and tell their own
+    story. (`ros2 bag reindex` may leave a metadata.yaml incomplete.)
+    """
     try:
         reader = DirectoryReader(folder)
         reader.open()
-    except Exception:  # the storage files are tried next, and tell their own story
-        return not any(folder.glob("*.mcap")) and not any(folder.glob("*.db3"))
+    except Exception:
+        return []
+    packed = reader.metadata.compression_mode
+    files = [Path(storage.path) for storage in reader.storages]  # type: ignore[attr-defined]
     reader.close()
-    return True
+    return [folder] if packed else files
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:

@@ -27,6 +27,9 @@ _SAME_M = 1e-6
 _SAME_QUATERNION = 1e-7
 
 
+_Rows = tuple[Ints, Floats, Floats]
+
+
 @dataclass(frozen=True, slots=True)
 class Edge:
     """`parent_from_child` over time; a single row holds for all time.
@@ -66,8 +69,9 @@ class TransformTree:
     def __init__(
         self, moving: Iterable[StampedTransforms] = (), fixed: Iterable[StampedTransforms] = ()
     ) -> None:
-        self.edges: dict[tuple[str, str], Edge] = {}
         self.refused = 0
+        self._rows: dict[tuple[str, str], _Rows] = {}
+        self._edges: dict[tuple[str, str], Edge] = {}
         self._add(join_transforms(list(moving)), is_fixed=False)
         self._add(join_transforms(list(fixed)), is_fixed=True)
 
@@ -79,12 +83,29 @@ class TransformTree:
             rows = np.flatnonzero((part.edge == number) & usable)
             if rows.size and pair[0] != pair[1]:
                 rows = rows[-1:] if is_fixed else rows
-                edge = _edge(part.stamp_ns[rows], part.translations_m[rows], quaternions[rows])
-                self.edges[pair] = edge
+                self._rows[pair] = (
+                    part.stamp_ns[rows],
+                    part.translations_m[rows],
+                    quaternions[rows],
+                )
+
+    def pairs(self) -> list[tuple[str, str]]:
+        """All (parent, child) there are."""
+        return list(self._rows)
+
+    def remove(self, pair: tuple[str, str]) -> None:
+        """Forget a transform."""
+        del self._rows[pair]
+
+    def edge(self, pair: tuple[str, str]) -> Edge:
+        """One transform over time; put in order when it is first asked for."""
+        if pair not in self._edges:
+            self._edges[pair] = _edge(*self._rows[pair])
+        return self._edges[pair]
 
     def frames(self) -> set[str]:
         """All frames there are."""
-        return {frame for pair in self.edges for frame in pair}
+        return {frame for pair in self._rows for frame in pair}
 
     def path(self, target: str, source: str) -> list[tuple[tuple[str, str], bool]] | None:
         """Edges from `target` down or up to `source`; True where an edge is walked forwards."""
@@ -92,7 +113,7 @@ class TransformTree:
         queue, seen = deque([target]), {target}
         while queue and source not in seen:
             frame = queue.popleft()
-            for pair in self.edges:
+            for pair in self._rows:
                 for here, there, forwards in ((*pair, True), (pair[1], pair[0], False)):
                     if here == frame and there not in seen:
                         seen.add(there)
@@ -109,7 +130,8 @@ class TransformTree:
     def changing(self, target: str, source: str) -> list[Edge]:
         """Edges between two frames whose value changes over time."""
         steps = self.path(target, source) or []
-        return [self.edges[pair] for pair, _ in steps if not self.edges[pair].is_static]
+        edges = [self.edge(pair) for pair, _ in steps]
+        return [edge for edge in edges if not edge.is_static]
 
     def lookup(
         self, target: str, source: str, at_ns: Ints, max_gap_ns: int
@@ -140,7 +162,7 @@ class TransformTree:
         rotation = np.broadcast_to(np.eye(3), (len(at_ns), 3, 3))
         translation, known = np.zeros((len(at_ns), 3)), np.ones(len(at_ns), bool)
         for pair, forwards in steps:
-            edge = self.edges[pair]
+            edge = self.edge(pair)
             moved, turned, ok = interpolate(
                 edge.stamp_ns, edge.translations_m, edge.quaternions, at_ns, max_gap_ns
             )
@@ -164,14 +186,14 @@ class TransformTree:
         """The frame, its parent, and so on to the top of its tree."""
         chain = [frame]
         while True:
-            parents = [parent for parent, child in self.edges if child == chain[-1]]
+            parents = [parent for parent, child in self._rows if child == chain[-1]]
             if not parents or parents[0] in chain:
                 return chain
             chain.append(parents[0])
 
     def _trees(self) -> list[str]:
         groups: list[list[tuple[str, str]]] = []
-        for pair in self.edges:
+        for pair in self._rows:
             touching = [g for g in groups if any(f in other for other in g for f in pair)]
             groups = [g for g in groups if g not in touching]
             groups.append([*(other for g in touching for other in g), pair])
