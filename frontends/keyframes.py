@@ -42,6 +42,12 @@ class LocalMap:
         distance = math.hypot(moved.x, moved.y)
         return distance >= self._rule.distance_m or abs(moved.theta) >= self._rule.angle_rad
 
+    def clear(self) -> None:
+        """Forget everything."""
+        self._segments = []
+        self._last_pose = None
+        self.grid = None
+
     def add(self, points: Floats, local_from_robot: Pose2) -> None:
         """Draw a keyframe's points (K, 2) [m] of the robot's frame."""
         self._last_pose = local_from_robot

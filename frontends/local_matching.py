@@ -11,7 +11,7 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.constraint import MatchResult
-from slarm_graph.frontends.correlative import search_every_pose
+from slarm_graph.frontends.correlative import build_pyramid, search, search_every_pose
 from slarm_graph.frontends.gauss_newton import refine_motion
 from slarm_graph.frontends.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.odometry_filter import Prediction
@@ -24,6 +24,10 @@ _BETTER = 0.02
 _SEARCH_POINTS = 80
 _PLENTY_OF_POINTS = 100
 _FROM_PREDICTION = np.empty(0)
+_LOST_REACH_M = 3.0
+_LOST_SCORE = 0.6
+_UNSURE_RAD = 0.5
+_ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +57,8 @@ class LocalMatcher:
     def __init__(self, config: MatchingConfig) -> None:
         self._config = config
         self._usual_score = 0.0
+        self.lost = 0
+        """How many scans on end could not be placed."""
 
     def match(
         self,
@@ -82,6 +88,7 @@ class LocalMatcher:
         if grid is None:
             return _failed(base, predictions[0], "first scan")
         if len(points) < self._config.min_points:
+            self.lost += 1
             return _failed(base, predictions[0], f"only {len(points)} returns")
         found: _Refined | None = None
         for prediction in predictions:
@@ -93,13 +100,17 @@ class LocalMatcher:
         assert found is not None
         if self._is_doubtful(found):
             found = self._search(points, grid, base, predictions, found)
+        if found.score < self._config.min_score or self._is_after_gap(found, predictions[0]):
+            found = self._search_widely(points, grid, base, predictions[0], found)
         return self._conclude(found, base, predictions)
 
     def _conclude(
         self, found: _Refined, base: Pose2, predictions: tuple[Prediction, ...]
     ) -> MatchResult:
         if found.score < self._config.min_score:
+            self.lost += 1
             return _failed(base, predictions[0], f"score {found.score:.2f} is too low", found)
+        self.lost = 0
         usual = self._usual_score or found.score
         self._usual_score = usual + 0.05 * (found.score - usual)
         return MatchResult(
@@ -161,6 +172,35 @@ class LocalMatcher:
             if other.score > found.score + _BETTER:
                 found = other
         return found
+
+    def _is_after_gap(self, found: _Refined, prediction: Prediction) -> bool:
+        """Whether a scan that fits worse than usual could come from nearly anywhere."""
+        usual = _DOUBTFUL_SHARE * self._usual_score
+        return found.score < usual and prediction.covariance[2, 2] > _UNSURE_RAD**2
+
+    def _search_widely(
+        self,
+        points: Floats,
+        grid: LikelihoodGrid,
+        base: Pose2,
+        prediction: Prediction,
+        found: _Refined,
+    ) -> _Refined:
+        """Look all round the place where the robot was lost; rarer the longer ago that is."""
+        if self.lost & (self.lost - 1):
+            return found
+        expected = base @ Pose2.from_array(prediction.motion)
+        hit = search(
+            build_pyramid(grid),
+            points[:: max(1, len(points) // _SEARCH_POINTS)],
+            expected,
+            reach_m=_LOST_REACH_M,
+            min_score=max(_LOST_SCORE, found.score + _BETTER),
+        )
+        if hit is None:
+            return found
+        anywhere = Prediction(prediction.motion, _ANYWHERE)
+        return self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
 
 
 def _failed(

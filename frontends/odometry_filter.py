@@ -20,7 +20,8 @@ _PER_ANGLE = np.array([0.06, 0.06, 0.20])
 _MEMORY = 0.95
 _MAX_COASTING_S = 1.0
 _CONTRADICTION = 9.0
-_ANYWHERE = 0.5
+_ANYWHERE = np.array([1.0, 1.0, 1.5])
+_FADING = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +76,9 @@ class OdometryFilter:
             encoder, or a true jerk), both stand apart; else they are fused to one.
         """
         span = self._steady(span_s)
-        steady = coast(self._velocity, self._covariance, span, span_s > _MAX_COASTING_S)
+        steady = at_constant_velocity(
+            self._velocity, self._covariance, span, span_s > _MAX_COASTING_S
+        )
         self._measured = None
         increment = self._increment(odom_from_robot)
         if increment is None:
@@ -90,7 +93,7 @@ class OdometryFilter:
         return (Prediction(motion, covariance), measured, Prediction(*steady))
 
     def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
-        """Learn from the motion that came out of matching (or from the prediction kept)."""
+        """Learn from the motion (robot frame before from now) that came out of matching."""
         span = max(span_s, 0.5 * self._usual_span_s, 1e-3)
         moved = motion.as_array()
         if self._measured is not None:
@@ -99,6 +102,12 @@ class OdometryFilter:
             self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise / 3.0)
         self._velocity = moved / span
         self._covariance = covariance / (span * span)
+
+    def coast(self) -> None:
+        """Note that nothing was matched: the velocity fades, its uncertainty grows."""
+        self._velocity = _FADING * self._velocity
+        grown = self._covariance / _FADING**2
+        self._covariance = np.minimum(grown, np.diag(_ANYWHERE * _ANYWHERE))
 
     def rate(self, motion: Floats, span_s: float) -> Floats:
         """Velocity (3,) [m/s, m/s, rad/s] of a motion (3,) over `span_s`; 0 across a gap."""
@@ -139,20 +148,19 @@ def odometry_covariance(increment: Floats, distrust: float = 1.0) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def coast(
+def at_constant_velocity(
     velocity: Floats, covariance: Floats, span_s: float, too_long: bool
 ) -> tuple[Floats, Floats]:
     """Motion (3,) and covariance (3, 3) at constant velocity, or anywhere after too long."""
     motion = np.zeros(3)
+    if too_long:
+        return motion, np.diag(_ANYWHERE * _ANYWHERE)
     spread = np.empty((3, 3))
     for r in range(3):
+        motion[r] = velocity[r] * span_s
         for k in range(3):
             spread[r, k] = covariance[r, k] * span_s * span_s
         spread[r, r] += (_ACCELERATION[r] * span_s * span_s) ** 2
-        if too_long:
-            spread[r, r] += _ANYWHERE**2
-        else:
-            motion[r] = velocity[r] * span_s
     return motion, spread
 
 

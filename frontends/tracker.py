@@ -24,6 +24,7 @@ from slarm_graph.readings import LaserScan, Reading
 _MAX_SWEEP_S = 1.0
 _MISTIMED_M = 0.01
 _MISTIMED_RAD = 0.01
+_GIVE_UP = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,9 +94,11 @@ class ScanTracker:
             if max(off[0], off[1]) > _MISTIMED_M or off[2] > _MISTIMED_RAD:
                 points = points_for_matching(scan, self._config, rate, middle)
                 match = self._matcher.match(points, self._map.grid, base, predictions)
-        if self._last_stamp_ns is not None:
+        if match:
             moved = base.between(match.target_from_source)
             self._filter.correct(span_s, moved, match.covariance)
+        elif self._last_stamp_ns is not None:
+            self._filter.coast()
         self._local_from_middle = match.target_from_source
         if sweep_s:
             match, points = self._at_first_beam(scan, match, rate, middle)
@@ -129,9 +132,16 @@ class ScanTracker:
         return replace(match, target_from_source=pose), points
 
     def _keep(self, points: Floats) -> bool:
-        """Add the scan to the local map when the robot has moved on since the last one."""
-        enough = len(points) >= self._config.matching.min_points
-        if not enough or not self._map.wants(self._local_from_robot):
+        """Add the scan to the local map when the robot has moved on since the last one.
+
+        What was not placed is not added; after several such scans a new map is begun.
+        """
+        if len(points) < self._config.matching.min_points:
+            return False
+        if self._matcher.lost >= _GIVE_UP:
+            self._map.clear()
+            self._matcher.lost = 0
+        if self._matcher.lost or not self._map.wants(self._local_from_robot):
             return False
         self._map.add(points, self._local_from_robot)
         return True
