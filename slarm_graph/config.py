@@ -79,7 +79,7 @@ class LoopClosureConfig(Stage):
     candidates: int = Field(default=2, ge=0)
     """Old submaps compared with a keyframe where the graph is sure of its place."""
     match_every: int = Field(default=4, ge=1)
-    """Keyframes between two that are compared with the same old submap."""
+    """Keyframes between two that are compared so."""
     searches: int = Field(default=3, ge=0)
     """Old submaps searched at a time where it is not."""
     search_every: int = Field(default=4, ge=1)

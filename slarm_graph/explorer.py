@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final, Protocol
@@ -102,10 +103,13 @@ class Leg:
         Corners of the way in the map, beginning at the robot [m].
     more : bool
         Whether the explorer already knows that it will go on from the end.
+    review_s : float
+        Ask again after this time of driving, for the map will have changed [s].
     """
 
     points_m: Floats
     more: bool = True
+    review_s: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)

@@ -34,7 +34,7 @@ from slarm_graph.grid import Cells
 from slarm_graph.planning import Indices, Moves, nearest_wanted, walk_back
 
 _HORIZON_CELLS: Final = 400
-_MAX_ATTEMPTS: Final = 3
+_MAX_ATTEMPTS: Final = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,8 +122,8 @@ def ggmr_path(
 class Ggmr:
     """The literal algorithm in closed loop: every step is decided on the map so far.
 
-    A cell that was tried several times without the robot getting into it is passed over, so that
-    a map that keeps changing cannot hold the robot forever.
+    A cell that was next several times without the robot getting into it is passed over, so that a
+    map that keeps changing cannot hold the robot forever.
     """
 
     def __init__(self) -> None:
@@ -156,10 +156,10 @@ class Ggmr:
         self._last = path
         self.counts += path.counts
         assert self._attempts is not None
-        tried = np.zeros(coverage.codes.shape, dtype=np.bool_)
-        tried[path.cells[:, 0], path.cells[:, 1]] = True
-        tried &= coverage.codes == OPEN
-        self._attempts[tried] += 1
+        is_open = coverage.codes[path.cells[:, 0], path.cells[:, 1]] == OPEN
+        if is_open.any():
+            row, col = path.cells[np.argmax(is_open)]
+            self._attempts[row, col] += 1
 
     def _without_hopeless(self, coverage: CoverageGrid) -> CoverageGrid:
         if self._attempts is None or self._attempts.shape != coverage.codes.shape:

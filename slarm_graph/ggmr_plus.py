@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""GGMR+: cover with the body, see with the laser, and turn as little as possible.
+
+Against the literal algorithm: what the laser has seen free need not be driven to only to be known;
+lanes lie a body's width apart instead of a cell's; they run along the longer side of every part of
+the floor and hug its walls; turns between lanes are driven as arcs; and the order of the parts is
+planned anew on every map.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import cv2
+import numpy as np
+
+from slarm_graph.config import ExploreConfig
+from slarm_graph.explorer import (
+    OPEN,
+    CoverageGrid,
+    DrivingGrid,
+    Finished,
+    Leg,
+    driving_cell,
+    way_between,
+    way_to_nearest,
+    without_straight_points,
+)
+from slarm_graph.geometry import Floats, Pose2, wrap_angle
+from slarm_graph.grid import Mask
+from slarm_graph.lanes import Part, coverable, split_into_parts
+from slarm_graph.planning import distances_from, reachable, sees, shortcut
+
+_TRACKING_M: Final = 0.01
+_MIN_PART_M2: Final = 0.03
+_MIN_WIDTH_M: Final = 0.05
+_ARC_STEP_RAD: Final = math.radians(15.0)
+_REVIEW_S: Final = 1.0
+
+
+class GgmrPlus:
+    """Ours: the same seam as `ggmr`, less driving.
+
+    Parameters
+    ----------
+    config : ExploreConfig
+    """
+
+    def __init__(self, config: ExploreConfig) -> None:
+        self._config = config
+        self._goal: Literal["observed", "footprint"] = config.goal
+
+    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Cover the next part of what is known to be free, or else look at the unknown."""
+        driving = coverage.driving
+        start = driving_cell(driving, pose.x, pose.y)
+        if start is None:
+            return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
+        near = reachable(driving.moves, start)
+        if self._goal == "footprint":
+            leg = self._cover(driving, near, start, pose)
+            if leg is not None:
+                return leg
+        leg = look_at_unknown(driving, near, pose)
+        return leg or _finished(coverage, near)
+
+    def _cover(
+        self, driving: DrivingGrid, near: Mask, start: tuple[int, int], pose: Pose2
+    ) -> Leg | None:
+        parts = parts_to_cover(driving, near, self._config.driving.robot_radius_m)
+        away = distances_from(driving.moves, start)
+        choice = _best_start(parts, away, driving, pose, self._config)
+        if choice is None:
+            return None
+        way = _way_over(choice, driving, pose)
+        return Leg(way) if len(way) > 1 else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Start:
+    """A part and the corner to begin it from."""
+
+    part: Part
+    last_lane_first: bool
+    backwards: bool
+
+
+def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Part]:
+    """Parts of the free floor that the body could pass over and has not."""
+    cell_m = driving.geometry.resolution_m
+    radius = radius_m / cell_m
+    reach = coverable(driving.passable & near, radius)
+    wanted = driving.observed & reach & ~driving.swept
+    width = max(1, round(_MIN_WIDTH_M / cell_m))
+    kernel = np.ones((width, width), dtype=np.uint8)
+    wanted = cv2.morphologyEx(wanted.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
+    least = max(1, round(_MIN_PART_M2 / cell_m**2))
+    lane_radius = max(0.5, (radius_m - _TRACKING_M) / cell_m)
+    return split_into_parts(wanted, driving.passable & near, lane_radius, least)
+
+
+def look_at_unknown(driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
+    """Go to where unknown cells can be seen from, the nearest such place first."""
+    edge = frontier(driving) & near
+    if not edge.any():
+        return None
+    way = way_to_nearest(driving, np.array([pose.x, pose.y]), edge)
+    if way is None:
+        return None
+    return Leg(without_straight_points(way), review_s=_REVIEW_S)
+
+
+def frontier(driving: DrivingGrid, min_cells: int = 3) -> Mask:
+    """Passable cells next to a patch of cells of which nothing is known."""
+    unknown = ~(driving.observed | driving.occupied)
+    beside = unknown & driving.passable
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(beside.astype(np.uint8))
+    small = np.flatnonzero(stats[:count, cv2.CC_STAT_AREA] < min_cells)
+    beside &= ~np.isin(labels, small)
+    grown = cv2.dilate(beside.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
+    return np.asarray(grown & driving.passable)
+
+
+def _finished(coverage: CoverageGrid, near: Mask) -> Finished:
+    """What stayed open although it is not reachable."""
+    driving = coverage.driving
+    unknown = ~(driving.observed | driving.occupied) & ~near
+    rows, cols = coverage.geometry.shape
+    fine = coverage.fineness
+    left = unknown.reshape(rows, fine, cols, fine).all(axis=(1, 3))
+    return Finished("everything reachable is known", int(left.sum()))
+
+
+def _best_start(
+    parts: list[Part], away: Floats, driving: DrivingGrid, pose: Pose2, config: ExploreConfig
+) -> _Start | None:
+    """Take the part whose nearest corner costs the least time, small remnants first."""
+    best, least = None, math.inf
+    cell_m = driving.geometry.resolution_m
+    for part in parts:
+        for last in (False, True):
+            for backwards in (False, True):
+                lane = part.lanes[-1 if last else 0]
+                entry, after = (lane[-1], lane[0]) if backwards else (lane[0], lane[-1])
+                away_m = away[int(entry[1]), int(entry[0])] * cell_m
+                heading = math.atan2(after[1] - entry[1], after[0] - entry[0])
+                turn = abs(wrap_angle(heading - pose.theta)) / config.driving.turn_rate_rad_s
+                cost_s = away_m / config.driving.speed_m_s + turn
+                if cost_s < least:
+                    best, least = _Start(part, last, backwards), cost_s
+    return best
+
+
+def _way_over(start: _Start, driving: DrivingGrid, pose: Pose2) -> Floats:
+    """Drive all lanes of a part to and fro, with arcs between them where there is room."""
+    g = driving.geometry
+    origin = np.array([g.origin_x_m, g.origin_y_m])
+    lanes = start.part.lanes[::-1] if start.last_lane_first else start.part.lanes
+    pieces = [np.array([[pose.x, pose.y]])]
+    backwards = start.backwards
+    for lane in lanes:
+        points = shortcut(driving.passable, lane[::-1] if backwards else lane, len(lane))
+        for point in points * g.resolution_m + origin:
+            piece = way_between(driving, pieces[-1][-1], point)
+            if piece is not None:
+                pieces.append(piece[1:])
+        backwards = not backwards
+    way = without_straight_points(np.concatenate(pieces))
+    return _with_arcs(way, driving)
+
+
+def _with_arcs(way: Floats, driving: DrivingGrid) -> Floats:
+    """Round every U-turn of two right angles into a half circle, where the centre may be there."""
+    pieces, i = [way[:1]], 1
+    while i < len(way) - 1:
+        arc = _half_circle(way[i - 1 : i + 3]) if i + 2 < len(way) else None
+        if arc is not None and _is_passable(arc, driving):
+            pieces.append(arc)
+            i += 2
+        else:
+            pieces.append(way[i : i + 1])
+            i += 1
+    pieces.append(way[i:])
+    return without_straight_points(np.concatenate(pieces))
+
+
+def _half_circle(corners: Floats) -> Floats | None:
+    """Half circle (K, 2) within a U-turn of four corners; None where it is not one."""
+    into, across, out = np.diff(corners, axis=0)
+    width = math.hypot(*across)
+    before, after = math.hypot(*into), math.hypot(*out)
+    if width < 1e-6 or width > 0.6 or min(before, after) < width:
+        return None
+    into, side, out = into / before, across / width, out / after
+    if into @ out > -0.98 or abs(into @ side) > 0.2:
+        return None
+    center = 0.5 * (corners[1] + corners[2]) - 0.5 * width * into
+    angle = np.arange(0.0, math.pi + 1e-6, _ARC_STEP_RAD)[:, None]
+    return np.asarray(center + 0.5 * width * (np.sin(angle) * into - np.cos(angle) * side))
+
+
+def _is_passable(points_m: Floats, driving: DrivingGrid) -> bool:
+    g = driving.geometry
+    points = (points_m - (g.origin_x_m, g.origin_y_m)) / g.resolution_m
+    return all(sees(driving.passable, begin, end) for begin, end in itertools.pairwise(points))
