@@ -103,7 +103,8 @@ def read_carmen(path: Path) -> CarmenLog:
                 continue
             try:
                 if words[0] in LASERS:
-                    scans.setdefault(words[0], []).append(_parse_laser(words))
+                    scan = _parse_laser(words)
+                    scans.setdefault(words[0], []).append(scan)
                 elif words[0] == "ODOM":
                     odom.append((_stamps(words), _numbers(words[1:4])))
                 elif words[0] not in WORDS:
@@ -117,7 +118,7 @@ def read_carmen(path: Path) -> CarmenLog:
             faults[0] if faults else f"{path} holds no FLASER, ROBOTLASER or RAWLASER line"
         )
     notices = _notices(faults, unknown)
-    by_logger = _ipc_unusable([scan.stamps_s[0] for some in scans.values() for scan in some])
+    by_logger = _ipc_unusable([scan.stamps_s for some in scans.values() for scan in some])
     if by_logger:
         notices.append("ipc timestamps do not tell the time; the logger's are used")
     return CarmenLog(
@@ -189,9 +190,10 @@ def _stamps(words: list[str]) -> tuple[str, str]:
     return ipc, logger
 
 
-def _ipc_unusable(stamps: list[str]) -> bool:
-    """Some loggers left the ipc timestamp at zero or at one value."""
-    return len(stamps) > 1 and len(set(stamps)) == 1
+def _ipc_unusable(stamps: list[tuple[str, str]]) -> bool:
+    """Some loggers left the ipc timestamp at one value while their own went on."""
+    ipc, logger = ({pair[which] for pair in stamps} for which in (0, 1))
+    return len(ipc) == 1 and len(logger) > 1
 
 
 def _nanoseconds(stamps: list[str]) -> Ints:

@@ -221,7 +221,8 @@ class RecordedSource:
         """Poses (M, 3) of the used scans, and which of them are known, (M,)."""
         stamps = self._stamps[self._rows]
         logged = [b.odom_from_robot for b in self._table.blocks if b.odom_from_robot is not None]
-        if odometry is None and logged and len(logged) == len(self._table.blocks):
+        wanted = self._config.odom != "none"
+        if odometry is None and wanted and len(logged) == len(self._table.blocks):
             poses = self._table.flat(logged)[self._rows]
             return poses, np.asarray(np.isfinite(poses).all(axis=1))
         if odometry is None:

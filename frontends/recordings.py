@@ -131,8 +131,8 @@ class Ros2Recording:
 
     cdr = True
 
-    def __init__(self, paths: Sequence[Path], notices: Iterable[str] = ()) -> None:
-        self.description = f"ROS 2 bag {', '.join(path.name for path in paths)}"
+    def __init__(self, paths: Sequence[Path], label: str, notices: Iterable[str] = ()) -> None:
+        self.description = f"ROS 2 bag {label}"
         self._paths = paths
         self.notices = (*notices, *(notice for path in paths for notice in _unmerged(path)))
         found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}

@@ -43,7 +43,12 @@ def open_recording(paths: Sequence[Path]) -> Recording:
         return Ros1Recording(files)
     if "ROS 1" in kinds.values():
         raise BadInput("ROS 1 and ROS 2 recordings cannot be read together; convert one first")
-    return Ros2Recording(files, notices)
+    label = ", ".join(_given_name(path) for path in paths)
+    return Ros2Recording(files, label, notices)
+
+
+def _given_name(path: Path) -> str:
+    return path.parent.name if path.name == "metadata.yaml" else path.name
 
 
 def _kind(path: Path) -> str:
