@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.messages import ScanBlock
@@ -38,6 +39,8 @@ _NO_RETURN_M = 80.0
 """Old logs write 81.83 or 81.91 m where nothing came back."""
 _NEAREST_M = 0.1
 _TAIL = 3
+_LATEST_S = 9e9
+"""What fits into 64-bit nanoseconds."""
 
 
 @dataclass(slots=True)
@@ -45,7 +48,7 @@ class _Scan:
     """One laser line."""
 
     stamps_s: tuple[str, str]
-    ranges_m: list[str]
+    ranges_m: NDArray[np.float32]
     limits: tuple[float, ...]
     laser: list[str] = field(default_factory=list)
     robot: list[str] = field(default_factory=list)
@@ -109,7 +112,7 @@ def read_carmen(path: Path) -> CarmenLog:
                     odom.append((_stamps(words), _numbers(words[1:4])))
                 elif words[0] not in WORDS:
                     unknown[words[0]] += 1
-            except (ValueError, IndexError) as error:
+            except (ValueError, IndexError, OverflowError) as error:
                 faults.append(f"{path.name}:{number}: {words[0]} line skipped: {error}")
     except (EOFError, zlib.error, OSError) as error:
         faults.append(f"{path.name} ends early ({error}); what came before is used")
@@ -142,7 +145,7 @@ def _parse_laser(words: list[str]) -> _Scan:
     if words[0] in _OLD_LASERS:
         count = int(words[1])
         rest = _rest(words, 2 + count, 6)
-        scan = _Scan(_stamps(words), words[2 : 2 + count], _old_limits(count))
+        scan = _Scan(_stamps(words), _ranges(words, 2, count), _old_limits(count))
         scan.laser, scan.robot = _numbers(rest[:3]), _numbers(rest[3:6])
         return scan
     _, start, view, step, farthest, *_ = (float(word) for word in words[1:8])
@@ -151,7 +154,7 @@ def _parse_laser(words: list[str]) -> _Scan:
     after = 10 + count + remissions
     step = step if step > 0 else view / max(count - 1, 1)
     limits = (start, start + step * (count - 1), step, 0.0, 0.0, 0.02, farthest)
-    scan = _Scan(_stamps(words), words[9 : 9 + count], limits)
+    scan = _Scan(_stamps(words), _ranges(words, 9, count), limits)
     if words[0] in _NEW_LASERS:
         rest = _rest(words, after, 6)
         scan.laser, scan.robot = _numbers(rest[:3]), _numbers(rest[3:6])
@@ -163,6 +166,13 @@ def _rest(words: list[str], at: int, least: int) -> list[str]:
     if len(rest) < least:
         raise ValueError(f"{len(words)} words are too few")
     return rest
+
+
+def _ranges(words: list[str], at: int, count: int) -> NDArray[np.float32]:
+    found = np.array(words[at : max(at, len(words) - _TAIL)][:count], np.float32)
+    if count < 1 or len(found) != count:
+        raise ValueError(f"{len(found)} readings where {count} are announced")
+    return found
 
 
 def _old_limits(count: int) -> tuple[float, ...]:
@@ -179,14 +189,17 @@ def _old_limits(count: int) -> tuple[float, ...]:
 
 def _numbers(words: list[str]) -> list[str]:
     for word in words:
-        float(word)
+        if not math.isfinite(float(word)):
+            raise ValueError(f"{word} is not a number")
     return words
 
 
 def _stamps(words: list[str]) -> tuple[str, str]:
     """Ipc and logger timestamps, checked to be numbers."""
     ipc, logger = words[-3], words[-1]
-    float(ipc), float(logger)
+    for stamp in (ipc, logger):
+        if not abs(float(stamp)) < _LATEST_S:
+            raise ValueError(f"{stamp} is not a time")
     return ipc, logger
 
 
@@ -217,7 +230,7 @@ def _blocks(name: str, scans: list[_Scan], by_logger: bool) -> list[ScanBlock]:
         rows = np.flatnonzero(counts == count)
         some = [scans[row] for row in rows.tolist()]
         stamps = _nanoseconds([scan.stamps_s[by_logger] for scan in some])
-        ranges = np.array([scan.ranges_m for scan in some], np.float32).reshape(len(some), count)
+        ranges = np.stack([scan.ranges_m for scan in some])
         limits = np.array([scan.limits for scan in some])
         poses = None
         if all(scan.robot for scan in some):
