@@ -39,7 +39,28 @@ def _ggmr_plus(config: ExploreConfig) -> Explorer:
     return GgmrPlus(config)
 
 
+def _ba_star(config: ExploreConfig) -> Explorer:
+    from slarm_graph.exploration_baselines import BaStar
+
+    return BaStar(config)
+
+
+def _boustrophedon(config: ExploreConfig) -> Explorer:
+    from slarm_graph.exploration_baselines import Boustrophedon
+
+    return Boustrophedon(config)
+
+
+def _frontier(_config: ExploreConfig) -> Explorer:
+    from slarm_graph.frontier import NearestFrontier
+
+    return NearestFrontier()
+
+
 EXPLORERS: dict[str, Callable[[ExploreConfig], Explorer]] = {
     "ggmr": _ggmr,
     "ggmr+": _ggmr_plus,
+    "ba*": _ba_star,
+    "boustrophedon": _boustrophedon,
+    "frontier": _frontier,
 }

@@ -27,9 +27,9 @@ from slarm_graph.explorer import (
     Leg,
     driving_cell,
     way_between,
-    way_to_nearest,
     without_straight_points,
 )
+from slarm_graph.frontier import look_at_unknown, unseen_cells
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
 from slarm_graph.grid import Mask
 from slarm_graph.lanes import Part, coverable, split_into_parts
@@ -39,7 +39,6 @@ _TRACKING_M: Final = 0.01
 _MIN_PART_M2: Final = 0.03
 _MIN_WIDTH_M: Final = 0.05
 _ARC_STEP_RAD: Final = math.radians(15.0)
-_REVIEW_S: Final = 1.0
 
 
 class GgmrPlus:
@@ -66,7 +65,7 @@ class GgmrPlus:
             if leg is not None:
                 return leg
         leg = look_at_unknown(driving, near, pose)
-        return leg or _finished(coverage, near)
+        return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
     def _cover(
         self, driving: DrivingGrid, near: Mask, start: tuple[int, int], pose: Pose2
@@ -101,38 +100,6 @@ def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Pa
     least = max(1, round(_MIN_PART_M2 / cell_m**2))
     lane_radius = max(0.5, (radius_m - _TRACKING_M) / cell_m)
     return split_into_parts(wanted, driving.passable & near, lane_radius, least)
-
-
-def look_at_unknown(driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
-    """Go to where unknown cells can be seen from, the nearest such place first."""
-    edge = frontier(driving) & near
-    if not edge.any():
-        return None
-    way = way_to_nearest(driving, np.array([pose.x, pose.y]), edge)
-    if way is None:
-        return None
-    return Leg(without_straight_points(way), review_s=_REVIEW_S)
-
-
-def frontier(driving: DrivingGrid, min_cells: int = 3) -> Mask:
-    """Passable cells next to a patch of cells of which nothing is known."""
-    unknown = ~(driving.observed | driving.occupied)
-    beside = unknown & driving.passable
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(beside.astype(np.uint8))
-    small = np.flatnonzero(stats[:count, cv2.CC_STAT_AREA] < min_cells)
-    beside &= ~np.isin(labels, small)
-    grown = cv2.dilate(beside.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
-    return np.asarray(grown & driving.passable)
-
-
-def _finished(coverage: CoverageGrid, near: Mask) -> Finished:
-    """What stayed open although it is not reachable."""
-    driving = coverage.driving
-    unknown = ~(driving.observed | driving.occupied) & ~near
-    rows, cols = coverage.geometry.shape
-    fine = coverage.fineness
-    left = unknown.reshape(rows, fine, cols, fine).all(axis=(1, 3))
-    return Finished("everything reachable is known", int(left.sum()))
 
 
 def _best_start(

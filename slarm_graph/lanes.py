@@ -70,6 +70,20 @@ def split_into_parts(wanted: Mask, passable: Mask, radius: float, min_cells: int
     return parts
 
 
+def label_parts(wanted: Mask, jump: float) -> Labels:
+    """Label (rows, cols) the parts that rows split into, from 1; 0 where not wanted.
+
+    Parameters
+    ----------
+    wanted : (rows, cols) bool
+    jump : float
+        A part ends where its edge moves sideways by more [cells].
+    """
+    labels = np.zeros(wanted.shape, dtype=np.int32)
+    _label_runs(np.ascontiguousarray(wanted), labels, jump)
+    return labels
+
+
 def coverable(passable: Mask, radius: float) -> Mask:
     """Cells that the disc can pass over from passable cells."""
     away = cv2.distanceTransform((~passable).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
