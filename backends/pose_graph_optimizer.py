@@ -40,7 +40,7 @@ class Optimized:
     poses : (N, 3) float64
         `map_from_pose` [m, m, rad].
     chi2 : float
-        Sum of squared whitened residuals without kernels, weighted by `weights`.
+        Sum of squared whitened residuals, dampened by the kernel or multiplied by `weights`.
     iterations : int
     weights : (M,) float64
         Share with which each constraint counted, 0 (rejected) to 1.
@@ -57,6 +57,7 @@ def optimize(
     *,
     kernel: Kernel = Kernel.NONE,
     max_iterations: int = 100,
+    tolerance: float = 1e-8,
     heartbeat: Heartbeat = silent,
 ) -> Optimized:
     """Minimise from the graph's own poses with Levenberg-Marquardt, pose 0 held.
@@ -68,6 +69,8 @@ def optimize(
     kernel : Kernel
         Robust kernel of the loop closures.
     max_iterations : int
+    tolerance : float
+        Relative decrease of the error below which it has converged.
     heartbeat : Heartbeat
         Called on every iteration.
 
@@ -79,11 +82,10 @@ def optimize(
         When no factorisation succeeds or the result is not finite.
     """
     factors = _factors(graph, kernel)
-    values, iterations = _minimise(factors, graph.poses, max_iterations, heartbeat)
+    values, iterations = _minimise(factors, graph.poses, (max_iterations, tolerance), heartbeat)
     poses = np.asarray(gtsam.utilities.extractPose2(values), dtype=np.float64).reshape(-1, 3)
-    plain = factors if kernel is Kernel.NONE else _factors(graph, Kernel.NONE)
     weights = np.ones(len(graph.constraints))
-    return Optimized(poses, 2.0 * plain.error(values), iterations, weights)
+    return Optimized(poses, 2.0 * factors.error(values), iterations, weights)
 
 
 def optimize_from_anywhere(graph: PoseGraph, *, heartbeat: Heartbeat = silent) -> Optimized:
@@ -244,10 +246,12 @@ def _values(poses: Floats) -> gtsam.Values:
     return values
 
 
-def _parameters(max_iterations: int, *, qr: bool = False) -> gtsam.LevenbergMarquardtParams:
+def _parameters(
+    max_iterations: int, tolerance: float = 1e-8, *, qr: bool = False
+) -> gtsam.LevenbergMarquardtParams:
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(max_iterations)
-    params.setRelativeErrorTol(1e-8)
+    params.setRelativeErrorTol(tolerance)
     params.setAbsoluteErrorTol(1e-8)
     params.setlambdaUpperBound(1e10)
     if qr:
@@ -256,11 +260,14 @@ def _parameters(max_iterations: int, *, qr: bool = False) -> gtsam.LevenbergMarq
 
 
 def _minimise(
-    factors: gtsam.NonlinearFactorGraph, poses: Floats, max_iterations: int, heartbeat: Heartbeat
+    factors: gtsam.NonlinearFactorGraph,
+    poses: Floats,
+    limits: tuple[int, float],
+    heartbeat: Heartbeat,
 ) -> tuple[gtsam.Values, int]:
     """Try Cholesky, which is faster, then QR, which stands bad conditioning."""
     for qr in (False, True):
-        params = _parameters(max_iterations, qr=qr)
+        params = _parameters(*limits, qr=qr)
         # The hook runs Python between iterations, which also lets an interrupt through.
         params.iterationHook = lambda *_: heartbeat("optimising the pose graph")
         optimizer = gtsam.LevenbergMarquardtOptimizer(factors, _values(poses), params)

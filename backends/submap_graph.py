@@ -16,13 +16,21 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.loop_closure import Closure, Expectation
+from slarm_graph.frontends.loop_closure import Closure, Expectations
 from slarm_graph.frontends.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
-_CLOSURE_FLOOR = np.diag([0.02, 0.02, 0.005]) ** 2
+_CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
+_HEADING_VARIANCE_PER_M = 2e-5
+_POSITION_VARIANCE_PER_M = 1e-4
+_LOCAL_NODES = 200
+_FULL_GROWTH = 1.1
+_VIEW_REACH_M = 3.0
+_AS_NEAR_M = 1.0
+_SURPRISE_M = 0.1
+_SURPRISE_RAD = 0.02
 
 
 class SubmapGraph:
@@ -42,8 +50,11 @@ class SubmapGraph:
         self.closures: list[Closure] = []
         self._pending = 0
         self._surprising = False
-        self._links: dict[tuple[int, int], tuple[float, float, float]] = {}
-        self._reach: tuple[Floats, Floats, Floats] | None = None
+        self._links: dict[tuple[int, int], float] = {}
+        self._last_full = 0
+        self._old = 0
+        self._centers: Floats = np.zeros((0, 3))
+        self._reach: Floats | None = None
         self._settled: Floats | None = None
 
     def add(self, keyframe: Keyframe) -> None:
@@ -82,28 +93,32 @@ class SubmapGraph:
         anchors = self.keyframes[:: self._config.node_keyframes]
         return spread(local, np.array([a.scan for a in anchors]), np.array(self._nodes))
 
-    def expectations(self) -> list[Expectation]:
+    def expectations(self) -> Expectations:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
-        old = len(self.keyframes) - self._config.recent_keyframes
-        count = sum(1 for s in self.submaps if s.last <= old) if old > 0 else 0
+        count = self._old_submaps()
         if not count:
-            return []
+            return Expectations.none()
         here = (self.map_from_local() @ self.keyframes[-1].local_from_robot).as_array()
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
-        centers = np.array([s.center_m for s in self.submaps[:count]])
-        c, s = np.cos(nodes[:, 2]), np.sin(nodes[:, 2])
-        x = nodes[:, 0] + c * centers[:, 0] - s * centers[:, 1]
-        y = nodes[:, 1] + s * centers[:, 0] + c * centers[:, 1]
         sigma_m, sigma_rad = self._uncertainty(count)
-        distance = np.hypot(x - view[0], y - view[1])
+        centers = compose(nodes, self._centers[:count])
+        distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
         reach = np.minimum(3.0 * sigma_m, self._config.loops.window_m)
-        near = np.flatnonzero(distance < 3.0 + reach)
-        near = near[np.argsort(distance[near], kind="stable")]
-        return [
-            Expectation(int(n), between(nodes[n], here), float(sigma_m[n]), float(sigma_rad[n]))
-            for n in near
-        ]
+        near = np.flatnonzero(distance < _VIEW_REACH_M + reach)
+        # Among submaps about as near, the oldest: later visits then all hang on the first.
+        near = near[np.lexsort((near, np.floor(distance[near] / _AS_NEAR_M)))]
+        return Expectations(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
+
+    def _old_submaps(self) -> int:
+        """Count the submaps whose keyframes are all older than the recent ones."""
+        oldest_recent = len(self.keyframes) - self._config.recent_keyframes
+        while self._old < len(self.submaps) and self.submaps[self._old].last <= oldest_recent:
+            self._old += 1
+        if len(self._centers) < self._old:
+            centers = np.array([[*s.center_m, 0.0] for s in self.submaps[: self._old]])
+            self._centers = centers
+        return self._old
 
     def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Take closures in; optimise when they surprise, or when enough have come together."""
@@ -120,7 +135,7 @@ class SubmapGraph:
             self._pending += 1
             believed = between(self._nodes[edge.i], self._nodes[edge.j])
             away = between(believed, edge.i_from_j.as_array())
-            if math.hypot(away[0], away[1]) > 0.1 or abs(away[2]) > 0.02:
+            if math.hypot(away[0], away[1]) > _SURPRISE_M or abs(away[2]) > _SURPRISE_RAD:
                 self._surprising = True
         if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
@@ -181,47 +196,73 @@ class SubmapGraph:
     def _uncertainty(self, count: int) -> tuple[Floats, Floats]:
         """Standard deviations of position [m] and heading [rad] of the newest node from others.
 
-        Variances add along the surest path through the graph; heading errors turn into position
-        errors with the length of that path.
+        Both grow with the shortest path through the graph: variances add along it, and heading
+        errors turn into position errors with its length.
         """
         if self._reach is None:
-            self._reach = self._paths()
-        heading, position, length = (v[:count] for v in self._reach)
-        sigma_m = np.sqrt(position + heading * (0.25 * length) ** 2)
-        return sigma_m, np.sqrt(heading)
+            self._reach = self._path_lengths()
+        length_m = self._reach[:count]
+        heading = _HEADING_VARIANCE_PER_M * length_m
+        position = _POSITION_VARIANCE_PER_M * length_m + heading * (0.25 * length_m) ** 2
+        return np.sqrt(position), np.sqrt(heading)
 
-    def _paths(self) -> tuple[Floats, Floats, Floats]:
-        """Variances of heading and position, and path lengths, from the newest node to all."""
-        count, links = len(self._nodes), self._links
-        pairs = np.array(list(links), dtype=np.int64).reshape(-1, 2)
-        values = np.array(list(links.values())).reshape(-1, 3)
-        graph = sparse.csr_matrix((values[:, 0], (pairs[:, 0], pairs[:, 1])), (count, count))
-        heading, parents = dijkstra(
-            graph, directed=False, indices=count - 1, return_predecessors=True
-        )
-        table = np.zeros((count, 2))
-        for node in np.argsort(heading, kind="stable")[1:].tolist():
-            parent = int(parents[node])
-            link = links.get((node, parent)) or links[parent, node]
-            table[node] = table[parent] + link[1:]
-        return heading, table[:, 0], table[:, 1]
+    def _path_lengths(self) -> Floats:
+        """Shortest paths (N,) [m] from the newest node to all, doubtful constraints counting long."""
+        count = len(self._nodes)
+        ends = np.array(list(self._links), dtype=np.int64).reshape(-1, 2)
+        lengths = np.fromiter(self._links.values(), np.float64, len(self._links))
+        links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
+        return np.asarray(dijkstra(links, directed=False, indices=count - 1))
 
     def _link(self, edge: Constraint) -> None:
-        """Remember the surest constraint between two nodes for `_paths`."""
+        """Remember the surest constraint between two nodes as a length of path."""
         c = edge.covariance
-        is_step = edge.kind is ConstraintKind.ODOMETRY
-        length = math.hypot(edge.i_from_j.x, edge.i_from_j.y) if is_step else 0.0
-        link = (float(c[2, 2]), float(c[0, 0] + c[1, 1]), length)
-        known = self._links.get((edge.i, edge.j))
-        if known is None or link < known:
-            self._links[edge.i, edge.j] = link
+        length = max(
+            float(c[2, 2]) / _HEADING_VARIANCE_PER_M,
+            float(c[0, 0] + c[1, 1]) / _POSITION_VARIANCE_PER_M,
+        )
+        if edge.kind is ConstraintKind.ODOMETRY:
+            length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
+        known = self._links.get((edge.i, edge.j), math.inf)
+        self._links[edge.i, edge.j] = min(known, length)
 
     def _optimize(self, heartbeat: Heartbeat) -> None:
-        graph = PoseGraph(np.array(self._nodes), tuple(self._edges))
-        found = optimizer.optimize(graph, kernel=optimizer.Kernel.CAUCHY, heartbeat=heartbeat)
-        self._nodes = list(found.poses)
+        """Optimise everything when the graph is small or has grown by a tenth, else its end.
+
+        So the effort per node stays the same however long the log is.
+        """
+        count = len(self._nodes)
+        if count < _LOCAL_NODES or count > _FULL_GROWTH * self._last_full:
+            graph, first = self.pose_graph(), 0
+            self._last_full = count
+        else:
+            graph, first = self._latest(_LOCAL_NODES // 2), count - _LOCAL_NODES // 2
+        found = optimizer.optimize(
+            graph, kernel=optimizer.Kernel.CAUCHY, tolerance=1e-4, heartbeat=heartbeat
+        )
+        self._nodes[first:] = list(found.poses[1:] if first else found.poses)
         self._pending = 0
         self._surprising = False
+
+    def _latest(self, size: int) -> PoseGraph:
+        """Graph of the newest nodes, all older ones held: pose 0 stands for the map's frame."""
+        first = len(self._nodes) - size
+        constraints = []
+        for c in reversed(self._edges):
+            if c.j >= first:
+                constraints.append(self._held(c, first))
+            elif c.kind is ConstraintKind.ODOMETRY:
+                break
+        poses = np.array([np.zeros(3), *self._nodes[first:]])
+        return PoseGraph(poses, tuple(constraints))
+
+    def _held(self, c: Constraint, first: int) -> Constraint:
+        """Renumber a constraint, an older end becoming the map's frame."""
+        j = c.j - first + 1
+        if c.i >= first:
+            return Constraint(c.i - first + 1, j, c.i_from_j, c.covariance, c.kind)
+        map_from_j = Pose2.from_array(self._nodes[c.i]) @ c.i_from_j
+        return Constraint(0, j, map_from_j, c.covariance, c.kind)
 
 
 def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats:

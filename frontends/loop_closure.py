@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.correlative import SearchPyramid, build_pyramid, search
@@ -27,26 +28,33 @@ from slarm_graph.geometry import Floats, Pose2, between, compose, transform_poin
 _POINT_INFORMATION = 0.3
 _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
-_FINE_GRIDS = 32
+_FINE_GRIDS = 64
 _QUERY_RANGE_M = 12.0
 _LONG_AGO = -1_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Expectation:
-    """Where the graph expects a keyframe in a submap, and how sure it is.
+class Expectations:
+    """Where the graph expects a keyframe in old submaps, and how sure it is; nearest first.
 
     Parameters
     ----------
-    submap : int
-    submap_from_keyframe : (3,) float64
-    sigma_m, sigma_rad : float
+    submap : (E,) int64
+    submap_from_keyframe : (E, 3) float64
+    sigma_m, sigma_rad : (E,) float64
+        Standard deviations of position and heading.
     """
 
-    submap: int
+    submap: NDArray[np.int64]
     submap_from_keyframe: Floats
-    sigma_m: float
-    sigma_rad: float
+    sigma_m: Floats
+    sigma_rad: Floats
+
+    @staticmethod
+    def none() -> Expectations:
+        """No old submap is within reach."""
+        empty = np.zeros(0)
+        return Expectations(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,23 +102,23 @@ class LoopCloser:
         self._fine = SubmapCache(matching, _FINE_GRIDS, _itself)
         self._coarse = SubmapCache(coarse, _COARSE_GRIDS, _pyramid)
         self._tentative: list[Closure] = []
-        self._last_search = _LONG_AGO
+        self._last_match = self._last_search = _LONG_AGO
         self._tried: dict[int, int] = {}
-        self._matched: dict[int, int] = {}
 
     def examine(
         self,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
-        expected: Sequence[Expectation],
+        expected: Expectations,
     ) -> list[Closure]:
         """Compare the newest keyframe with old submaps.
 
         Parameters
         ----------
         keyframes, submaps : sequences
-        expected : sequence of Expectation
-            Of the newest keyframe, nearest first.
+            All so far.
+        expected : Expectations
+            Of the newest keyframe.
 
         Returns
         -------
@@ -119,29 +127,34 @@ class LoopCloser:
         """
         k = len(keyframes) - 1
         done = self._confirm(k, keyframes, submaps)
-        sure = [e for e in expected if self._is_sure(e)][: self._config.candidates]
-        for e in sure:
-            if k - self._matched.get(e.submap, _LONG_AGO) >= self._config.match_every:
-                self._matched[e.submap] = k
-                done.append(self._at_prediction(k, e, keyframes, submaps))
-        unsure = [e for e in expected if not self._is_sure(e)]
-        if unsure and k - self._last_search >= self._config.search_every:
+        sure = (expected.sigma_m <= self._config.sure_m) & (
+            expected.sigma_rad <= self._config.sure_rad
+        )
+        if sure.any() and k - self._last_match >= self._config.match_every:
+            self._last_match = k
+            for e in np.flatnonzero(sure)[: self._config.candidates]:
+                done.append(self._at_prediction(k, int(e), expected, keyframes, submaps))
+        if not sure.all() and k - self._last_search >= self._config.search_every:
             self._last_search = k
-            self._search(k, unsure, keyframes, submaps)
+            self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
         return done
 
-    def _is_sure(self, e: Expectation) -> bool:
-        return e.sigma_m <= self._config.sure_m and e.sigma_rad <= self._config.sure_rad
-
     def _at_prediction(
-        self, k: int, e: Expectation, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
+        self,
+        k: int,
+        e: int,
+        expected: Expectations,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
     ) -> Closure:
         """Refine where the graph expects the keyframe; earlier closures are the second opinion."""
-        found = self._refine(k, e.submap, e.submap_from_keyframe, keyframes, submaps)
-        away = between(e.submap_from_keyframe, found.submap_from_keyframe)
+        predicted = expected.submap_from_keyframe[e]
+        found = self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
+        away = between(predicted, found.submap_from_keyframe)
         reason = self._doubt(found)
         if not reason and (
-            math.hypot(away[0], away[1]) > 3.0 * e.sigma_m or abs(away[2]) > 3.0 * e.sigma_rad
+            math.hypot(away[0], away[1]) > 3.0 * expected.sigma_m[e]
+            or abs(away[2]) > 3.0 * expected.sigma_rad[e]
         ):
             reason = "far from where earlier closures put it"
         return replace(found, reason=reason)
@@ -149,27 +162,33 @@ class LoopCloser:
     def _search(
         self,
         k: int,
-        unsure: Sequence[Expectation],
+        unsure: NDArray[np.int64],
+        expected: Expectations,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> None:
         """Detect: best place of the last few keyframes' points in the nearest submaps' windows."""
-        fresh = [e for e in unsure if k - self._tried.get(e.submap, _LONG_AGO) >= 40]
+        retry = self._config.search_again
+        tries = [
+            e for e in unsure if k - self._tried.get(int(expected.submap[e]), _LONG_AGO) >= retry
+        ][: self._config.searches]
+        if not tries:
+            return
         query = self._query(k, keyframes)
-        for e in fresh[: self._config.searches]:
-            self._tried[e.submap] = k
+        for e in tries:
+            submap = int(expected.submap[e])
+            self._tried[submap] = k
             hit = search(
-                self._coarse.of(submaps[e.submap], keyframes),
+                self._coarse.of(submaps[submap], keyframes),
                 query,
-                Pose2.from_array(e.submap_from_keyframe),
-                reach_m=min(3.0 * e.sigma_m, self._config.window_m),
-                reach_rad=min(3.0 * e.sigma_rad, self._config.window_rad),
+                Pose2.from_array(expected.submap_from_keyframe[e]),
+                reach_m=min(3.0 * float(expected.sigma_m[e]), self._config.window_m),
+                reach_rad=min(3.0 * float(expected.sigma_rad[e]), self._config.window_rad),
                 min_score=self._config.search_score,
             )
             if hit is None:
                 continue
-            start = hit.grid_from_robot.as_array()
-            found = self._refine(k, e.submap, start, keyframes, submaps)
+            found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
             if not self._doubt(found):
                 self._tentative.append(replace(found, searched=True))
 

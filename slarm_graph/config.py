@@ -45,7 +45,7 @@ class MatchingConfig(Stage):
     """Standard deviation of the likelihood's fall-off from what was seen."""
     point_sigma_m: float = Field(default=0.01, gt=0)
     """What one return is worth against the prediction: its error, correlations allowed for."""
-    max_gap_m: float = Field(default=0.3, ge=0)
+    max_gap_m: float = Field(default=0.5, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
     max_iterations: int = Field(default=20, ge=1)
     min_score: float = Field(default=0.35, ge=0, le=1)
