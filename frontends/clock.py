@@ -89,6 +89,24 @@ def choose_segment(stamps_ns: Ints, wanted: int | None, what: str) -> tuple[int,
     return parts[(wanted or 1) - 1]
 
 
+def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
+    """Rows of another stream that belong to one of the scans' segments.
+
+    Parameters
+    ----------
+    stamps_ns : (N,) int64
+        Of the stream, in recorded order.
+    wanted : int
+        Segment number, counted from 1.
+    count : int
+        How many segments the scans have. A stream with another number of jumps is kept whole.
+    """
+    parts = segments(stamps_ns)
+    fits = len(parts) == count >= wanted
+    start, stop = parts[wanted - 1] if fits else (0, len(stamps_ns))
+    return np.arange(start, stop)
+
+
 def listed(stamps_ns: Ints) -> str:
     """Tell the segments: number, scans, first and last stamp."""
     return "; ".join(

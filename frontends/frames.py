@@ -11,6 +11,7 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.clock import segment_rows
 from slarm_graph.frontends.messages import ScanBlock, StampedTransforms
 from slarm_graph.frontends.mounting import Mounting, mounting_in_plane
 from slarm_graph.frontends.odometry import OdometryPath, path_from_messages, path_from_tree
@@ -39,6 +40,17 @@ def build_tree(
         tree.remove((parent, child))
         told.append(f"tf {parent} -> {child} is another SLAM's output: ignored")
     return tree, told
+
+
+def only_segment(part: StampedTransforms, wanted: int, count: int) -> StampedTransforms:
+    """Keep what belongs to one of the scans' segments, every pair of frames by its own clock."""
+    if len(part) == 0:
+        return part
+    kept = []
+    for number in range(len(part.edges)):
+        rows = np.flatnonzero(part.edge == number)
+        kept.append(rows[segment_rows(part.stamp_ns[rows], wanted, count)])
+    return part.subset(np.sort(np.concatenate(kept)))
 
 
 def usual_frame(blocks: Sequence[ScanBlock]) -> str:

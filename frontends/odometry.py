@@ -83,7 +83,7 @@ def path_from_messages(
     usable &= np.isfinite(messages.translations_m).all(axis=1)
     poses = np.column_stack([messages.translations_m[:, :2], yaws(quaternions)])[usable]
     stamps = (messages.record_ns if use_record_time else messages.stamp_ns)[usable]
-    return _sorted_path(stamps, poses), int(np.count_nonzero(~usable))
+    return sorted_path(stamps, poses), int(np.count_nonzero(~usable))
 
 
 def path_from_tree(tree: TransformTree, odom: str, robot: str) -> OdometryPath:
@@ -94,9 +94,10 @@ def path_from_tree(tree: TransformTree, odom: str, robot: str) -> OdometryPath:
     stamps = np.unique(np.concatenate([edge.stamp_ns for edge in edges]))
     rotations, places, known = tree.lookup(odom, robot, stamps, _ANY_GAP_NS)
     headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-    return _sorted_path(stamps[known], np.column_stack([places[:, :2], headings])[known])
+    return sorted_path(stamps[known], np.column_stack([places[:, :2], headings])[known])
 
 
-def _sorted_path(stamps: Ints, poses: Floats) -> OdometryPath:
+def sorted_path(stamps: Ints, poses: Floats) -> OdometryPath:
+    """Sort poses (N, 3) by stamp (N,) [ns]; of equal stamps the first stays."""
     unique, first = np.unique(stamps, return_index=True)
     return OdometryPath(unique, poses[first])

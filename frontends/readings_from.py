@@ -231,9 +231,9 @@ class RecordedSource:
         poses, known = odometry.at(stamps, gap_s)
         if not known.all():
             self._notices.append(
-                f"{np.count_nonzero(~known)} of {len(known)} scans lie in silences of the odometry "
-                f"longer than {gap_s:.2g} s, first at {seconds(stamps[np.argmin(known)])}: "
-                "scan matching only there"
+                f"{np.count_nonzero(~known)} of {len(known)} scans lie outside the odometry or in "
+                f"silences of it longer than {gap_s:.2g} s, first at "
+                f"{seconds(stamps[np.argmin(known)])}: scan matching only there"
             )
         return poses, known
 

@@ -15,11 +15,13 @@ import numpy as np
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.choices import choose_odom_topic, choose_scan_topic
+from slarm_graph.frontends.clock import segments
 from slarm_graph.frontends.frames import (
     build_tree,
     mountings,
     odometry_of_topic,
     odometry_of_tree,
+    only_segment,
     robot_frame,
     scans_change,
     usual_frame,
@@ -173,9 +175,14 @@ def _assemble(
     blocks = messages.scans.get(scan_topic.name, [])
     if not blocks:
         raise BadInput(f"{scan_topic.name} holds no scans")
-    tree, told = build_tree(messages.moving, messages.fixed, config)
-    laser = usual_frame(blocks)
+    table, moving = ScanTable(blocks), messages.moving
     odometry = messages.odometry.get(odom_topic.name) if odom_topic else None
+    if config.segment is not None:
+        count = len(segments(table.stamp_ns))
+        moving = only_segment(moving, config.segment, count)
+        odometry = only_segment(odometry, config.segment, count) if odometry else None
+    tree, told = build_tree(moving, messages.fixed, config)
+    laser = usual_frame(blocks)
     robot, more = robot_frame(tree, odometry, laser, config)
     path, still_more = _odometry(tree, odometry, odom_topic, robot, config)
     told += [*more, *still_more]
@@ -183,7 +190,7 @@ def _assemble(
         told.append("the odometry never changes although scans do: not used")
         path = None
     return RecordedSource(
-        ScanTable(blocks),
+        table,
         path,
         mountings(tree, robot, config),
         config=config,

@@ -12,8 +12,9 @@ import numpy as np
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.carmen import LASERS, looks_like_carmen, read_carmen
+from slarm_graph.frontends.clock import segment_rows, segments
 from slarm_graph.frontends.mounting import Mounting
-from slarm_graph.frontends.odometry import OdometryPath
+from slarm_graph.frontends.odometry import sorted_path
 from slarm_graph.frontends.packed import Ints
 from slarm_graph.frontends.readings_from import RecordedSource
 from slarm_graph.frontends.scan_table import ScanTable
@@ -37,8 +38,11 @@ def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) 
         With one line: what is wrong, where, and how to mend it.
     """
     files = existing_paths(paths)
-    if len(files) == 1 and is_carmen(files[0]):
-        return open_carmen(files[0], config)
+    logs = [file for file in files if is_carmen(file)]
+    if logs and len(files) > 1:
+        raise BadInput(f"{logs[0]} is a CARMEN log; only one at a time can be read")
+    if logs:
+        return open_carmen(logs[0], config)
     from slarm_graph.frontends.ros_source import open_ros
 
     return open_ros(files, config)
@@ -80,16 +84,19 @@ def open_carmen(path: Path, config: SourceConfig) -> RecordedSource:
         others = ", ".join(other for other in log.scans if other != name)
         notices.append(f"using {name}; choose another with --scan ({others})")
     mounting = Mounting(Pose2.from_array(log.robot_from_laser[name]))
-    blocks, odometry = log.scans[name], None
-    if any(block.odom_from_robot is None for block in blocks) and config.odom != "none":
-        stamps, first = np.unique(log.odom_stamp_ns, return_index=True)
-        odometry = OdometryPath(stamps, log.odom_poses[first])
+    table, odometry = ScanTable(log.scans[name]), None
+    if any(block.odom_from_robot is None for block in table.blocks) and config.odom != "none":
+        rows = np.arange(len(log.odom_stamp_ns))
+        if config.segment is not None:
+            count = len(segments(table.stamp_ns))
+            rows = segment_rows(log.odom_stamp_ns, config.segment, count)
+        odometry = sorted_path(log.odom_stamp_ns[rows], log.odom_poses[rows])
 
     def mounting_at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
         return [mounting] * len(stamps_ns)
 
     return RecordedSource(
-        ScanTable(blocks),
+        table,
         odometry,
         mounting_at,
         config=config,

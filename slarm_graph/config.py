@@ -19,10 +19,13 @@ class SourceConfig(Stage):
     """What to read from a recording."""
 
     scan_topic: str | None = None
+    """Topic with the scans (in CARMEN logs the message name); null to choose by itself."""
     odom: str | None = None
-    """Odometry topic, `none` for scan matching only, or null to choose by itself."""
+    """Odometry topic, `tf`, `none` for scan matching only, or null to choose by itself."""
     robot_frame: str | None = None
+    """Frame of the robot; null: the odometry's child frame, else base_footprint or base_link."""
     odom_frame: str | None = None
+    """Frame the odometry is in, where it comes from tf; null: odom."""
     static_tf: tuple[str, ...] = ()
     """Extra fixed transforms, each `parent child x y z yaw [pitch roll]` [m, rad]."""
     segment: int | None = Field(default=None, ge=1)
@@ -30,9 +33,13 @@ class SourceConfig(Stage):
     max_odom_gap_s: float | None = Field(default=None, gt=0)
     """Longest silence of the odometry that is bridged [s]; null: five times its usual spacing."""
     stamp_at: Literal["first", "middle", "last"] = "first"
+    """Which beam the recorded stamps belong to; first, by the definition of the message."""
     range_min_m: float | None = None
+    """Overrides the recorded range_min."""
     range_max_m: float | None = None
+    """Overrides the recorded range_max; finite ranges beyond it are invalid."""
     echo: Literal["first", "last", "strongest"] = "first"
+    """Which return of a beam to use, where the laser tells several apart."""
     clear_on_inf: bool = True
     """Whether +inf ranges clear the space along the beam (REP-117)."""
 

@@ -8,8 +8,9 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer as Writer1
-from rosbags.rosbag2 import StoragePlugin
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -203,19 +204,32 @@ Recorded = tuple[str, float, object]
 """Topic, record time [s], message."""
 
 
-def write_recording(path: Path, messages: Iterable[Recorded], kind: str = "bag") -> Path:
+def write_recording(
+    path: Path, messages: Iterable[Recorded], kind: str = "bag", *, compression: str = ""
+) -> Path:
     """Write a ROS 1 bag, or a ROS 2 folder with sqlite3 or mcap storage."""
-    maker = Writer("ros1" if kind == "bag" else "cdr little")
-    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
-    writer = Writer1(path) if kind == "bag" else Writer2(path, version=9, storage_plugin=plugin)
-    with writer:
-        known: dict[tuple[str, str], object] = {}
+    maker = maker_of(kind)
+    with _writer(path, kind, compression) as writer:
+        known: dict[tuple[str, str], Connection] = {}
         for topic, record_s, message in messages:
             msgtype = message.__msgtype__  # type: ignore[attr-defined]
             if (topic, msgtype) not in known:
                 known[topic, msgtype] = writer.add_connection(topic, msgtype, typestore=maker.store)
             writer.write(known[topic, msgtype], round(record_s * 1e9), maker.raw(message))
     return path
+
+
+def _writer(path: Path, kind: str, compression: str) -> Writer1 | Writer2:
+    if kind == "bag":
+        writer = Writer1(path)
+        if compression:
+            writer.set_compression(Writer1.CompressionFormat[compression])
+        return writer
+    plugin = StoragePlugin.MCAP if kind == "mcap" else StoragePlugin.SQLITE3
+    folder = Writer2(path, version=9, storage_plugin=plugin)
+    if compression:
+        folder.set_compression(CompressionMode[compression], CompressionFormat.ZSTD)
+    return folder
 
 
 def maker_of(kind: str) -> Writer:

@@ -113,6 +113,28 @@ def test_db3_without_type_definitions_is_read(tmp_path: Path) -> None:
     assert len(readings(folder)) == 40
 
 
+@pytest.mark.parametrize("compression", ["BZ2", "LZ4"])
+def test_compressed_bags(tmp_path: Path, compression: str) -> None:
+    path = write_recording(tmp_path / "a.bag", drive(), compression=compression)
+    assert len(readings(path)) == 40
+
+
+@pytest.mark.parametrize(
+    ("kind", "mode"),
+    [
+        ("db3", "FILE"),
+        ("db3", "MESSAGE"),
+        ("mcap", "FILE"),
+        ("mcap", "MESSAGE"),
+        ("mcap", "STORAGE"),
+    ],
+)
+def test_compressed_ros2_recordings(tmp_path: Path, kind: str, mode: str) -> None:
+    folder = write_recording(tmp_path / "rec", drive(kind), kind, compression=mode)
+    assert len(readings(folder)) == 40
+    assert "no usable metadata" not in noticed(folder)
+
+
 def test_several_bags_are_put_together_in_order_of_time(tmp_path: Path) -> None:
     messages = drive()
     first = write_recording(tmp_path / "b_first.bag", messages[:40])
@@ -273,7 +295,11 @@ def test_reversed_and_repeated_stamps_are_sorted_and_told_apart(tmp_path: Path) 
 
 
 def test_clock_jumps_back_lists_segments(tmp_path: Path) -> None:
-    second = [(t, s + 4.0, m) for t, s, m in drive(seed=1)]
+    make = maker_of("bag")
+    second = [
+        (t, s + 4.0, make.odom(s - 0.02, x=50.0 + s - T0) if t == "/odom" else m)
+        for t, s, m in drive(seed=1)
+    ]
     path = write_recording(tmp_path / "a.bag", drive() + second)
     text = told(path)
     assert "the clock goes back by 3.9 s at scan 40" in text
@@ -281,6 +307,8 @@ def test_clock_jumps_back_lists_segments(tmp_path: Path) -> None:
     source = opened(path, SourceConfig(segment=2))
     got = list(source)
     assert len(got) == 40
+    assert got[5].odom_from_robot.x == pytest.approx(50.52, abs=0.03)
+    assert readings(path, SourceConfig(segment=1))[5].odom_from_robot.x < 1.0
     assert got[5].scan.ranges_m[0] == pytest.approx(
         readings(write_recording(tmp_path / "b.bag", drive(seed=1)))[5].scan.ranges_m[0]
     )
