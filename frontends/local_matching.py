@@ -15,12 +15,15 @@ from slarm_graph.frontends.correlative import build_pyramid, search, search_ever
 from slarm_graph.frontends.gauss_newton import refine_motion
 from slarm_graph.frontends.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.odometry_filter import Prediction
-from slarm_graph.geometry import Floats, Pose2, compose
+from slarm_graph.frontends.small_matrix import invert3
+from slarm_graph.geometry import Floats, Pose2, between, compose
 
 _DOUBTFUL_SURPRISE = 16.0
 _DOUBTFUL_SHIFT = 0.1
 _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
+_PER_SIGMA = 0.02
+_MAX_MARGIN = 0.4
 _SEARCH_POINTS = 80
 _PLENTY_OF_POINTS = 100
 _FROM_PREDICTION = np.empty(0)
@@ -169,7 +172,7 @@ class LocalMatcher:
             start = _best_in_window(few, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             other = self._refine(points, grid, base, loose, start)
-            if other.score > found.score + _BETTER:
+            if other.score > found.score + _BETTER + _margin(other, base, predictions):
                 found = other
         return found
 
@@ -213,6 +216,18 @@ def _failed(
     return MatchResult(
         expected, prediction.covariance, found.score, found.inliers, found.iterations, reason
     )
+
+
+def _margin(found: _Refined, base: Pose2, predictions: tuple[Prediction, ...]) -> float:
+    """Score by which a place must be better, for how far it is from every prediction.
+
+    A passer-by before the laser can make a wrong place fit a little better than the right one.
+    """
+    least = math.inf
+    for prediction in predictions:
+        away = between(compose(base.as_array(), prediction.motion), found.pose)
+        least = min(least, float(away @ invert3(prediction.covariance) @ away))
+    return min(_PER_SIGMA * math.sqrt(least), _MAX_MARGIN)
 
 
 def _best_in_window(

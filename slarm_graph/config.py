@@ -54,7 +54,7 @@ class MatchingConfig(Stage):
     """What one return is worth against the prediction: its error, correlations allowed for."""
     max_gap_m: float = Field(default=0.5, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
-    max_iterations: int = Field(default=20, ge=1)
+    max_iterations: int = Field(default=40, ge=1)
     min_score: float = Field(default=0.35, ge=0, le=1)
     """A match with less mean agreement has failed."""
     min_points: int = Field(default=10, ge=3)
