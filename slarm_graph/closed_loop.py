@@ -243,8 +243,7 @@ class ClosedLoop:
             self._ask(end, self.live.coverage(way), go_on=True)
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
-        goal = Finished("everything is known") if self._going_home else None
-        goal = goal or self._explorer.next_goal(coverage, pose)
+        goal = self._goal(coverage, pose)
         if isinstance(goal, Finished):
             self._leg = Leg(np.empty((0, 2)), more=False)
             if not go_on:
@@ -260,6 +259,11 @@ class ClosedLoop:
             self.follower.extend(goal.points_m)
         else:
             self.follower.follow(goal.points_m)
+
+    def _goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        if self._going_home:
+            return Finished("everything is known, back at the start")
+        return self._explorer.next_goal(coverage, pose)
 
     def _finish(self, goal: Finished, coverage: CoverageGrid) -> None:
         """End here, or after one more look at the corrected map, or back at the start."""

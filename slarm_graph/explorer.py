@@ -85,7 +85,7 @@ class CoverageGrid:
     @property
     def values(self) -> NDArray[np.float32]:
         """The paper's values (rows, cols): 0 to be visited, 0.5 visited, 1 blocked."""
-        return np.asarray(self.codes, dtype=np.float32) / 2
+        return np.asarray(0.5 * self.codes, dtype=np.float32)
 
     @property
     def fineness(self) -> int:
@@ -165,7 +165,7 @@ def coverage_grid(
         Cells outside are blocked.
     """
     fine = driving.geometry.rows // geometry.rows
-    enterable = in_blocks(driving.passable, fine).any(axis=(2, 3))
+    enterable = np.asarray(in_blocks(driving.passable, fine).any(axis=(2, 3)))
     if allowed is not None:
         enterable &= allowed
     codes = np.where(enterable, np.where(visited, VISITED, OPEN), BLOCKED).astype(np.uint8)
@@ -261,7 +261,7 @@ def way_to_nearest(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Float
 
 def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
     """Pull a path over driving cells straight, beginning at the robot."""
-    points = cells[:, ::-1] + 0.5
+    points = cells[:, ::-1].astype(np.float64) + 0.5
     g = driving.geometry
     pulled = shortcut(driving.passable, points) * g.resolution_m + (g.origin_x_m, g.origin_y_m)
     return np.concatenate([begin_m[None], pulled])
@@ -279,7 +279,7 @@ def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floa
     length = np.hypot(*before.T) * np.hypot(*after.T)
     ahead = (before * after).sum(axis=1) > 0
     straight = ahead & (np.abs(cross) <= tolerance_m * np.maximum(length, tolerance_m))
-    return points[np.concatenate([[True], ~straight, [True]])]
+    return np.asarray(points[np.concatenate([[True], ~straight, [True]])])
 
 
 def _coarse_moves(driving: DrivingGrid, enterable: Mask, fine: int) -> Moves:

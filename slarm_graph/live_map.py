@@ -143,7 +143,8 @@ class LiveMap:
     def observed(self) -> Mask:
         """Coverage cells (rows, cols) whose centre has been seen free."""
         centers = self.geometry.centers()
-        return self.driving_geometry.sample(self.states, centers, UNKNOWN) == FREE
+        seen = self.driving_geometry.sample(self.states, centers, UNKNOWN)
+        return np.asarray(seen == FREE)
 
     def footprint(self) -> Mask:
         """Coverage cells (rows, cols) over whose centre the robot's disc has passed."""

@@ -131,7 +131,7 @@ class PathFollower:
         begin, end = self._points[self._segment], self._points[self._segment + 1]
         along = _unit(begin, end)
         done_m = (pose.x - begin[0]) * along[0] + (pose.y - begin[1]) * along[1]
-        return float(self._along_m[self._segment]) + done_m
+        return float(self._along_m[self._segment] + done_m)
 
     def _aim(self, pose: Pose2) -> tuple[float, float, float]:
         """Point to steer for [m], and the distance to the next sharp corner or the end [m].

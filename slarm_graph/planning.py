@@ -383,7 +383,7 @@ def _sees(passable: Mask, x: float, y: float, end_x: float, end_y: float) -> boo
         else:
             row += step_row
             next_y += per_row
-    return 0 <= row < rows and 0 <= col < cols and passable[row, col]
+    return 0 <= row < rows and 0 <= col < cols and bool(passable[row, col])
 
 
 @njit(cache=True, nogil=True)
