@@ -19,6 +19,7 @@ from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.rotations import quaternion_of
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import LaserScan, Reading
 
@@ -35,6 +36,7 @@ def write_readings(
     readings: Iterable[Reading],
     *,
     truth: Iterable[tuple[int, Pose2]] = (),
+    upside_down: bool = False,
     overwrite: bool = False,
 ) -> int:
     """Record readings: /scan, /odom, /tf (odom -> base_link) and /tf_static (base_link -> laser).
@@ -47,6 +49,9 @@ def write_readings(
     readings : iterable of Reading
     truth : iterable of (stamp [ns], map_from_robot)
         Written to /ground_truth as geometry_msgs/PoseStamped.
+    upside_down : bool
+        Record a laser that hangs upside down: its z axis points down in tf and its angles count
+        the other way round. What is read back is the same.
     overwrite : bool
 
     Returns
@@ -64,10 +69,13 @@ def write_readings(
         for reading in readings:
             if mounting is None:
                 mounting = reading.scan.robot_from_laser
-                bag.transform("/tf_static", reading.stamp_ns, "base_link", "laser", mounting)
+                roll = math.pi if upside_down else 0.0
+                bag.transform(
+                    "/tf_static", reading.stamp_ns, "base_link", "laser", mounting, roll_rad=roll
+                )
             if reading.scan.robot_from_laser != mounting:
                 raise BadInput("the laser moves on the robot: cannot be written with a static tf")
-            bag.scan(reading.stamp_ns, reading.scan)
+            bag.scan(reading.stamp_ns, reading.scan, angle_sign=-1.0 if upside_down else 1.0)
             if reading.odom_from_robot is not None:
                 bag.odometry(reading.stamp_ns, reading.odom_from_robot)
             count += 1
@@ -140,14 +148,17 @@ class BagWriter:
     def __exit__(self, *_: object) -> None:
         self._writer.close()
 
-    def scan(self, stamp_ns: int, scan: LaserScan, frame: str = "laser") -> None:
+    def scan(
+        self, stamp_ns: int, scan: LaserScan, frame: str = "laser", *, angle_sign: float = 1.0
+    ) -> None:
         """Write a scan to /scan."""
-        count, step = len(scan.ranges_m), scan.angle_increment_rad
+        count, step = len(scan.ranges_m), angle_sign * scan.angle_increment_rad
+        start = angle_sign * scan.angle_min_rad
         message = self._make(
             _SCAN,
             self._header(stamp_ns, frame),
-            scan.angle_min_rad,
-            scan.angle_min_rad + step * max(count - 1, 0),
+            start,
+            start + step * max(count - 1, 0),
             step,
             scan.time_increment_s,
             scan.time_increment_s * count,
@@ -178,11 +189,20 @@ class BagWriter:
         message = self._make(_POSE, self._header(stamp_ns, "map"), self._pose(map_from_robot))
         self._write(topic, stamp_ns, message, _POSE)
 
-    def transform(self, topic: str, stamp_ns: int, parent: str, child: str, pose: Pose2) -> None:
+    def transform(
+        self,
+        topic: str,
+        stamp_ns: int,
+        parent: str,
+        child: str,
+        pose: Pose2,
+        *,
+        roll_rad: float = 0.0,
+    ) -> None:
         """Write `parent_from_child`."""
         g = "geometry_msgs/msg/"
         place = self._make(g + "Vector3", pose.x, pose.y, 0.0)
-        moved = self._make(g + "Transform", place, self._turn(pose.theta))
+        moved = self._make(g + "Transform", place, self._turn(pose.theta, roll_rad))
         stamped = self._make(g + "TransformStamped", self._header(stamp_ns, parent), child, moved)
         self._write(topic, stamp_ns, self._make(_TF, [stamped]), _TF)
 
@@ -191,7 +211,7 @@ class BagWriter:
             self._connections[topic] = self._connect(topic, msgtype)
         store = self._store
         raw = (store.serialize_ros1 if self._ros1 else store.serialize_cdr)(message, msgtype)
-        self._writer.write(self._connections[topic], stamp_ns, raw)
+        self._writer.write(self._connections[topic], int(stamp_ns), raw)
 
     def _connect(self, topic: str, msgtype: str) -> Connection:
         from rosbags.convert.converter import LATCH
@@ -221,6 +241,6 @@ class BagWriter:
         point = self._make(g + "Point", pose.x, pose.y, 0.0)
         return self._make(g + "Pose", point, self._turn(pose.theta))
 
-    def _turn(self, heading_rad: float) -> object:
-        half = 0.5 * heading_rad
-        return self._make("geometry_msgs/msg/Quaternion", 0.0, 0.0, math.sin(half), math.cos(half))
+    def _turn(self, heading_rad: float, roll_rad: float = 0.0) -> object:
+        quaternion = quaternion_of(heading_rad, 0.0, roll_rad)
+        return self._make("geometry_msgs/msg/Quaternion", *quaternion.tolist())
