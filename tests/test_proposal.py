@@ -1,0 +1,184 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Equations (5) to (10) in a square room without noise, and the matching they rest on."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.particle_maps import ParticleMaps
+from slarm_graph.backends.particle_matching import (
+    associate,
+    curvature,
+    log_likelihood,
+    log_of_miss,
+    point_normals,
+)
+from slarm_graph.backends.proposal import (
+    Measurement,
+    body_centred_lattice,
+    find_peak,
+    gaussian_of,
+    propose,
+    weigh,
+)
+from slarm_graph.config import GmappingConfig, ParticleLikelihoodConfig, ProposalConfig
+from slarm_graph.geometry import Floats, compose, invert, transform_points
+
+CONFIG = GmappingConfig(likelihood=ParticleLikelihoodConfig(sigma_m=0.03, beam_information=0.2))
+RESOLUTION_M = 0.05
+MOTION = np.array([0.3, 0.05, 0.1])
+COVARIANCE = np.diag([0.02, 0.02, 0.01]) ** 2
+
+
+def walls_m() -> Floats:
+    """Points on the walls of a room of 4 m x 6 m, counter-clockwise."""
+    along = np.arange(0.0, 1.0, 0.01)
+    corners = np.array([[-2.0, -3.0], [2.0, -3.0], [2.0, 3.0], [-2.0, 3.0], [-2.0, -3.0]])
+    sides = [a + along[:, None] * (b - a) for a, b in itertools.pairwise(corners)]
+    return np.concatenate(sides)
+
+
+def seen_from(pose: Floats) -> Floats:
+    """The room's points with normals in the frame of a pose, (K, 4)."""
+    return np.asarray(point_normals(transform_points(invert(pose), walls_m()), np.zeros(2)))
+
+
+def room_maps(particles: int = 1) -> ParticleMaps:
+    maps = ParticleMaps.empty(particles, RESOLUTION_M)
+    maps.insert(seen_from(np.zeros(3)), np.zeros((particles, 3)))
+    return maps
+
+
+def lines_at(maps: ParticleMaps, points: Floats, pose: Floats) -> Floats:
+    lines = np.zeros((len(points), 5))
+    associate(maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, pose, lines)
+    return lines
+
+
+def test_normals_point_to_the_laser() -> None:
+    points = seen_from(np.array([0.5, 0.5, 0.7]))
+    towards = -np.einsum("ij,ij->i", points[:, :2], points[:, 2:])
+    directed = (points[:, 2:] != 0.0).any(axis=1)
+    assert directed.mean() > 0.95
+    assert (towards[directed] > 0.0).all()
+
+
+def test_the_far_side_of_a_wall_is_another_wall() -> None:
+    maps = room_maps()
+    outside = walls_m()
+    facing_out = np.column_stack([outside, -seen_from(np.zeros(3))[:, 2:]])
+    seen = seen_from(np.zeros(3))
+    assert lines_at(maps, seen, np.zeros(3))[:, 4].mean() > 0.99
+    directed = (facing_out[:, 2:] != 0.0).any(axis=1)
+    assert lines_at(maps, facing_out[directed], np.zeros(3))[:, 4].mean() < 0.1
+
+
+def test_gradient_is_that_of_the_likelihood() -> None:
+    maps, pose, step = room_maps(), np.array([0.01, -0.02, 0.004]), 1e-6
+    points = seen_from(np.zeros(3))
+    lines = lines_at(maps, points, pose)
+    hessian, gradient = np.zeros((3, 3)), np.zeros(3)
+    curvature(points, lines, pose, 0.03, 0.2, hessian, gradient)
+    for axis in range(3):
+        d = np.zeros(3)
+        d[axis] = step
+        ahead, behind = (
+            log_likelihood(points, lines, pose + sign * d, 0.03, -1.0) for sign in (1.0, -1.0)
+        )
+        assert np.isclose(gradient[axis], -0.2 * (ahead - behind) / (2.0 * step), rtol=1e-4)
+    assert np.allclose(hessian, hessian.T)
+    assert (np.linalg.eigvalsh(hessian) > 0.0).all()
+
+
+def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:
+    truth = np.array([0.31, 0.06, 0.11])
+    maps, points, lines = room_maps(), seen_from(truth), np.zeros((400, 5))
+    peak, _ = find_peak(
+        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, MOTION,
+        1e-3 * np.linalg.inv(COVARIANCE), 0.03, 0.2, 20, lines,
+    )  # fmt: skip
+    assert np.allclose(peak, truth, atol=2e-3)
+
+
+def test_eq_7_without_a_map_the_motion_decides() -> None:
+    maps = ParticleMaps.empty(1, RESOLUTION_M)
+    still = np.zeros((1, 3))
+    pose, _ = propose(
+        maps, Measurement(seen_from(MOTION), MOTION, COVARIANCE), CONFIG, still, still
+    )
+    assert np.allclose(pose[0], MOTION, atol=1e-9)
+
+
+def test_eq_8_is_the_integral_over_the_motion() -> None:
+    """With nothing in the map p(o | m, x) is the same everywhere, so the integral is it."""
+    maps, points = ParticleMaps.empty(1, RESOLUTION_M), seen_from(MOTION)
+    fine = CONFIG.model_copy(update={"proposal": ProposalConfig(lattice_radius=5.0)})
+    still = np.zeros((1, 3))
+    _, gained = propose(maps, Measurement(points, MOTION, COVARIANCE), fine, still, still)
+    expected = 0.2 * len(points) * log_of_miss(1, RESOLUTION_M, 0.03)
+    assert np.isclose(gained[0], expected, atol=2e-3)
+
+
+def test_eq_8_prefers_the_particle_whose_map_fits() -> None:
+    maps = room_maps(2)
+    poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.2, 0.0]])
+    measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
+    _, gained = propose(maps, measurement, CONFIG, poses, np.zeros((2, 3)))
+    assert gained[0] > gained[1] + 10.0
+
+
+def test_eq_9_and_10_are_weighted_moments() -> None:
+    rng = np.random.default_rng(0)
+    offsets, log_density = rng.normal(size=(40, 3)), rng.normal(-500.0, 2.0, 40)
+    mean, covariance = np.empty(3), np.empty((3, 3))
+    log_eta = gaussian_of(offsets, log_density, mean, covariance)
+    weights = np.exp(log_density + 500.0)
+    assert np.allclose(mean, np.average(offsets, axis=0, weights=weights))
+    assert np.allclose(covariance, np.cov(offsets.T, aweights=weights, ddof=0))
+    assert np.isclose(log_eta, np.log(weights.sum()) - 500.0)
+
+
+@pytest.mark.parametrize(("radius", "count", "share"), [(2.9, 27, 0.90), (3.4, 51, 0.97)])
+def test_the_lattice_integrates_a_normal_density(radius: float, count: int, share: float) -> None:
+    lattice = body_centred_lattice(radius)
+    assert len(lattice) == count
+    log_density = -0.5 * (lattice**2).sum(axis=1) - 1.5 * np.log(2.0 * np.pi)
+    mean, covariance = np.empty(3), np.empty((3, 3))
+    log_eta = gaussian_of(lattice, log_density, mean, covariance)
+    assert np.isclose(4.0 * np.exp(log_eta), 1.0, atol=0.05)
+    assert np.allclose(mean, 0.0)
+    assert np.allclose(covariance, np.eye(3) * covariance[0, 0], atol=1e-9)
+    assert covariance[0, 0] > share
+
+
+def test_poses_are_drawn_from_the_proposal() -> None:
+    """Many particles with one map and one past follow N(mu, Sigma) of eq. (9), (10)."""
+    count = 4000
+    maps = room_maps()
+    maps.tables = np.repeat(maps.tables, count, axis=0)
+    measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
+    normals = np.random.default_rng(0).standard_normal((count, 3))
+    few = CONFIG.model_copy(update={"proposal": ProposalConfig(iterations=3)})
+    drawn, _ = propose(maps, measurement, few, np.zeros((count, 3)), normals)
+    mu, _ = propose(maps, measurement, few, np.zeros((1, 3)), np.zeros((1, 3)))
+    sigma = drawn.std(axis=0)
+    assert (np.abs(drawn.mean(axis=0) - mu[0]) < 4.0 * sigma / np.sqrt(count)).all()
+    assert (sigma < np.sqrt(np.diag(COVARIANCE))).all()
+    assert (sigma > 1e-4).all()
+
+
+def test_eq_5_and_6_weigh_by_the_likelihood() -> None:
+    """Drawn from the motion model, the ratio of eq. (5) leaves p(o | m, x), eq. (6)."""
+    maps = room_maps(2)
+    poses = np.array([MOTION, compose(MOTION, np.array([0.04, 0.0, 0.0]))])
+    points = seen_from(MOTION)
+    gained = weigh(maps, points, CONFIG, poses)
+    for pose, gain in zip(poses, gained, strict=True):
+        lines = lines_at(maps, points, pose)
+        expected = log_likelihood(points, lines, pose, 0.03, log_of_miss(1, RESOLUTION_M, 0.03))
+        assert np.isclose(gain, 0.2 * expected)
+    assert gained[0] > gained[1]
