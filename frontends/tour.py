@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A path through every part of a known world, to make recordings of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from slarm_graph.errors import BadInput
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import WorldMap
+
+_CLEARANCE_M = 0.06
+_WALL_SHY_M = 0.5
+_WAYPOINT_EVERY_M = 0.3
+
+
+def tour_waypoints_m(
+    world: WorldMap, body_radius_m: float, *, spacing_m: float = 2.0, resolution_m: float = 0.1
+) -> Floats:
+    """Waypoints (N, 2) [m] that come within about `spacing_m` of every reachable place.
+
+    Visits the nearest place not yet seen to, and returns to the start at the end, so that a
+    recording of it closes loops.
+
+    Raises
+    ------
+    BadInput
+        When the body cannot leave the start.
+    """
+    truth = truth_map(world, resolution_m, "touched")
+    room_m = ndimage.distance_transform_edt(np.pad(~truth.blocked, 1))[1:-1, 1:-1] * resolution_m
+    # Distances to cell centres understate the room by up to half a cell.
+    passable = room_m - 0.5 * resolution_m > body_radius_m + _CLEARANCE_M
+    graph, cells = _graph(passable, room_m, resolution_m)
+    start = _nearest_node(truth.geometry, cells, (world.start.x, world.start.y))
+    if start is None:
+        raise BadInput(f"{world.name}: there is no room for a robot of {body_radius_m} m radius")
+    nodes = _visit_all(graph, start, truth.geometry.center_of(cells), spacing_m)
+    stride = max(1, round(_WAYPOINT_EVERY_M / resolution_m))
+    kept = _thin(nodes, stride)
+    return truth.geometry.center_of(cells[kept])
+
+
+def _graph(
+    passable: Mask, room_m: Floats, resolution_m: float
+) -> tuple[sparse.csr_matrix, NDArray[np.int64]]:
+    """8-connected graph over passable cells; steps near walls cost more."""
+    index = np.full(passable.shape, -1, dtype=np.int64)
+    cells = np.argwhere(passable)
+    index[passable] = np.arange(len(cells))
+    price = 1.0 + 3.0 * np.clip(1.0 - room_m / _WALL_SHY_M, 0.0, 1.0)
+    rows, cols, costs = [], [], []
+    for d_row, d_col in ((0, 1), (1, 0), (1, 1), (1, -1)):
+        here = cells[(cells[:, 0] + d_row < passable.shape[0])]
+        here = here[(here[:, 1] + d_col >= 0) & (here[:, 1] + d_col < passable.shape[1])]
+        there = here + np.array([d_row, d_col])
+        # A diagonal step needs both side cells free.
+        both = passable[there[:, 0], there[:, 1]]
+        both &= passable[here[:, 0], there[:, 1]] & passable[there[:, 0], here[:, 1]]
+        here, there = here[both], there[both]
+        rows.append(index[here[:, 0], here[:, 1]])
+        cols.append(index[there[:, 0], there[:, 1]])
+        mean = 0.5 * (price[here[:, 0], here[:, 1]] + price[there[:, 0], there[:, 1]])
+        costs.append(mean * np.hypot(d_row, d_col) * resolution_m)
+    data = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
+    return sparse.csr_matrix(data, shape=(len(cells), len(cells))), cells
+
+
+def _nearest_node(
+    geometry: GridGeometry, cells: NDArray[np.int64], point_m: tuple[float, float]
+) -> int | None:
+    if not len(cells):
+        return None
+    return int(np.argmin(np.linalg.norm(geometry.center_of(cells) - point_m, axis=1)))
+
+
+def _visit_all(
+    graph: sparse.csr_matrix, start: int, centers_m: Floats, spacing_m: float
+) -> list[int]:
+    """Go to the nearest node not within `spacing_m` of the way so far, until there is none."""
+    cost, before = csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+    waiting = np.isfinite(cost)
+    way = [start]
+    _tick_off(waiting, centers_m, centers_m[[start]], spacing_m)
+    while waiting.any():
+        target = int(np.argmin(np.where(waiting, cost, np.inf)))
+        leg = _leg(before, target)
+        way += leg
+        _tick_off(waiting, centers_m, centers_m[leg[::5] + leg[-1:]], spacing_m)
+        cost, before = csgraph.dijkstra(
+            graph, directed=False, indices=target, return_predecessors=True
+        )
+    return way + _leg(before, start)
+
+
+def _leg(before: NDArray[np.int32], target: int) -> list[int]:
+    leg = []
+    node = target
+    while before[node] >= 0:
+        leg.append(node)
+        node = int(before[node])
+    return leg[::-1]
+
+
+def _tick_off(waiting: Mask, centers_m: Floats, passed_m: Floats, spacing_m: float) -> None:
+    for point in passed_m:
+        open_nodes = np.flatnonzero(waiting)
+        near = np.linalg.norm(centers_m[open_nodes] - point, axis=1) < spacing_m
+        waiting[open_nodes[near]] = False
+
+
+def _thin(nodes: list[int], stride: int) -> list[int]:
+    kept = nodes[::stride]
+    return kept if nodes and kept[-1] == nodes[-1] else [*kept, nodes[-1]]
