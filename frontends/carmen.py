@@ -1,57 +1,33 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""CARMEN log files, plain or gzipped: FLASER, RLASER, ROBOTLASER, RAWLASER and ODOM lines.
-
-Form of a line: `NAME contents... ipc_timestamp ipc_hostname logger_timestamp`
-(http://carmen.sourceforge.net/logger_playback.html). Old FLASER lines carry no angles; those
-follow from the number of readings by convention of the SICK lasers they were made with.
-"""
+"""CARMEN log files, plain or gzipped: FLASER, RLASER, ROBOTLASER, RAWLASER and ODOM lines."""
 
 from __future__ import annotations
 
 import gzip
-import math
 import zlib
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.carmen_lines import (
+    LASERS,
+    WORDS,
+    LaserLine,
+    finite_numbers,
+    nanoseconds,
+    parse_laser,
+    stamps_of,
+)
 from slarm_graph.frontends.messages import ScanBlock
 from slarm_graph.frontends.packed import Ints
 from slarm_graph.geometry import Floats, between
 
 GZIP_MAGIC = b"\x1f\x8b"
-
-_OLD_LASERS = ("FLASER", "RLASER")
-_NEW_LASERS = tuple(f"ROBOTLASER{k}" for k in range(1, 6))
-_RAW_LASERS = tuple(f"RAWLASER{k}" for k in range(1, 6))
-LASERS = (*_OLD_LASERS, *_NEW_LASERS, *_RAW_LASERS)
-"""Message names with scans, the one to prefer first."""
-
-WORDS = frozenset((*LASERS, "ODOM", "PARAM", "SYNC", "TRUEPOS", "NMEA-GGA", "IMU", "MARKER"))
-
-_NO_RETURN_M = 80.0
-"""Old logs write 81.83 or 81.91 m where nothing came back."""
-_NEAREST_M = 0.1
-_TAIL = 3
-_LATEST_S = 9e9
-"""What fits into 64-bit nanoseconds."""
-
-
-@dataclass(slots=True)
-class _Scan:
-    """One laser line."""
-
-    stamps_s: tuple[str, str]
-    ranges_m: NDArray[np.float32]
-    limits: tuple[float, ...]
-    laser: list[str] = field(default_factory=list)
-    robot: list[str] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,7 +71,7 @@ def read_carmen(path: Path) -> CarmenLog:
     BadInput
         When no laser line can be read; the message names the first one that could not.
     """
-    scans: dict[str, list[_Scan]] = {}
+    scans: dict[str, list[LaserLine]] = {}
     odom: list[tuple[tuple[str, str], list[str]]] = []
     unknown: Counter[str] = Counter()
     faults: list[str] = []
@@ -106,10 +82,10 @@ def read_carmen(path: Path) -> CarmenLog:
                 continue
             try:
                 if words[0] in LASERS:
-                    scan = _parse_laser(words)
+                    scan = parse_laser(words)
                     scans.setdefault(words[0], []).append(scan)
                 elif words[0] == "ODOM":
-                    odom.append((_stamps(words), _numbers(words[1:4])))
+                    odom.append((stamps_of(words), finite_numbers(words[1:4])))
                 elif words[0] not in WORDS:
                     unknown[words[0]] += 1
             except (ValueError, IndexError, OverflowError) as error:
@@ -127,7 +103,7 @@ def read_carmen(path: Path) -> CarmenLog:
     return CarmenLog(
         {name: _blocks(name, some, by_logger) for name, some in scans.items()},
         {name: _offset(some) for name, some in scans.items()},
-        _nanoseconds([stamps[by_logger] for stamps, _ in odom]),
+        nanoseconds([stamps[by_logger] for stamps, _ in odom]),
         np.array([pose for _, pose in odom], np.float64).reshape(-1, 3),
         tuple(notices),
     )
@@ -141,95 +117,19 @@ def _lines(path: Path) -> Iterator[str]:
         yield from text
 
 
-def _parse_laser(words: list[str]) -> _Scan:
-    if words[0] in _OLD_LASERS:
-        count = int(words[1])
-        rest = _rest(words, 2 + count, 6)
-        scan = _Scan(_stamps(words), _ranges(words, 2, count), _old_limits(count))
-        scan.laser, scan.robot = _numbers(rest[:3]), _numbers(rest[3:6])
-        return scan
-    _, start, view, step, farthest, *_ = (float(word) for word in words[1:8])
-    count = int(words[8])
-    remissions = int(words[9 + count])
-    after = 10 + count + remissions
-    step = step if step > 0 else view / max(count - 1, 1)
-    limits = (start, start + step * (count - 1), step, 0.0, 0.0, 0.02, farthest)
-    scan = _Scan(_stamps(words), _ranges(words, 9, count), limits)
-    if words[0] in _NEW_LASERS:
-        rest = _rest(words, after, 6)
-        scan.laser, scan.robot = _numbers(rest[:3]), _numbers(rest[3:6])
-    return scan
-
-
-def _rest(words: list[str], at: int, least: int) -> list[str]:
-    rest = words[at:-_TAIL]
-    if len(rest) < least:
-        raise ValueError(f"{len(words)} words are too few")
-    return rest
-
-
-def _ranges(words: list[str], at: int, count: int) -> NDArray[np.float32]:
-    found = np.array(words[at : max(at, len(words) - _TAIL)][:count], np.float32)
-    if count < 1 or len(found) != count:
-        raise ValueError(f"{len(found)} readings where {count} are announced")
-    return found
-
-
-def _old_limits(count: int) -> tuple[float, ...]:
-    """Angles of a FLASER line: 180 degrees in front, or 270 for the beam counts of newer lasers.
-
-    180 and 360 readings leave out the last direction (-90 ... +89 and -90 ... +89.5 degrees).
-    """
-    view = math.radians(270.0 if count in (541, 1081) else 180.0)
-    intervals = count if count in (90, 180, 360, 720) else max(count - 1, 1)
-    step = view / intervals
-    last = -view / 2 + step * (count - 1)
-    return (-view / 2, last, step, 0.0, 0.0, _NEAREST_M, _NO_RETURN_M)
-
-
-def _numbers(words: list[str]) -> list[str]:
-    for word in words:
-        if not math.isfinite(float(word)):
-            raise ValueError(f"{word} is not a number")
-    return words
-
-
-def _stamps(words: list[str]) -> tuple[str, str]:
-    """Ipc and logger timestamps, checked to be numbers."""
-    ipc, logger = words[-3], words[-1]
-    for stamp in (ipc, logger):
-        if not abs(float(stamp)) < _LATEST_S:
-            raise ValueError(f"{stamp} is not a time")
-    return ipc, logger
-
-
 def _ipc_unusable(stamps: list[tuple[str, str]]) -> bool:
     """Some loggers left the ipc timestamp at one value while their own went on."""
     ipc, logger = ({pair[which] for pair in stamps} for which in (0, 1))
     return len(ipc) == 1 and len(logger) > 1
 
 
-def _nanoseconds(stamps: list[str]) -> Ints:
-    """Decimal seconds to integer nanoseconds, without a detour over floats."""
-    out = np.zeros(len(stamps), np.int64)
-    for row, text in enumerate(stamps):
-        whole, _, part = text.partition(".")
-        digits = (part + "000000000")[:9]
-        if "e" in text or "E" in text or not digits.isdigit():
-            out[row] = round(float(text) * 1e9)
-        else:
-            sign = -1 if whole.startswith("-") else 1
-            out[row] = sign * (abs(int(whole or "0")) * 1_000_000_000 + int(digits))
-    return out
-
-
-def _blocks(name: str, scans: list[_Scan], by_logger: bool) -> list[ScanBlock]:
+def _blocks(name: str, scans: list[LaserLine], by_logger: bool) -> list[ScanBlock]:
     counts = np.array([len(scan.ranges_m) for scan in scans])
     blocks = []
     for count in np.unique(counts).tolist():
         rows = np.flatnonzero(counts == count)
         some = [scans[row] for row in rows.tolist()]
-        stamps = _nanoseconds([scan.stamps_s[by_logger] for scan in some])
+        stamps = nanoseconds([scan.stamps_s[by_logger] for scan in some])
         ranges = np.stack([scan.ranges_m for scan in some])
         limits = np.array([scan.limits for scan in some])
         poses = None
@@ -239,7 +139,7 @@ def _blocks(name: str, scans: list[_Scan], by_logger: bool) -> list[ScanBlock]:
     return blocks
 
 
-def _offset(scans: list[_Scan]) -> Floats:
+def _offset(scans: list[LaserLine]) -> Floats:
     """The laser's pose on the robot (3,), where the logged poses of both agree on one; else zero.
 
     Corrected logs write the map pose in place of the laser's, which is no fixed offset.

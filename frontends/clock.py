@@ -13,6 +13,7 @@ from slarm_graph.frontends.packed import Ints
 
 JUMP_NS = 1_000_000_000
 _CONFIRMING = 3
+_NOTICED_PERIODS = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,6 +115,21 @@ def listed(stamps_ns: Ints) -> str:
         f"{seconds(stamps_ns[start:stop].max())}"
         for number, (start, stop) in enumerate(segments(stamps_ns), start=1)
     )
+
+
+def silences(stamps: Ints, steps: Ints) -> list[str]:
+    """One notice about long gaps between scans, or none."""
+    if len(steps) == 0:
+        return []
+    usual = np.median(steps)
+    long = steps > max(_NOTICED_PERIODS * float(usual), 1e9)
+    if not long.any():
+        return []
+    row = int(np.argmax(steps))
+    return [
+        f"gaps between scans: {np.count_nonzero(long)}, longest {steps[row] * 1e-9:.1f} s "
+        f"after {seconds(stamps[row])}"
+    ]
 
 
 def seconds(stamp_ns: int | np.integer) -> str:

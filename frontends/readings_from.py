@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.clock import choose_segment, disorder, seconds
-from slarm_graph.frontends.messages import ScanBlock
+from slarm_graph.frontends.clock import choose_segment, disorder, seconds, silences
 from slarm_graph.frontends.mounting import Mounting
 from slarm_graph.frontends.odometry import OdometryPath
 from slarm_graph.frontends.packed import Ints
@@ -22,7 +21,12 @@ from slarm_graph.frontends.ranges import (
     describe_emptiness,
     range_limits,
 )
-from slarm_graph.frontends.scan_table import Fates, ScanTable
+from slarm_graph.frontends.scan_table import (
+    Fates,
+    ScanTable,
+    beam_period_s,
+    time_into_scan_ns,
+)
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 
@@ -32,7 +36,6 @@ MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
 _MAX_UNUSED_SHARE = 0.5
 _NOTICED_UNUSED_SHARE = 0.05
 _MAX_EMPTY_SHARE = 0.9
-_NOTICED_GAPS = 3.0
 
 
 class RecordedSource:
@@ -130,7 +133,7 @@ class RecordedSource:
             return self._table.record_ns
         self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
         share = {"first": 0.0, "middle": 0.5, "last": 1.0}[self._config.stamp_at]
-        return stamps - self._table.flat([_duration_ns(b, share) for b in self._table.blocks])
+        return stamps - self._table.flat([time_into_scan_ns(b, share) for b in self._table.blocks])
 
     def _in_time_order(self) -> Ints:
         """Return the rows still in use, sorted by stamp, each stamp once."""
@@ -145,7 +148,7 @@ class RecordedSource:
         for number in np.flatnonzero(steps == 0).tolist():
             first, second = rows[number : number + 2].tolist()
             self._fates.drop([second], self._repetition(first, second))
-        self._notices += _silences(self._stamps[rows], steps)
+        self._notices += silences(self._stamps[rows], steps)
         return rows[self._fates.used[rows]]
 
     def _repetition(self, first: int, second: int) -> str:
@@ -174,7 +177,7 @@ class RecordedSource:
         ]
         limits = self._table.flat(
             [
-                np.column_stack([block.limits[:, [0, 2]], _sweep_s(block), part])
+                np.column_stack([block.limits[:, [0, 2]], beam_period_s(block), part])
                 for block, part in zip(blocks, parts, strict=True)
             ]
         )
@@ -250,32 +253,3 @@ class RecordedSource:
         if unused > _MAX_UNUSED_SHARE * total:
             raise BadInput(f"{self._topic}: {text}")
         self._notices.append(f"warning: {text}" if unused > _NOTICED_UNUSED_SHARE * total else text)
-
-
-def _sweep_s(block: ScanBlock) -> Floats:
-    """Time between beams [s], (N,): as recorded, else the scan's duration shared out."""
-    increment, duration = block.limits[:, 3], block.limits[:, 4]
-    beams = max(block.ranges_m.shape[1], 1)
-    shared = np.where(duration > 0, duration / beams, 0.0)
-    return np.asarray(np.where(increment > 0, increment, shared))
-
-
-def _duration_ns(block: ScanBlock, share: float) -> Ints:
-    """Time from the first beam to a share of the way to the last [ns], (N,)."""
-    seconds_in = share * _sweep_s(block) * max(block.ranges_m.shape[1] - 1, 0)
-    return np.asarray(np.round(seconds_in * 1e9), np.int64)
-
-
-def _silences(stamps: Ints, steps: Ints) -> list[str]:
-    """One notice about long gaps between scans, or none."""
-    if len(steps) == 0:
-        return []
-    usual = np.median(steps)
-    long = steps > max(_NOTICED_GAPS * float(usual), 1e9)
-    if not long.any():
-        return []
-    row = int(np.argmax(steps))
-    return [
-        f"gaps between scans: {np.count_nonzero(long)}, longest {steps[row] * 1e-9:.1f} s "
-        f"after {seconds(stamps[row])}"
-    ]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.messages import ScanBlock
 from slarm_graph.frontends.packed import Ints
+from slarm_graph.geometry import Floats
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
@@ -77,3 +78,17 @@ class Fates:
     def counts(self) -> Counter[str]:
         """How many scans were left out for each reason, details in brackets aside."""
         return Counter(reason.split(" (")[0] for reason in self.reasons.values())
+
+
+def beam_period_s(block: ScanBlock) -> Floats:
+    """Time between beams [s], (N,): as recorded, else the scan's duration shared out."""
+    increment, duration = block.limits[:, 3], block.limits[:, 4]
+    beams = max(block.ranges_m.shape[1], 1)
+    shared = np.where(duration > 0, duration / beams, 0.0)
+    return np.asarray(np.where(increment > 0, increment, shared))
+
+
+def time_into_scan_ns(block: ScanBlock, share: float) -> Ints:
+    """Time from the first beam to a share of the way to the last [ns], (N,)."""
+    seconds_in = share * beam_period_s(block) * max(block.ranges_m.shape[1] - 1, 0)
+    return np.asarray(np.round(seconds_in * 1e9), np.int64)

@@ -11,7 +11,8 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.carmen import LASERS, looks_like_carmen, read_carmen
+from slarm_graph.frontends.carmen import looks_like_carmen, read_carmen
+from slarm_graph.frontends.carmen_lines import LASERS
 from slarm_graph.frontends.clock import segment_rows, segments
 from slarm_graph.frontends.mounting import Mounting
 from slarm_graph.frontends.odometry import sorted_path
