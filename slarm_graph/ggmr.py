@@ -76,7 +76,7 @@ class GgmrPath:
     cells : (M, 2) int64
         Cells in the order of driving, the start included.
     facing : (M,) int64
-        Direction of travel along the row, +1 or -1, at every cell.
+        Direction of travel along the row at every cell; 0 where it is looked for anew.
     counts : GgmrCounts
     complete : bool
         Whether no reachable open cell is left.

@@ -1,0 +1,194 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Contract of every explorer, in small random worlds with the true pose as backend."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from slarm_graph.backend import SlamResult
+from slarm_graph.closed_loop import Exploration, explore
+from slarm_graph.config import DrivingConfig, ExploreConfig, SimulationConfig
+from slarm_graph.drive_report import count_turns, revisit_share
+from slarm_graph.explorers import EXPLORERS, make
+from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.live_map import LiveMap
+from slarm_graph.path_follower import PathFollower, free_ahead_m
+from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.trajectory import Trajectory
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import Solid, WorldMap
+
+
+class TruePose:
+    """A backend that is told the truth."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._world = world
+        self._stamps: list[int] = []
+        self._poses: list[np.ndarray] = []
+
+    def update(self, reading: Reading) -> None:
+        self._stamps.append(reading.stamp_ns)
+        self._poses.append(self._world.truth().as_array())
+
+    def map_from_robot(self) -> Pose2:
+        return self._world.truth()
+
+    def result(self) -> SlamResult:
+        nothing = OccupancyGrid(GridGeometry(0, 0, 1, 1, 1), np.full((1, 1), np.nan, np.float32))
+        return SlamResult(Trajectory(np.array(self._stamps), np.array(self._poses)), nothing)
+
+    def snapshot(self) -> bytes:
+        return b""
+
+    def restore(self, state: bytes) -> None:
+        raise NotImplementedError
+
+
+def box(name: str, x: float, y: float, width: float, depth: float) -> Solid:
+    corners = np.array([[x, y], [x + width, y], [x + width, y + depth], [x, y + depth]])
+    return Solid(name, corners, 1.0)
+
+
+def random_room(seed: int) -> WorldMap:
+    """A room of 4 x 3 m with two boxes that leave at least 0.5 m everywhere."""
+    rng = np.random.default_rng(seed)
+    solids = (
+        box("low", rng.uniform(0.9, 1.4), 0.0, rng.uniform(0.3, 0.8), rng.uniform(0.5, 1.2)),
+        box("high", rng.uniform(2.3, 2.7), 1.9, rng.uniform(0.3, 0.6), 1.1),
+    )
+    boundary = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 3.0]])
+    return WorldMap(f"room {seed}", solids, boundary, 2.5, (), Pose2(0.4, 0.4, 0.3))
+
+
+def explored(room: WorldMap, config: ExploreConfig, seed: int = 0) -> Exploration:
+    world = SimulatedWorld(room, SimulationConfig(), np.random.default_rng(seed))
+    explorer, extent = make(config), room.extent_m()
+    return explore(world, TruePose(world), explorer, config, extent_m=extent, start=room.start)
+
+
+def share_of_reachable(room: WorldMap, outcome: Exploration) -> tuple[float, float]:
+    """Observed and footprint coverage of cells at least a cell away from anything solid."""
+    truth = truth_map(room, outcome.geometry.resolution_m, "touched")
+    reached = truth.reachable
+    return (
+        float(outcome.coverage.observed[reached].mean()),
+        float(outcome.coverage.footprint[reached].mean()),
+    )
+
+
+@pytest.mark.parametrize("name", EXPLORERS)
+@pytest.mark.parametrize("seed", [1])
+def test_explorers_end_by_themselves_see_everything_and_touch_nothing(name: str, seed: int) -> None:
+    room = random_room(seed)
+    outcome = explored(room, ExploreConfig(explorer=name, resolution_m=0.2), seed)
+    assert outcome.report.collisions == 0
+    observed, footprint = share_of_reachable(room, outcome)
+    assert observed >= 0.97
+    assert footprint >= (0.85 if name != "frontier" else 0.1)
+    assert "interrupted" not in outcome.finished.reason
+
+
+def test_ggmr_visits_all_cells_that_the_body_can_enter() -> None:
+    room = random_room(3)
+    outcome = explored(room, ExploreConfig(explorer="ggmr", resolution_m=0.15))
+    truth = truth_map(room, 0.15, "touched")
+    nearest = np.linalg.norm(
+        truth.geometry.centers()[:, :, None] - truth.geometry.centers()[truth.blocked], axis=-1
+    )
+    # Beyond the body, its margin and what a blocked cell's centre may lie behind its edge.
+    roomy = truth.reachable & (np.min(nearest, axis=2, initial=9.0) > 0.42)
+    edge = truth.geometry.centers()
+    inside = (np.abs(edge - (2.0, 1.5)) < (2.0 - 0.3, 1.5 - 0.3)).all(axis=-1)
+    wanted = roomy & inside
+    assert outcome.coverage.visited[wanted].mean() >= 0.99
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 1.0])
+def test_no_speed_makes_the_robot_touch_anything(speed_m_s: float) -> None:
+    driving = DrivingConfig(speed_m_s=speed_m_s)
+    config = ExploreConfig(explorer="ggmr+", resolution_m=0.1, driving=driving, goal="observed")
+    assert explored(random_room(4), config).report.collisions == 0
+
+
+def test_keep_out_area_and_way_home() -> None:
+    room = random_room(5)
+    keep_out = (((2.0, 1.2), (2.6, 1.2), (2.6, 1.7), (2.0, 1.7)),)
+    config = ExploreConfig(
+        resolution_m=0.1, keep_out=keep_out, area=(0.0, 3.4, 0.0, 3.0), return_to_start=True
+    )
+    outcome = explored(room, config)
+    x, y = outcome.truth.poses[:, 0], outcome.truth.poses[:, 1]
+    assert x.max() < 3.4 - 0.17
+    assert not ((x > 1.85) & (x < 2.75) & (y > 1.05) & (y < 1.85)).any()
+    assert math.hypot(x[-1] - room.start.x, y[-1] - room.start.y) < 0.1
+
+
+def test_mission_time_ends_the_drive() -> None:
+    config = ExploreConfig(resolution_m=0.1, mission_time_s=5.0)
+    outcome = explored(random_room(1), config)
+    assert outcome.report.drive_time_s == pytest.approx(5.0, abs=0.11)
+    assert "mission time" in outcome.finished.reason
+
+
+def test_same_seed_gives_the_same_drive() -> None:
+    config = ExploreConfig(resolution_m=0.1, mission_time_s=15.0)
+    first, second = (explored(random_room(1), config, 7).truth.poses for _ in range(2))
+    np.testing.assert_array_equal(first, second)
+
+
+def test_coverage_follows_the_corrected_trajectory() -> None:
+    live = LiveMap((0.0, 4.0, 0.0, 3.0), ExploreConfig(resolution_m=0.1))
+    live.pass_over(np.array([[1.0, 1.05], [3.0, 1.05]]))
+    assert live.visited[10, 10:30].all()
+    assert live.visited.sum() == 21
+    assert live.footprint()[10, 9:31].all()
+    assert not live.footprint()[14].any()
+    live.clear()
+    assert not live.visited.any()
+    assert not live.swept.any()
+
+
+@pytest.mark.parametrize("speed_m_s", [0.2, 0.6, 1.0])
+def test_follower_keeps_to_its_way(speed_m_s: float) -> None:
+    way = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.05], [0.0, 0.05], [0.0, 1.0], [1.0, 2.0]])
+    follower = PathFollower(DrivingConfig(speed_m_s=speed_m_s))
+    follower.follow(way)
+    pose, off, steps = Pose2(), [], 0
+    while not follower.done and steps < 2000:
+        command = follower.command(pose, 0.1)
+        assert 0.0 <= command.speed_m_s <= speed_m_s
+        assert abs(command.turn_rate_rad_s) <= DrivingConfig().turn_rate_rad_s + 1e-9
+        pose = pose @ Pose2.exp([0.1 * command.speed_m_s, 0.0, 0.1 * command.turn_rate_rad_s])
+        rel, step = np.array([pose.x, pose.y]) - way[:-1], np.diff(way, axis=0)
+        share = np.clip((rel * step).sum(axis=1) / (step**2).sum(axis=1), 0, 1)
+        off.append(np.hypot(*(rel - share[:, None] * step).T).min())
+        steps += 1
+    assert math.hypot(pose.x - 1.0, pose.y - 2.0) < 0.02
+    assert max(off) < 0.012
+
+
+def test_free_ahead_is_the_gap_of_a_disc() -> None:
+    ranges = np.array([1.0, 1.0, 1.0, 1.0])
+    scan = LaserScan(ranges, 0.0, math.pi / 2, 0.1, 5.0)
+    assert free_ahead_m(scan, 0.2) == pytest.approx(0.8)
+    assert free_ahead_m(scan, 0.3, behind=True) == pytest.approx(0.7)
+
+
+def test_turns_and_revisits_of_a_square() -> None:
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0, 0]], dtype=float) + 0.05
+    poses = []
+    for k in range(4):
+        for share in np.linspace(0, 1, 11):
+            at = corners[k] + share * (corners[k + 1] - corners[k])
+            poses.append([*at, k * math.pi / 2])
+    driven = Trajectory(np.arange(1, len(poses) + 1) * 10**8, np.array(poses))
+    assert count_turns(driven) == 3
+    geometry = GridGeometry(0.0, 0.0, 0.1, 12, 12)
+    assert revisit_share(driven, geometry) == pytest.approx(1 / 41)

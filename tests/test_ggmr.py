@@ -1,0 +1,112 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Algorithm 1 on floors small enough to walk by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from slarm_graph.explorer import BLOCKED, OPEN, CoverageGrid, known_coverage
+from slarm_graph.ggmr import GgmrCounts, ggmr_path
+from slarm_graph.planning import reachable
+
+
+def floor(drawing: str) -> CoverageGrid:
+    """Read a floor as drawn, highest row first; `#` is blocked."""
+    rows = [line.strip() for line in drawing.strip().splitlines()]
+    return known_coverage(np.array([[c != "#" for c in row] for row in rows[::-1]]))
+
+
+def walked(coverage: CoverageGrid, start: tuple[int, int] = (0, 0)) -> list[tuple[int, int]]:
+    return [(int(r), int(c)) for r, c in ggmr_path(coverage, start).cells]
+
+
+def test_empty_room_is_swept_to_and_fro() -> None:
+    path = ggmr_path(floor("...\n..."), (0, 0))
+    assert path.cells.tolist() == [[0, 0], [0, 1], [0, 2], [1, 2], [1, 1], [1, 0]]
+    assert path.facing.tolist() == [0, 1, 1, 0, -1, -1]
+    assert path.counts.turns == 2
+    assert path.counts.restarts == path.counts.revisits == 0
+    assert path.complete
+
+
+def test_comparisons_are_counted_one_by_one() -> None:
+    # At the start: +x (0). Then ahead: 0, 0. Last cell: ahead is off the grid, then up, up-ahead
+    # and up-behind are no cells: 1 + 3. Nothing is left.
+    assert ggmr_path(floor("..."), (0, 0)).counts.comparisons == 1 + 2 + 4
+
+
+def test_plus_x_comes_before_minus_x_and_the_rest_needs_a_restart() -> None:
+    assert walked(floor("....."), (0, 2)) == [
+        (0, 2),
+        (0, 3),
+        (0, 4),
+        (0, 3),
+        (0, 2),
+        (0, 1),
+        (0, 0),
+    ]
+    counts = ggmr_path(floor("....."), (0, 2)).counts
+    assert (counts.restarts, counts.revisits) == (1, 2)
+
+
+def test_minus_x_where_plus_x_is_blocked() -> None:
+    assert walked(floor("..#"), (0, 1)) == [(0, 1), (0, 0)]
+
+
+def test_a_diagonal_is_two_moves_through_the_free_side_cell() -> None:
+    # From (0, 1) up is blocked and up-behind is open: it goes through (0, 0).
+    path = ggmr_path(floor(".#\n.."), (0, 0))
+    assert path.cells.tolist() == [[0, 0], [0, 1], [0, 0], [1, 0]]
+    assert path.counts.restarts == 0
+    assert path.counts.revisits == 1
+
+
+def test_restart_goes_to_the_cheapest_cell_lowest_row_first() -> None:
+    # From the centre of the top row both wings hang down equally far.
+    path = walked(floor("...\n.#."), (1, 0))
+    assert path[:3] == [(1, 0), (1, 1), (1, 2)]
+    assert path[3] == (0, 2)
+
+
+def test_enclosed_cells_are_left_and_reported_apart() -> None:
+    coverage = floor("...#.\n...#.")
+    path = ggmr_path(coverage, (0, 0))
+    assert path.complete
+    assert len(path.cells) == 6
+    assert np.sum((coverage.codes == OPEN) & ~reachable(coverage.moves, (0, 0))) == 2
+
+
+def test_going_on_gives_the_same_path_as_going_at_once() -> None:
+    coverage = floor(".......\n..#....\n.....#.\n.......")
+    whole = ggmr_path(coverage, (0, 3))
+    first = ggmr_path(coverage, (0, 3), max_cells=6)
+    assert not first.complete
+    np.testing.assert_array_equal(whole.cells[: len(first.cells)], first.cells)
+
+
+def test_counts_add_up() -> None:
+    assert GgmrCounts(1, 2, 3, 4) + GgmrCounts(10, 20, 30, 40) == GgmrCounts(11, 22, 33, 44)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_every_reachable_cell_is_visited_and_no_blocked_one(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    free = rng.uniform(size=(rng.integers(1, 20), rng.integers(1, 20))) > 0.25
+    free[0, 0] = True
+    coverage = known_coverage(free)
+    path = ggmr_path(coverage, (0, 0))
+    visited = np.zeros_like(free)
+    visited[path.cells[:, 0], path.cells[:, 1]] = True
+    np.testing.assert_array_equal(visited, reachable(coverage.moves, (0, 0)))
+    assert (coverage.codes[path.cells[:, 0], path.cells[:, 1]] != BLOCKED).all()
+    assert np.abs(np.diff(path.cells, axis=0)).max(initial=0) <= 1
+
+
+def test_comparisons_per_cell_of_an_empty_floor_are_nearly_one() -> None:
+    counts = ggmr_path(known_coverage(np.ones((50, 50), dtype=np.bool_)), (0, 0)).counts
+    assert counts.comparisons / 2500 == pytest.approx(1.08, abs=0.05)
