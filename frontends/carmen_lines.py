@@ -29,6 +29,8 @@ _NO_RETURN_M = 80.0
 """Old logs write 81.83 or 81.91 m where nothing came back."""
 _NEAREST_M = 0.1
 _TAIL = 3
+_POSE_WORDS = 11
+"""Laser and robot pose, two speeds, three distances."""
 _LATEST_S = 9e9
 """What fits into 64-bit nanoseconds."""
 
@@ -53,8 +55,7 @@ def parse_laser(words: list[str]) -> LaserLine:
         return scan
     _, start, view, step, farthest, *_ = (float(word) for word in words[1:8])
     count = int(words[8])
-    remissions = int(words[9 + count])
-    after = 10 + count + remissions
+    after = _behind_remissions(words, 9 + count)
     step = step if step > 0 else view / max(count - 1, 1)
     limits = (start, start + step * (count - 1), step, 0.0, 0.0, 0.02, farthest)
     scan = LaserLine(stamps_of(words), _ranges(words, 9, count), limits)
@@ -62,6 +63,14 @@ def parse_laser(words: list[str]) -> LaserLine:
         rest = _rest(words, after, 6)
         scan.laser, scan.robot = finite_numbers(rest[:3]), finite_numbers(rest[3:6])
     return scan
+
+
+def _behind_remissions(words: list[str], at: int) -> int:
+    """Pass over `num_remissions [remissions]`, which older logs leave out."""
+    poses = _POSE_WORDS if words[0] in _NEW_LASERS else 0
+    if len(words) - at == poses + _TAIL:
+        return at
+    return at + 1 + int(words[at])
 
 
 def _rest(words: list[str], at: int, least: int) -> list[str]:

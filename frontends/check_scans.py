@@ -50,8 +50,9 @@ def _check_angles(where: str, limits: Floats, beams: Floats, table: ScanTable) -
     span = np.abs(step) * np.maximum(beams - 1, 0)
     last = start + step * np.maximum(beams - 1, 0)
     found = counted(
-        "error", where, "{count} of {total} scans have no angle between beams",
-        (step == 0) & (beams > 1), table.stamp_ns, "the driver must set angle_increment",
+        "warning", where, "{count} of {total} scans have no angle between beams",
+        (step == 0) & (beams > 1), table.stamp_ns,
+        "angle_increment is derived from angle_max, where that is set",
     )  # fmt: skip
     found += counted(
         "note", where, "{count} of {total} scans end elsewhere than angle_max says",

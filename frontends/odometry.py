@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.clock import seconds
 from slarm_graph.frontends.messages import StampedTransforms
 from slarm_graph.frontends.packed import Ints
 from slarm_graph.frontends.rotations import bracket, usable_quaternions, yaws
@@ -40,6 +41,12 @@ class OdometryPath:
     def never_moves(self) -> bool:
         """Whether all poses are one and the same."""
         return len(self) > 1 and bool(np.all(np.ptp(self.poses, axis=0) == 0.0))
+
+    def span(self) -> str:
+        """First and last stamp, for people."""
+        if not len(self):
+            return "no poses"
+        return f"{seconds(self.stamp_ns[0])} to {seconds(self.stamp_ns[-1])}"
 
     def usual_gap_s(self) -> float:
         """Longest silence that is nothing unusual [s].

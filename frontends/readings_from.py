@@ -24,6 +24,7 @@ from slarm_graph.frontends.ranges import (
 from slarm_graph.frontends.scan_table import (
     Fates,
     ScanTable,
+    beam_angles,
     beam_period_s,
     time_into_scan_ns,
 )
@@ -177,12 +178,13 @@ class RecordedSource:
         ]
         limits = self._table.flat(
             [
-                np.column_stack([block.limits[:, [0, 2]], beam_period_s(block), part])
+                np.column_stack([beam_angles(block), beam_period_s(block), part])
                 for block, part in zip(blocks, parts, strict=True)
             ]
         )
         returns = self._table.flat([count_returns(part) for part in ranges])
         self._fates.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
+        self._fates.drop(rows[np.isnan(limits[rows, 1])], "no angle between beams")
         self._drop_empty(rows, rows[returns[rows] == 0])
         return ranges, limits
 
@@ -232,7 +234,12 @@ class RecordedSource:
             return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
         gap_s = self._config.max_odom_gap_s or odometry.usual_gap_s()
         poses, known = odometry.at(stamps, gap_s)
-        if not known.all():
+        if len(known) and not known.any():
+            self._notices.append(
+                f"the odometry ({odometry.span()}) does not overlap the scans "
+                f"({seconds(stamps[0])} to {seconds(stamps[-1])}): using scan matching only"
+            )
+        elif not known.all():
             self._notices.append(
                 f"{np.count_nonzero(~known)} of {len(known)} scans lie outside the odometry or in "
                 f"silences of it longer than {gap_s:.2g} s, first at "

@@ -80,6 +80,20 @@ class Fates:
         return Counter(reason.split(" (")[0] for reason in self.reasons.values())
 
 
+def beam_angles(block: ScanBlock) -> Floats:
+    """Angle of the first beam and between beams [rad], (N, 2).
+
+    Where angle_increment is missing it follows from angle_max; nan where that does not help.
+    """
+    start, end, step = (block.limits[:, column] for column in range(3))
+    intervals = block.ranges_m.shape[1] - 1
+    if intervals > 0:
+        derived = (end - start) / intervals
+        step = np.where(step == 0, np.where(derived == 0, np.nan, derived), step)
+    step = np.where(np.isfinite(start) & np.isfinite(step), step, np.nan)
+    return np.column_stack([start, step])
+
+
 def beam_period_s(block: ScanBlock) -> Floats:
     """Time between beams [s], (N,): as recorded, else the scan's duration shared out."""
     increment, duration = block.limits[:, 3], block.limits[:, 4]

@@ -103,6 +103,14 @@ def test_rawlaser_takes_odometry_from_odom_lines(tmp_path: Path) -> None:
     np.testing.assert_allclose(at, 0.05 + 0.1 * np.arange(19), atol=1e-9)
 
 
+def test_lines_without_remissions_are_read(tmp_path: Path) -> None:
+    raw = "RAWLASER1 0 -1.57 3.14 0.785 80 0.01 0 5 1 2 3 4 5 10.0 host 0.0"
+    assert len(readings(log(tmp_path / "a.log", raw))) == 1
+    robot = "ROBOTLASER1 0 -1 2 0.5 30 0.01 0 5 1 2 3 4 5 0.3 1 0 0 1 0 0 0 0 0 0 10.0 host 0"
+    got = readings(log(tmp_path / "b.log", robot))[0]
+    assert (got.odom_from_robot.y, got.scan.robot_from_laser.x) == (1.0, 0.3)
+
+
 def test_one_laser_of_several(tmp_path: Path) -> None:
     front = flaser(10.0, [2.0] * 181, (0, 0, 0))
     rear = front.replace("FLASER", "RLASER").replace("2.00", "3.00")

@@ -162,7 +162,7 @@ def test_every_defect_is_named(
     ("scan", "severity", "words"),
     [
         ({"limits": (0.1, 0.0)}, "error", "60 of 60 scans have impossible limits"),
-        ({"angles": (0.0, 0.0)}, "error", "have no angle between beams"),
+        ({"angles": (0.0, 0.0)}, "warning", "have no angle between beams"),
         ({"angles": (0.0, 0.2)}, "note", "span more than a full turn"),
         ({"times": (0.01, 0.0)}, "warning", "last longer than the 0.100 s between scans"),
     ],
@@ -206,7 +206,7 @@ _SHARED = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
 
 
 @pytest.mark.parametrize("kind", ["bag", "db3", "mcap", "clf"])
-@settings(max_examples=25, deadline=None, suppress_health_check=_SHARED)
+@settings(max_examples=15, deadline=None, suppress_health_check=_SHARED)
 @given(data=st.data())
 def test_any_damage_ends_in_a_diagnosis(tmp_path: Path, kind: str, data: st.DataObject) -> None:
     whole = _whole(tmp_path, kind)

@@ -254,6 +254,28 @@ def test_odometry_stops_half_way(tmp_path: Path) -> None:
     assert "scan matching only there" in noticed(path)
 
 
+def test_odometry_on_another_clock(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    messages = [(t, s, make.odom(s + 900.0, x=s) if t == "/odom" else m) for t, s, m in drive()]
+    path = write_recording(tmp_path / "a.bag", messages)
+    assert all(r.odom_from_robot is None for r in readings(path))
+    assert (
+        "the odometry (1900.000 s to 1903.900 s) does not overlap the scans "
+        "(1000.000 s to 1003.900 s): using scan matching only"
+    ) in noticed(path)
+
+
+def test_a_missing_increment_follows_from_the_last_angle(tmp_path: Path) -> None:
+    messages = drive(angles=(-1.5, 0.05))
+    for _, _, message in messages:
+        if hasattr(message, "ranges"):
+            message.angle_increment = 0.0
+    path = write_recording(tmp_path / "a.bag", messages)
+    assert readings(path)[0].scan.angle_increment_rad == pytest.approx(0.05)
+    flat = write_recording(tmp_path / "b.bag", drive(angles=(1.0, 0.0)))
+    assert "40 of 40 scans not used: 40 no angle between beams" in told(flat)
+
+
 def test_all_stamps_zero_uses_record_time(tmp_path: Path) -> None:
     make = maker_of("bag")
     scans = [("/scan", T0 + k, make.laser_scan(0.0, [2.0 + k] * 9)) for k in range(5)]
