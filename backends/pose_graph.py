@@ -114,10 +114,11 @@ class PoseGraphBackend:
         )
         self._unmatched = np.zeros((3, 3))
         self._graph.add(keyframe)
-        closures = self._closer.examine(
-            self._graph.keyframes, self._graph.submaps, self._graph.expectations()
-        )
-        self._graph.close(closures, self._heartbeat)
+        if self._closer.is_due(len(self._graph.keyframes) - 1):
+            closures = self._closer.examine(
+                self._graph.keyframes, self._graph.submaps, self._graph.expectations()
+            )
+            self._graph.close(closures, self._heartbeat)
 
     def _closure_table(self, weights: Floats) -> Table:
         """Every closure met, accepted or not, with the weight it ended with."""

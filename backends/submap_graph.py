@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,7 +51,9 @@ class SubmapGraph:
         self.closures: list[Closure] = []
         self._pending = 0
         self._surprising = False
-        self._links: dict[tuple[int, int], float] = {}
+        self._link_at: dict[tuple[int, int], int] = {}
+        self._link_ends = array("q")
+        self._link_lengths = array("d")
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
@@ -115,9 +118,9 @@ class SubmapGraph:
         oldest_recent = len(self.keyframes) - self._config.recent_keyframes
         while self._old < len(self.submaps) and self.submaps[self._old].last <= oldest_recent:
             self._old += 1
-        if len(self._centers) < self._old:
-            centers = np.array([[*s.center_m, 0.0] for s in self.submaps[: self._old]])
-            self._centers = centers
+        fresh = [(*s.center_m, 0.0) for s in self.submaps[len(self._centers) : self._old]]
+        if fresh:
+            self._centers = np.concatenate([self._centers, fresh])
         return self._old
 
     def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
@@ -207,10 +210,10 @@ class SubmapGraph:
         return np.sqrt(position), np.sqrt(heading)
 
     def _path_lengths(self) -> Floats:
-        """Shortest paths (N,) [m] from the newest node to all, doubtful constraints counting long."""
+        """Shortest paths (N,) [m] from the newest node; doubtful constraints count as long."""
         count = len(self._nodes)
-        ends = np.array(list(self._links), dtype=np.int64).reshape(-1, 2)
-        lengths = np.fromiter(self._links.values(), np.float64, len(self._links))
+        ends = np.frombuffer(self._link_ends, dtype=np.int64).reshape(-1, 2)
+        lengths = np.frombuffer(self._link_lengths)
         links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
         return np.asarray(dijkstra(links, directed=False, indices=count - 1))
 
@@ -223,8 +226,11 @@ class SubmapGraph:
         )
         if edge.kind is ConstraintKind.ODOMETRY:
             length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
-        known = self._links.get((edge.i, edge.j), math.inf)
-        self._links[edge.i, edge.j] = min(known, length)
+        at = self._link_at.setdefault((edge.i, edge.j), len(self._link_lengths))
+        if at == len(self._link_lengths):
+            self._link_ends.extend((edge.i, edge.j))
+            self._link_lengths.append(length)
+        self._link_lengths[at] = min(self._link_lengths[at], length)
 
     def _optimize(self, heartbeat: Heartbeat) -> None:
         """Optimise everything when the graph is small or has grown by a tenth, else its end.

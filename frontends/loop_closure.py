@@ -105,6 +105,13 @@ class LoopCloser:
         self._last_match = self._last_search = _LONG_AGO
         self._tried: dict[int, int] = {}
 
+    def is_due(self, keyframe: int) -> bool:
+        """Whether the keyframe is to be compared with old submaps."""
+        since = keyframe - max(self._last_match, self._last_search)
+        return since >= min(self._config.match_every, self._config.search_every) or bool(
+            self._tentative
+        )
+
     def examine(
         self,
         keyframes: Sequence[Keyframe],
