@@ -5,6 +5,9 @@
 With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 1 - L is
 Welsch's robust cost of d / sigma: near points count as in point-to-line ICP, far ones not at all.
 
+Of the gradient only the part across the scan's own wall is used where the scan shows a straight
+one: along a wall nothing can be told, and where an old view of it ended says nothing at all.
+
 Its curvature is taken in two ways. On the way, as that of the residual sqrt(2 (1 - L)), which makes
 long steps. For the last of the way and for the covariance, as L / sigma^2 across the wall, whose
 direction the gradient shows: true also on the ridge itself, where the first one vanishes.
@@ -25,6 +28,10 @@ from slarm_graph.geometry import Floats
 _FLOOR = 0.02
 _FLAT = 0.03
 _LONG_STEPS = 6
+_REACH_M = 0.2
+_NEAR_GAP_M = 0.5
+_STRAIGHT = 0.8
+_VERY_STRAIGHT = 0.97
 _NEAR_SIGMAS = 0.2
 _NEAR_RAD = 0.01
 _CONVERGED_M = 2e-4
@@ -70,10 +77,11 @@ def refine(
     g = np.zeros(3)
     score, inliers = 0.0, 0
     long_steps = True
+    tangents = wall_tangents(points)
     for iteration in range(max_iterations):
         used = iteration + 1
         score, inliers = _normal_equations(
-            values, origin_x, origin_y, resolution, points, pose, sigma, long_steps, h, g
+            values, origin_x, origin_y, resolution, points, tangents, pose, sigma, long_steps, h, g
         )
         a = h * point_information
         b = g * point_information
@@ -94,9 +102,57 @@ def refine(
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
     score, inliers = _normal_equations(
-        values, origin_x, origin_y, resolution, points, pose, sigma, False, h, g
+        values, origin_x, origin_y, resolution, points, tangents, pose, sigma, False, h, g
     )
     return pose, h * point_information, score, inliers, used
+
+
+@njit(cache=True, nogil=True)
+def wall_tangents(points: Floats) -> Floats:
+    """Unit vectors (K, 2) along straight walls at points (K, 2) in beam order; elsewhere zero.
+
+    A point is on a straight wall when the ways to it and from it agree; near neighbours must agree
+    roughly, as noise turns short ways, far ones (a wall seen at a grazing angle) closely.
+    """
+    tangents = np.zeros_like(points)
+    for i in range(len(points)):
+        before = _along(points, i, -1)
+        after = _along(points, i, 1)
+        if before == i and after == i:
+            continue
+        if before == i:
+            before, middle, after = i, after, _along(points, after, 1)
+        elif after == i:
+            before, middle, after = _along(points, before, -1), before, i
+        else:
+            middle = i
+        ux, uy = points[middle, 0] - points[before, 0], points[middle, 1] - points[before, 1]
+        vx, vy = points[after, 0] - points[middle, 0], points[after, 1] - points[middle, 1]
+        u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+        if u == 0.0 or v == 0.0:
+            continue
+        agreement = (ux * vx + uy * vy) / (u * v)
+        if agreement > (_STRAIGHT if max(u, v) < _NEAR_GAP_M else _VERY_STRAIGHT):
+            dx, dy = ux + vx, uy + vy
+            length = math.hypot(dx, dy)
+            tangents[i, 0] = dx / length
+            tangents[i, 1] = dy / length
+    return tangents
+
+
+@njit(cache=True, nogil=True)
+def _along(points: Floats, i: int, direction: int) -> int:
+    """Walk along the beam order until far enough away for a direction; stop before a gap."""
+    k = i
+    while 0 <= k + direction < len(points):
+        n = k + direction
+        gap = math.hypot(points[n, 0] - points[k, 0], points[n, 1] - points[k, 1])
+        if gap > _NEAR_GAP_M and k != i:
+            break
+        k = n
+        if math.hypot(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]) > _REACH_M:
+            break
+    return k
 
 
 @njit(cache=True, nogil=True)
@@ -106,6 +162,7 @@ def _normal_equations(
     origin_y: float,
     resolution: float,
     points: Floats,
+    tangents: Floats,
     pose: Floats,
     sigma: float,
     long_steps: bool,
@@ -130,6 +187,9 @@ def _normal_equations(
             inliers += 1
         jx = c * gx + s * gy
         jy = -s * gx + c * gy
+        along = jx * tangents[i, 0] + jy * tangents[i, 1]
+        jx -= along * tangents[i, 0]
+        jy -= along * tangents[i, 1]
         jt = px * jy - py * jx
         if long_steps:
             weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
