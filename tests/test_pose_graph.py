@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Graph SLAM end to end in the paper's room, and on recordings of the SLAM benchmark."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.pose_graph import PoseGraphBackend
+from slarm_graph.backends.pose_graph_optimizer import optimize_gnc
+from slarm_graph.backends.submap_graph import spread
+from slarm_graph.config import LidarConfig, RunConfig, SimulationConfig, SourceConfig, WheelConfig
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.errors import RunFailed
+from slarm_graph.eval.relations import read_relations, relation_errors
+from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.world_recording import tour
+from slarm_graph.geometry import Floats, Pose2, between, compose, invert
+from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.world_files import load_world
+
+Drive = tuple[list[Reading], Floats]
+
+
+def drive(*, laps: int, noiseless: bool = False) -> Drive:
+    """Drive through the paper's room; return readings and true poses (N, 3)."""
+    config = SimulationConfig()
+    if noiseless:
+        wheels = WheelConfig(
+            left_slip=0.0, right_slip=0.0, random_slip_m_per_sqrt_m=0.0, wheel_base_error=0.0
+        )
+        config = SimulationConfig(lidar=LidarConfig(sigma_m=0.0), wheels=wheels)
+    room = load_world("paper_room")
+    world = SimulatedWorld(room, config, np.random.default_rng(0))
+    readings, truth = [], []
+    for _ in range(laps):
+        for command in tour(room, config)(world):
+            readings.append(world.read())
+            truth.append(world.truth_of_reading().as_array())
+            world.drive(command)
+    return readings, np.array(truth)
+
+
+def run(readings: list[Reading]) -> PoseGraphBackend:
+    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    for reading in readings:
+        backend.update(reading)
+    return backend
+
+
+def from_start(poses: Floats, start: Floats) -> Floats:
+    """Move poses so that the first one is `start`."""
+    return compose(compose(start, invert(poses[0])), poses)
+
+
+def rmse_m(poses: Floats, truth: Floats) -> float:
+    return float(np.sqrt(np.mean(np.sum((poses[:, :2] - truth[:, :2]) ** 2, axis=1))))
+
+
+@pytest.fixture(scope="module")
+def lap() -> Drive:
+    return drive(laps=1)
+
+
+@pytest.fixture(scope="module")
+def finished(lap: Drive) -> PoseGraphBackend:
+    return run(lap[0])
+
+
+def test_error_in_the_papers_room(lap: Drive, finished: PoseGraphBackend) -> None:
+    readings, truth = lap
+    result = finished.result()
+    assert len(result.trajectory) == len(readings)
+    assert [r.stamp_ns for r in readings] == result.trajectory.stamps_ns.tolist()
+    assert rmse_m(from_start(result.trajectory.poses, truth[0]), truth) < 0.015
+
+
+def test_noiseless_world_returns_the_truth() -> None:
+    readings, truth = drive(laps=1, noiseless=True)
+    result = run(readings).result()
+    assert rmse_m(from_start(result.trajectory.poses, truth[0]), truth) < 0.006
+
+
+def test_closures_are_listed_and_in_the_graph(finished: PoseGraphBackend) -> None:
+    result = finished.result()
+    (table,) = result.tables
+    assert table.name == "loop_closures"
+    assert result.pose_graph is not None
+    verdicts = [row[table.columns.index("verdict")] for row in table.rows]
+    closures = [c for c in result.pose_graph.constraints if c.kind is ConstraintKind.LOOP_CLOSURE]
+    assert sum(v in ("accepted", "outvoted by the graph") for v in verdicts) == len(closures)
+    assert "accepted" in verdicts
+
+
+def test_same_readings_give_the_same_bytes(lap: Drive, finished: PoseGraphBackend) -> None:
+    again = run(lap[0]).result()
+    result = finished.result()
+    assert again.trajectory.poses.tobytes() == result.trajectory.poses.tobytes()
+    assert again.grid.probability.tobytes() == result.grid.probability.tobytes()
+    assert again.tables == result.tables
+
+
+def test_snapshot_resumes_to_the_same_bytes(lap: Drive, finished: PoseGraphBackend) -> None:
+    readings, _ = lap
+    half = run(readings[: len(readings) // 2])
+    resumed = PoseGraphBackend(RunConfig(), np.random.default_rng(5))
+    resumed.restore(half.snapshot())
+    for reading in readings[len(readings) // 2 :]:
+        resumed.update(reading)
+    expected = finished.result().trajectory.poses
+    assert resumed.result().trajectory.poses.tobytes() == expected.tobytes()
+
+
+def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) -> None:
+    _, truth = lap
+    assert PoseGraphBackend(RunConfig(), np.random.default_rng(0)).map_from_robot() == Pose2()
+    moved = finished.map_from_robot().as_array()
+    expected = between(truth[0], truth[-1])
+    first = finished.result().trajectory.poses[0]
+    error = between(expected, between(first, moved))
+    assert np.hypot(error[0], error[1]) < 0.03
+    assert abs(error[2]) < 0.01
+
+
+def test_injected_false_closures_change_little() -> None:
+    readings, truth = drive(laps=3)
+    backend = run(readings)
+    graph = backend.result().pose_graph
+    assert graph is not None
+    anchors = backend._graph.keyframes[:: RunConfig().pose_graph.node_keyframes]
+    true_nodes = truth[[a.scan for a in anchors]]
+    clean = optimize_gnc(graph).poses
+    spoilt = optimize_gnc(with_false_closures(graph, share=0.3)).poses
+    reference = rmse_m(from_start(clean, true_nodes[0]), true_nodes)
+    error = rmse_m(from_start(spoilt, true_nodes[0]), true_nodes)
+    assert error <= 1.2 * reference
+
+
+def with_false_closures(graph: PoseGraph, *, share: float) -> PoseGraph:
+    """Add closures between random nodes, as precise as the true ones, until `share` are false."""
+    rng = np.random.default_rng(7)
+    true = [c for c in graph.constraints if c.kind is ConstraintKind.LOOP_CLOSURE]
+    false = []
+    for _ in range(int(share / (1.0 - share) * len(true))):
+        i, j = sorted(int(v) for v in rng.choice(len(graph.poses), size=2, replace=False))
+        wrong = Pose2(*(rng.normal(size=3) * [2.0, 2.0, 1.0]))
+        covariance = true[int(rng.integers(len(true)))].covariance
+        false.append(Constraint(i, j, wrong, covariance, ConstraintKind.LOOP_CLOSURE))
+    return replace(graph, constraints=graph.constraints + tuple(false))
+
+
+def test_blind_scans_are_refused_at_the_end() -> None:
+    scan = LaserScan(np.full(90, np.nan, dtype=np.float32), -1.5, 0.03, 0.1, 30.0)
+    backend = run([Reading(k * 100_000_000, scan) for k in range(1, 5)])
+    with pytest.raises(RunFailed, match="no scan"):
+        backend.result()
+
+
+def test_spread_keeps_known_poses_and_shapes_between_them() -> None:
+    rng = np.random.default_rng(2)
+    local = np.cumsum(rng.normal(size=(30, 3)) * 0.1, axis=0)
+    at = np.array([0, 10, 20])
+    shift = np.array([1.0, 2.0, 0.5])
+    rigid = spread(local, at, compose(shift, local[at]))
+    assert np.allclose(rigid, compose(shift, local), atol=1e-12)
+    bent = compose(shift, local[at]) + [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0.01]]
+    moved = spread(local, at, bent)
+    assert np.allclose(moved[at], bent, atol=1e-12)
+    assert np.allclose(between(moved[20], moved[29]), between(local[20], local[29]), atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "odom", "translation_m", "rotation_deg"),
+    [
+        ("intel", None, 0.0220, 0.34),
+        ("fr079", None, 0.0430, 0.53),
+        ("mit-csail", None, 0.0300, 0.36),
+        ("fr079", "none", 0.0860, 1.06),
+        ("mit-csail", "none", 0.0600, 0.72),
+    ],
+)
+def test_benchmark_relations(
+    shared_data: Path, name: str, odom: str | None, translation_m: float, rotation_deg: float
+) -> None:
+    folder = shared_data / "benchmark"
+    readings = list(open_source(folder / f"{name}.bag", SourceConfig(odom=odom)))
+    result = run(readings).result()
+    mount = readings[0].scan.robot_from_laser
+    errors = relation_errors(read_relations(folder / f"{name}.relations"), result.trajectory, mount)
+    assert len(errors.translation_m) == errors.total
+    assert errors.translation_m.mean() <= translation_m
+    assert np.degrees(errors.rotation_rad).mean() <= rotation_deg
