@@ -61,6 +61,20 @@ def registered() -> Mapping[str, str]:
     return found | _BUILT_IN
 
 
+def find(name: str) -> str:
+    """Return the `module:attribute` of a backend.
+
+    Raises
+    ------
+    BadInput
+        When there is none of that name.
+    """
+    places = registered()
+    if name not in places:
+        raise BadInput(f"no backend '{name}'; there are {', '.join(sorted(places))}")
+    return places[name]
+
+
 def statuses() -> tuple[BackendStatus, ...]:
     """Try to load every backend and tell what came of it."""
     return tuple(_status(name, place) for name, place in registered().items())
@@ -74,11 +88,9 @@ def make(name: str, config: RunConfig, rng: Generator, heartbeat: Heartbeat) -> 
     BadInput
         When there is no such backend, or something it needs is not installed.
     """
-    places = registered()
-    if name not in places:
-        raise BadInput(f"no backend '{name}'; there are {', '.join(sorted(places))}")
+    place = find(name)
     try:
-        maker = _load(places[name])
+        maker = _load(place)
     except (ImportError, AttributeError) as error:
         raise BadInput(f"backend {name} cannot be used: {_problem(error)}") from error
     return maker(config, rng, heartbeat)

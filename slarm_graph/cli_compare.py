@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
 _FAILED = 1
 _DEMO_BACKENDS = ("pose_graph", "gmapping")
+_DEMO_LIMIT_S = 1200
+"""Three times what the drive takes: a demo ends whatever happens."""
 
 
 def add_to(app: typer.Typer) -> None:
@@ -42,7 +44,9 @@ def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
 
     folder = create_run_folder(out, name)
     print("A simulated robot explores the paper's room, once with each SLAM backend ...")
-    planned = trials(find_sources(["paper_room"]), _DEMO_BACKENDS, 1, folder.path)
+    limit = ("--set", f"explore.mission_time_s={_DEMO_LIMIT_S}")
+    room = find_sources(["paper_room"])
+    planned = trials(room, _DEMO_BACKENDS, 1, folder.path, options=limit)
     return _compare(planned, folder, "The paper's room, explored in closed loop")
 
 
@@ -68,15 +72,16 @@ def compare_command(
     settings: Settings = None,
 ) -> int:
     """Run every source with every backend and seed, and compare."""
-    from slarm_graph.backends import registered
+    from slarm_graph.backends import find, registered
     from slarm_graph.compare import find_sources, trials
     from slarm_graph.config_files import load_config
     from slarm_graph.run_folder import create_run_folder
 
     chosen = [word.strip() for word in backends.split(",") if word.strip()]
-    unknown = [word for word in chosen if word not in registered()]
-    if unknown or not chosen:
-        raise BadInput(f"no backend {unknown}; there are {', '.join(sorted(registered()))}")
+    if not chosen:
+        raise BadInput(f"--backends names none; there are {', '.join(sorted(registered()))}")
+    for backend in chosen:
+        find(backend)
     access_points(ap or (), load_config(config, settings or ()))
     found = find_sources(sources)
     folder = create_run_folder(out, name)
@@ -100,8 +105,12 @@ def _compare(
     """Carry trials out, show and write the comparison; 1 when one of them failed."""
     from slarm_graph.cli_output import show_comparison
     from slarm_graph.compare import compare
+    from slarm_graph.progress import shown
 
-    outcomes = compare(planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome)
+    with shown() as progress:
+        outcomes = compare(
+            planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome, progress=progress
+        )
     show_comparison(folder, outcomes, what)
     return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
 

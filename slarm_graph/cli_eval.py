@@ -90,8 +90,9 @@ def relations_command(
     from slarm_graph.trajectory_files import read_trajectory
 
     path = estimate / "trajectory.tum" if estimate.is_dir() else estimate
+    truth, trajectory = read_relations(relations), read_trajectory(path)
     part = _laser_pose(laser, path) if at == "laser" else None
-    errors = relation_errors(read_relations(relations), read_trajectory(path), part)
+    errors = relation_errors(truth, trajectory, part)
     title = f"reference {relations}, estimate {path}"
     show_metrics(relation_metrics(errors), title=title, as_json=as_json)
 

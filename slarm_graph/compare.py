@@ -13,7 +13,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
@@ -21,9 +21,11 @@ from pathlib import Path
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.frontends.sources import existing_paths
+from slarm_graph.progress import Progress, Quiet
 from slarm_graph.run_folder import RECORD
 from slarm_graph.world_files import shipped_worlds
 
+_BEAT_S = 1.0
 _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 
 
@@ -193,6 +195,7 @@ def compare(
     workers: int | None = None,
     scheduler: str | None = None,
     tell: Callable[[Outcome], None] = lambda _outcome: None,
+    progress: Progress | None = None,
 ) -> tuple[Outcome, ...]:
     """Carry out all trials and return their outcomes in the order of the plan.
 
@@ -205,8 +208,10 @@ def compare(
         Address of a dask scheduler, such as `tcp://host:8786`; local processes when left out.
     tell : callable
         Told every outcome as it comes in.
+    progress : Progress, optional
     """
-    run = _on_cluster(scheduler) if scheduler else _locally(workers or os.cpu_count() or 1)
+    workers = workers or os.cpu_count() or 1
+    run = _on_cluster(scheduler) if scheduler else _locally(workers, progress or Quiet())
     outcomes: dict[Trial, Outcome] = {}
     for trial, outcome in run(planned):
         outcomes[trial] = outcome
@@ -217,13 +222,26 @@ def compare(
 Runner = Callable[[Sequence[Trial]], Iterator[tuple[Trial, Outcome]]]
 
 
-def _locally(workers: int) -> Runner:
+def _as_they_end(
+    futures: dict[Future[Outcome], Trial], progress: Progress
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Yield outcomes as trials end, with a sign of life in between."""
+    progress.start("runs", len(futures))
+    waiting = set(futures)
+    while waiting:
+        ended, waiting = wait(waiting, _BEAT_S, FIRST_COMPLETED)
+        progress.say(f"{len(futures) - len(waiting)} of {len(futures)} runs done")
+        for future in ended:
+            progress.advance()
+            yield futures[future], future.result()
+
+
+def _locally(workers: int, progress: Progress) -> Runner:
     def run(planned: Sequence[Trial]) -> Iterator[tuple[Trial, Outcome]]:
         with ThreadPoolExecutor(workers) as pool:
             futures = {pool.submit(carry_out, trial): trial for trial in planned}
             try:
-                for future in as_completed(futures):
-                    yield futures[future], future.result()
+                yield from _as_they_end(futures, progress)
             except KeyboardInterrupt:
                 pool.shutdown(wait=False, cancel_futures=True)
                 raise

@@ -54,6 +54,8 @@ def read_radio_npz(path: Path) -> RadioMap:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as archive:
             values = {name: archive[name] for name in archive.files}
         return _from_values(values)
+    except FileNotFoundError:
+        raise BadInput(f"no such file: {path}") from None
     except (BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
         raise BadInput(f"{path}: not a radio map written by slarm ({error})") from error
 

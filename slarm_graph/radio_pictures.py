@@ -104,9 +104,12 @@ def draw_best_access_point(axes: Axes, radio: RadioMap) -> None:
 
 
 def _finish(axes: Axes, radio: RadioMap, indices: list[int]) -> None:
+    x_min, x_max, y_min, y_max = _extent_of_values(radio)
     for index in indices:
         ap = radio.access_points[index]
-        axes.plot(ap.x_m, ap.y_m, "^", color="red", mec="white", ms=9, clip_on=False, zorder=5)
+        # One far outside would squeeze the map to nothing.
+        if x_min <= ap.x_m <= x_max and y_min <= ap.y_m <= y_max:
+            axes.plot(ap.x_m, ap.y_m, "^", color="red", mec="white", ms=9, clip_on=False, zorder=5)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_aspect("equal")

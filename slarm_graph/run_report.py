@@ -14,7 +14,7 @@ from slarm_graph.outputs import save_trajectory
 from slarm_graph.run_folder import RunFolder
 from slarm_graph.trajectory import Trajectory
 
-_SLAM_STAGES = ("slam", "optimisation and map")
+_SLAM_STAGES = ("slam", "optimisation and map", "exploration", "map")
 
 
 def save_report(folder: RunFolder, run: Run, references: References) -> None:
