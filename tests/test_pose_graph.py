@@ -168,7 +168,8 @@ def test_spread_keeps_known_poses_and_shapes_between_them() -> None:
     shift = np.array([1.0, 2.0, 0.5])
     rigid = spread(local, at, compose(shift, local[at]))
     assert np.allclose(rigid, compose(shift, local), atol=1e-12)
-    bent = compose(shift, local[at]) + [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0.01]]
+    bend = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.01]])
+    bent = compose(shift, local[at]) + bend
     moved = spread(local, at, bent)
     assert np.allclose(moved[at], bent, atol=1e-12)
     assert np.allclose(between(moved[20], moved[29]), between(local[20], local[29]), atol=1e-12)
