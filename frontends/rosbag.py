@@ -11,14 +11,14 @@ from pathlib import Path
 from rosbags.rosbag2.reader import DirectoryReader
 
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.mcap_salvage import MAGIC as MCAP_MAGIC
 from slarm_graph.frontends.recordings import (
-    MCAP_MAGIC,
     Recording,
     Ros1Recording,
-    Ros2Recording,
     first_bytes,
 )
 from slarm_graph.frontends.ros1_file import MAGIC as ROS1_MAGIC
+from slarm_graph.frontends.ros2_recording import Ros2Recording
 
 SQLITE_MAGIC = b"SQLite format 3\0"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"

@@ -176,12 +176,26 @@ def test_truncated_bag_is_used_as_far_as_it_goes(tmp_path: Path) -> None:
     assert "cut.bag ends early" in source.info().notices[0]
 
 
-def test_truncated_mcap_and_db3_name_the_repair(tmp_path: Path) -> None:
-    for kind, tool in (("mcap", "mcap recover"), ("db3", ".recover")):
-        folder = write_recording(tmp_path / kind, drive(kind, scans=400), kind)
-        lone = next(folder.glob(f"*.{kind}"))
-        lone.write_bytes(lone.read_bytes()[: lone.stat().st_size // 2])
-        assert tool in told(lone)
+@pytest.mark.parametrize("mode", ["", "STORAGE"])
+def test_truncated_mcap_is_used_as_far_as_it_goes(tmp_path: Path, mode: str) -> None:
+    folder = write_recording(tmp_path / "m", drive("mcap", scans=4000), "mcap", compression=mode)
+    lone = next(folder.glob("*.mcap"))
+    lone.write_bytes(lone.read_bytes()[: lone.stat().st_size * 2 // 3])
+    for path in (lone, folder):
+        source = opened(path)
+        got = list(source)
+        assert 1000 < len(got) < 4000
+        assert got[900].odom_from_robot is not None
+        assert any("m.mcap ends early" in notice for notice in source.info().notices)
+    lone.write_bytes(lone.read_bytes()[:60])
+    assert "mcap recover" in told(lone)
+
+
+def test_truncated_db3_names_the_repair(tmp_path: Path) -> None:
+    folder = write_recording(tmp_path / "d", drive("db3", scans=400), "db3")
+    lone = next(folder.glob("*.db3"))
+    lone.write_bytes(lone.read_bytes()[: lone.stat().st_size // 2])
+    assert ".recover" in told(lone)
 
 
 def test_old_bag_format(shared_data: Path) -> None:
