@@ -1,0 +1,240 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The particle filter backend from readings to result, in the paper's room."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slarm_graph import backends
+from slarm_graph.backend import SlamResult
+from slarm_graph.backends import gmapping
+from slarm_graph.backends.gmapping import GmappingBackend
+from slarm_graph.backends.path_filling import fill_path
+from slarm_graph.config import (
+    GmappingConfig,
+    LidarConfig,
+    ParticleMapsConfig,
+    ProposalConfig,
+    ResamplingConfig,
+    RunConfig,
+    SimulationConfig,
+    WheelConfig,
+)
+from slarm_graph.errors import RunFailed
+from slarm_graph.eval.relations import read_relations, relation_errors
+from slarm_graph.eval.trajectory_accuracy import fit_rigid
+from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.world_recording import SourceFromWorld, tour
+from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.mapping import render
+from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.trajectory import Trajectory
+from slarm_graph.world_files import load_world
+
+NOISELESS = SimulationConfig(
+    lidar=LidarConfig(sigma_m=0.0),
+    wheels=WheelConfig(
+        wheel_base_error=0.0, left_slip=0.0, right_slip=0.0, random_slip_m_per_sqrt_m=0.0
+    ),
+)
+
+
+@cache
+def recorded(
+    seed: int = 0, speed_m_s: float = 0.6, noiseless: bool = False
+) -> tuple[tuple[Reading, ...], Trajectory]:
+    """A tour of the paper's room: readings and where the robot truly was."""
+    world, config = load_world("paper_room"), NOISELESS if noiseless else SimulationConfig()
+    source = SourceFromWorld(
+        world, config, seed=seed, script=tour(world, config, speed_m_s=speed_m_s)
+    )
+    readings = tuple(source)
+    return readings, source.truth()
+
+
+def made(particles: int = 10, **changes: object) -> GmappingBackend:
+    settings = GmappingConfig(particles=particles).model_copy(update=changes)
+    config = RunConfig().model_copy(update={"gmapping": settings})
+    return GmappingBackend(config, np.random.default_rng(0))
+
+
+def run(backend: GmappingBackend, readings: tuple[Reading, ...]) -> SlamResult:
+    for reading in readings:
+        backend.update(reading)
+    return backend.result()
+
+
+def ate_m(trajectory: Trajectory, truth: Trajectory) -> float:
+    """RMSE of the positions after SE(2) alignment [m]."""
+    estimated, true = trajectory.poses[:, :2], truth.poses[:, :2]
+    errors = fit_rigid(estimated, true).transform(estimated) - true
+    return float(np.sqrt(np.square(errors).sum(axis=1).mean()))
+
+
+def test_it_is_registered() -> None:
+    backend = backends.make("gmapping", RunConfig(), np.random.default_rng(0), print)
+    assert isinstance(backend, GmappingBackend)
+
+
+def test_without_noise_the_path_is_true() -> None:
+    readings, truth = recorded(noiseless=True)
+    backend = made()
+    result = run(backend, readings)
+    assert result.trajectory.stamps_ns.tolist() == [r.stamp_ns for r in readings]
+    assert ate_m(result.trajectory, truth) < 0.01
+    assert ate_m(backend.weighted_mean_trajectory(), truth) < 0.01
+    last = Pose2.from_array(result.trajectory.poses[-1]).between(backend.map_from_robot())
+    assert np.allclose(last.as_array(), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.6, 1.0])
+def test_the_papers_room(speed_m_s: float) -> None:
+    readings, truth = recorded(1, speed_m_s)
+    assert ate_m(run(made(30), readings).trajectory, truth) < 0.02
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("speed_m_s", [0.6, 1.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_the_papers_room_five_times(speed_m_s: float, seed: int) -> None:
+    readings, truth = recorded(seed, speed_m_s)
+    assert ate_m(run(made(30), readings).trajectory, truth) <= 0.02
+
+
+def test_the_map_is_that_of_the_path() -> None:
+    """Eq. (4): p(m | x, o). Asking for the result early and often changes nothing."""
+    readings = recorded()[0][:300]
+    often, once = made(), made()
+    for count, reading in enumerate(readings):
+        often.update(reading)
+        once.update(reading)
+        if count % 40 == 0:
+            often.result()
+    result, single = often.result(), once.result()
+    assert result.trajectory.poses.tobytes() == single.trajectory.poses.tobytes()
+    fresh = render([r.scan for r in readings], result.trajectory, RunConfig().mapping)
+    for grid in (result.grid, single.grid):
+        assert grid.geometry == fresh.geometry
+        assert np.array_equal(grid.probability, fresh.probability, equal_nan=True)
+
+
+@pytest.mark.parametrize("improved", [True, False])
+def test_the_number_of_threads_changes_nothing(
+    monkeypatch: pytest.MonkeyPatch, improved: bool
+) -> None:
+    readings = recorded()[0][:250]
+    proposal = ProposalConfig(improved=improved)
+    paths = []
+    for cores in (1, 3, 7):
+        monkeypatch.setattr(gmapping, "_cores", lambda count=cores: count)
+        paths.append(run(made(7, proposal=proposal), readings).trajectory.poses.tobytes())
+    assert paths[0] == paths[1] == paths[2]
+
+
+def test_a_restored_snapshot_goes_on_as_if_nothing_had_happened() -> None:
+    readings = recorded()[0][:400]
+    straight, stopped = made(), made()
+    for reading in readings[:200]:
+        straight.update(reading)
+        stopped.update(reading)
+    resumed = GmappingBackend(
+        RunConfig(gmapping=GmappingConfig(particles=10)), np.random.default_rng(99)
+    )
+    resumed.restore(stopped.snapshot())
+    a, b = run(straight, readings[200:]), run(resumed, readings[200:])
+    assert a.trajectory.poses.tobytes() == b.trajectory.poses.tobytes()
+    assert np.array_equal(a.grid.probability, b.grid.probability, equal_nan=True)
+    assert a.tables == b.tables
+
+
+def test_eq_11_and_the_filters_books_are_shown() -> None:
+    readings = recorded()[0][:300]
+    backend = made(resampling=ResamplingConfig(resample_threshold=1.0))
+    result = run(backend, readings)
+    (table,) = result.tables
+    assert table.name == "particles"
+    rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
+    assert [r["stamp_ns"] for r in rows] == sorted(r["stamp_ns"] for r in rows)
+    resampled = [r for r in rows if r["resampled"]]
+    assert resampled
+    for row in rows:
+        assert 1.0 - 1e-9 <= float(row["n_eff"]) <= 10.0 + 1e-9
+        assert row["resampled"] or row["distinct_ancestors"] == 10
+        assert math.isfinite(float(row["mean_x_m"]))
+    assert any("10 particles" in notice for notice in result.notices)
+
+
+def test_much_memory_is_noticed_before_the_run() -> None:
+    backend = made(maps=ParticleMapsConfig(delta_m=0.01))
+    assert any("may need" in notice for notice in run(backend, recorded()[0][:2]).notices)
+
+
+def test_scans_without_returns_keep_the_frontends_pose() -> None:
+    readings = recorded()[0][:60]
+    blind = LaserScan(np.full(360, np.inf), 0.0, 0.017, 0.1, 8.0)
+    mixed = tuple(
+        Reading(r.stamp_ns, blind if 20 <= i < 25 else r.scan, r.odom_from_robot)
+        for i, r in enumerate(readings)
+    )
+    result = run(made(), mixed)
+    assert len(result.trajectory) == 60
+    assert np.isfinite(result.trajectory.poses).all()
+
+
+def test_nothing_but_blind_scans_is_survived() -> None:
+    blind = LaserScan(np.full(360, np.inf), 0.0, 0.017, 0.1, 8.0)
+    result = run(made(), tuple(Reading(i * 10**8, blind, Pose2(0.1 * i)) for i in range(30)))
+    assert len(result.trajectory) == 30
+
+
+def test_needs_a_scan() -> None:
+    with pytest.raises(RunFailed, match="no scan"):
+        made().result()
+
+
+def test_filling_meets_corrected_poses_and_keeps_the_rest_smooth() -> None:
+    rng = np.random.default_rng(0)
+    stamps = np.cumsum(rng.integers(1, 10**9, 50))
+    local = np.cumsum(rng.normal(0.0, 0.1, (50, 3)), axis=0)
+    corrected = np.array([0, 7, 8, 30])
+    path = local[corrected] + rng.normal(0.0, 0.05, (4, 3))
+    filled = fill_path(stamps, local, corrected, path)
+    assert np.allclose(between(filled[corrected], path), 0.0, atol=1e-12)
+    after = between(filled[30:-1], filled[31:])
+    assert np.allclose(after, between(local[30:-1], local[31:]))
+    same = fill_path(stamps, local, corrected, local[corrected])
+    assert np.allclose(between(same, local), 0.0, atol=1e-12)
+
+
+def mean_errors(recording: Path, seed: int) -> Floats:
+    """Mean translation [m] and rotation [deg] errors over all relations, at the laser."""
+    backend = GmappingBackend(RunConfig(), np.random.default_rng(seed))
+    scan = None
+    for reading in open_source([recording], RunConfig().source):
+        backend.update(reading)
+        scan = reading.scan
+    assert scan is not None
+    relations = read_relations(recording.with_name(recording.name.replace(".clf.gz", ".relations")))
+    errors = relation_errors(relations, backend.result().trajectory, scan.robot_from_laser)
+    return np.array([errors.translation_m.mean(), np.degrees(errors.rotation_rad.mean())])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("name", "median_m", "median_deg", "worst_m"),
+    [("intel", 0.0255, 0.6, 0.05), ("fr079", 0.050, 0.6, 0.10), ("mit-csail", 0.040, 1.0, 0.08)],
+)
+def test_real_recordings(
+    shared_data: Path, name: str, median_m: float, median_deg: float, worst_m: float
+) -> None:
+    recording = shared_data / "benchmark" / f"{name}.clf.gz"
+    errors = np.array([mean_errors(recording, seed) for seed in range(5)])
+    assert np.median(errors[:, 0]) <= median_m
+    assert np.median(errors[:, 1]) <= median_deg
+    assert errors[:, 0].max() <= worst_m
