@@ -84,11 +84,18 @@ class GridMapper:
 
     def _cover(self, beams: Floats) -> None:
         """Grow the counts so that every beam lies inside."""
-        ends = beams[:, :4].reshape(-1, 2)
-        low, high = (
-            self._geometry.cell_of(ends.min(axis=0)),
-            self._geometry.cell_of(ends.max(axis=0)),
-        )
+        box = _box(beams)
+        x_min, x_max, y_min, y_max = self._geometry.extent_m
+        # One cell of slack, so that rounding cannot put an end outside after all.
+        slack = self._geometry.resolution_m
+        if (
+            box[0, 0] > x_min + slack
+            and box[1, 0] < x_max - slack
+            and box[0, 1] > y_min + slack
+            and box[1, 1] < y_max - slack
+        ):
+            return
+        low, high = self._geometry.cell_of(box)
         if not self._hits.size:
             self._geometry = replace(
                 self._geometry,
@@ -224,6 +231,20 @@ def _trace(
         beams[count, 4] = 1.0 if r <= usable_range else 0.0
         count += 1
     return beams[:count]
+
+
+@njit(cache=True, nogil=True)
+def _box(beams: Floats) -> Floats:
+    """Lowest and highest x, y (2, 2) [m] of the beams' ends."""
+    box = np.empty((2, 2))
+    box[0] = np.inf
+    box[1] = -np.inf
+    for b in range(len(beams)):
+        for k in range(4):
+            axis = k % 2
+            box[0, axis] = min(box[0, axis], beams[b, k])
+            box[1, axis] = max(box[1, axis], beams[b, k])
+    return box
 
 
 @njit(cache=True, nogil=True)
