@@ -52,7 +52,7 @@ def refine(
     max_iterations: int,
     sigma: float = 0.04,
 ) -> tuple[Floats, Floats, float, int, int]:
-    """Align points (K, 2) in the robot's frame with the grid.
+    """Align points (K, 2), in the robot's frame and in beam order, with the grid.
 
     Parameters
     ----------
