@@ -105,8 +105,18 @@ def spread(values: Sequence[float]) -> Spread:
     return Spread(float(v.mean()), sd, float(np.median(v)), float(v.max()), len(v))
 
 
-def comparison_html(outcomes: Sequence[Outcome], lead: str) -> str:
-    """Return the comparison as one self-contained page."""
+def comparison_html(
+    outcomes: Sequence[Outcome], lead: str, pictures: Sequence[tuple[str, bytes]] = ()
+) -> str:
+    """Return the comparison as one self-contained page.
+
+    Parameters
+    ----------
+    outcomes : sequence of Outcome
+    lead : str
+        One line below the title.
+    pictures : sequence of (caption, PNG content)
+    """
     columns, rows = summary_rows(outcomes)
     all_columns, all_rows = run_rows(outcomes)
     figures = [
@@ -120,6 +130,7 @@ def comparison_html(outcomes: Sequence[Outcome], lead: str) -> str:
         [
             html.heading("Backend comparison", lead),
             html.section("Mean ± standard deviation over seeds", html.table(columns, rows)),
+            html.section("Radio maps", html.gallery(pictures)),
             *figures,
             html.section("Every run", html.table(all_columns, all_rows)),
             html.section("Reports", html.links(links)),

@@ -18,6 +18,8 @@ from slarm_graph.map_files import png_bytes
 
 Cell = float | int | str | None
 
+_SHORT = 32
+
 _STYLE = """
 :root { color-scheme: light; --ink: #1c2430; --soft: #5b6675; --line: #dfe4ea; --tint: #f5f7f9; }
 * { box-sizing: border-box; }
@@ -29,7 +31,11 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .28rem .8rem .28rem 0; border-bottom: 1px solid var(--line); text-align: left;
   vertical-align: top; }
 th { color: var(--soft); font-weight: 600; } td.number, th.number { text-align: right; }
-.wide { overflow-x: auto; max-height: 26rem; overflow-y: auto; }
+.wide { overflow-x: auto; max-height: 36rem; overflow-y: auto; }
+.short { white-space: nowrap; }
+.gallery { display: grid; grid-template-columns: repeat(auto-fit, minmax(24rem, 1fr)); gap: 1rem; }
+.gallery figure { margin: 0; } .gallery img { width: 100%; }
+figcaption { color: var(--soft); font-size: .9rem; }
 .facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .7rem;
   margin: 1.2rem 0; }
 .fact { background: var(--tint); border: 1px solid var(--line); border-radius: 8px;
@@ -107,7 +113,8 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
 
 
 def _cell(tag: str, text: str, right: bool) -> str:
-    return f"<{tag}{' class=number' if right else ''}>{escape(text)}</{tag}>"
+    looks = "number" if right else "short" if len(text) <= _SHORT else ""
+    return f'<{tag} class="{looks}">{escape(text)}</{tag}>'
 
 
 def shown(value: Cell) -> str:
@@ -135,6 +142,18 @@ def links(targets: Iterable[tuple[str, str]]) -> str:
     """Return a list of links: (what it is, where it is)."""
     items = "".join(f'<li><a href="{escape(to)}">{escape(name)}</a></li>' for name, to in targets)
     return f"<ul>{items}</ul>" if items else ""
+
+
+def gallery(pictures: Iterable[tuple[str, bytes]]) -> str:
+    """Return PNG pictures side by side: (caption, file content)."""
+    items = (
+        f'<figure><img alt="{escape(caption)}"'
+        f' src="data:image/png;base64,{base64.b64encode(data).decode()}">'
+        f"<figcaption>{escape(caption)}</figcaption></figure>"
+        for caption, data in pictures
+    )
+    inside = "".join(items)
+    return f'<div class="gallery">{inside}</div>' if inside else ""
 
 
 def folded(title: str, content: str) -> str:

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from slarm_graph.eval.comparison import Outcome
     from slarm_graph.run_folder import RunFolder
 
+_MAX_PICTURES = 8
+
 
 def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False) -> None:
     """Print metrics as a table, or as the JSON of `metrics.json`."""
@@ -71,6 +73,19 @@ def show_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -
     folder.write_text("comparison.csv", csv_text(*run_rows(outcomes)))
     good = sum(outcome.status == "ok" for outcome in outcomes)
     lead = f"{what}; {good} of {len(outcomes)} runs ok"
-    folder.write_text("report.html", comparison_html(outcomes, lead))
+    page = comparison_html(outcomes, lead, _pictures(folder, outcomes))
+    folder.write_text("report.html", page)
     folder.note(status="ok" if good == len(outcomes) else "partial", runs=len(outcomes))
     print(f"{lead} -> {folder.path}/report.html")
+
+
+def _pictures(folder: RunFolder, outcomes: Sequence[Outcome]) -> list[tuple[str, bytes]]:
+    """Return the radio map of every source and backend at its first seed, with a caption."""
+    first = {(o.source, o.backend): o for o in reversed(outcomes) if o.status == "ok"}
+    found = [
+        (f"{o.source}, {o.backend}", folder.path / o.folder / "radio_map.png")
+        for o in outcomes
+        if first.get((o.source, o.backend)) is o
+    ]
+    pictures = [(caption, path.read_bytes()) for caption, path in found if path.is_file()]
+    return pictures[:_MAX_PICTURES]

@@ -230,7 +230,7 @@ def _as_they_end(
     waiting = set(futures)
     while waiting:
         ended, waiting = wait(waiting, _BEAT_S, FIRST_COMPLETED)
-        progress.say(f"{len(futures) - len(waiting)} of {len(futures)} runs done")
+        progress.say("")
         for future in ended:
             progress.advance()
             yield futures[future], future.result()

@@ -99,9 +99,9 @@ class Lines:
 def _rate_words(done: int, total: int | None, elapsed_s: float) -> str:
     rate = done / elapsed_s
     if total is None:
-        return f"{done}, {rate:.0f}/s"
+        return f"{done}, {rate:.3g}/s"
     left_s = max(total - done, 0) / rate
-    return f"{done} of {total} ({done / max(total, 1):.0%}), {rate:.0f}/s, {left_s:.0f} s left"
+    return f"{done} of {total} ({done / max(total, 1):.0%}), {rate:.3g}/s, {left_s:.0f} s left"
 
 
 class Bar:
@@ -150,7 +150,7 @@ class Bar:
         self._drawn_s = now_s
         rate = self._done / max(now_s - self._started_s, 1e-9)
         of = "" if self._total is None else f" of {self._total}"
-        self._bar.update(self._task, completed=self._done, count=f"{self._done}{of}, {rate:.0f}/s")
+        self._bar.update(self._task, completed=self._done, count=f"{self._done}{of}, {rate:.3g}/s")
 
     def say(self, message: str) -> None:
         """Show the message behind the bar."""
