@@ -150,6 +150,8 @@ class RecordedSource:
             first, second = rows[number : number + 2].tolist()
             self._fates.drop([second], self._repetition(first, second))
         self._notices += silences(self._stamps[rows], steps)
+        if self._table.repeats(rows):
+            self._notices.append("warning: the scan data never change; is the laser driver stuck?")
         return rows[self._fates.used[rows]]
 
     def _repetition(self, first: int, second: int) -> str:

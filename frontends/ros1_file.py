@@ -39,6 +39,7 @@ MAGIC = b"#ROSBAG V2.0\n"
 _INDEX, _CHUNK = b"\x04", b"\x05"
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 _KINDS = (MESSAGE, b"\x03", _INDEX, _CHUNK, b"\x06", CONNECTION)
+_MOST_WORKERS = 4
 _TIME = struct.Struct("<II")
 
 
@@ -183,7 +184,7 @@ class Ros1File:
 
     def _decompressed(self, chunks: list[_Chunk]) -> Iterator[tuple[_Chunk, Bytes]]:
         """Read and decompress chunks in order, a few ahead of the consumer."""
-        workers = min(4, os.cpu_count() or 1)
+        workers = min(_MOST_WORKERS, _usable_cores())
         pending: deque[tuple[_Chunk, Future[Bytes]]] = deque()
         with self.path.open("rb") as file, ThreadPoolExecutor(workers) as pool:
             for chunk in chunks:
@@ -196,6 +197,13 @@ class Ros1File:
             while pending:
                 ready, future = pending.popleft()
                 yield ready, future.result()
+
+
+def _usable_cores() -> int:
+    """Cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
 
 
 def _decompress(data: bytes, compression: bytes) -> Bytes:

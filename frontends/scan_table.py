@@ -53,6 +53,13 @@ class ScanTable:
         """Return the ranges (B,) of one scan as recorded [m]."""
         return np.asarray(self.blocks[self.block[row]].ranges_m[self.line[row]])
 
+    def repeats(self, rows: Ints) -> bool:
+        """Whether all of several scans hold the same ranges."""
+        if len(rows) < 3:
+            return False
+        first = self.recorded(int(rows[0])).tobytes()
+        return all(self.recorded(row).tobytes() == first for row in rows[1:].tolist())
+
     def frames(self) -> dict[str, Ints]:
         """Rows of every laser frame."""
         names = [block.frame for block in self.blocks]

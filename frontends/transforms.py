@@ -51,10 +51,6 @@ class Edge:
         """Whether the transform never changes."""
         return len(self.stamp_ns) == 1
 
-    def period_ns(self) -> int:
-        """Median time between updates [ns]."""
-        return int(np.median(np.diff(self.stamp_ns))) if len(self.stamp_ns) > 1 else 0
-
 
 class TransformTree:
     """Which frame is where, at any time.

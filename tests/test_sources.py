@@ -423,6 +423,14 @@ def test_a_scan_of_an_unknown_frame_is_left_out_and_told(tmp_path: Path) -> None
     assert reasons[0].startswith("no path other -> base_link in tf")
 
 
+def test_the_same_scan_again_and_again(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    scans = [("/scan", T0 + k, make.laser_scan(T0 + k, [2.0] * 9)) for k in range(9)]
+    path = write_recording(tmp_path / "a.bag", scans)
+    assert len(readings(path)) == 9
+    assert "warning: the scan data never change" in noticed(path)
+
+
 def test_most_scans_unusable_is_refused(tmp_path: Path) -> None:
     make = maker_of("bag")
     scans = [
