@@ -19,6 +19,7 @@ FLOW = {
     "compare",
     "doctor",
     "reproduce",
+    "reproduce_trial",
     "exploration",
     "__main__",
 }
