@@ -33,7 +33,8 @@ th, td { padding: .28rem .8rem .28rem 0; border-bottom: 1px solid var(--line); t
 th { color: var(--soft); font-weight: 600; } td.number, th.number { text-align: right; }
 .wide { overflow-x: auto; max-height: 36rem; overflow-y: auto; }
 .short { white-space: nowrap; }
-.gallery { display: grid; grid-template-columns: repeat(auto-fit, minmax(24rem, 1fr)); gap: 1rem; }
+.gallery { display: grid; gap: 1rem;
+  grid-template-columns: repeat(auto-fit, minmax(min(100%, 30rem), 1fr)); }
 .gallery figure { margin: 0; } .gallery img { width: 100%; }
 figcaption { color: var(--soft); font-size: .9rem; }
 .facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .7rem;

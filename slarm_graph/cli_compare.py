@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run many: compare backends, demo."""
+"""Commands that run many: compare backends, demo, reproduce the paper."""
 
 from __future__ import annotations
 
@@ -35,6 +35,7 @@ def add_to(app: typer.Typer) -> None:
     """Register the commands."""
     app.command("compare")(compare_command)
     app.command("demo")(demo_command)
+    app.command("reproduce")(reproduce_command)
 
 
 def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
@@ -48,6 +49,37 @@ def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
     room = find_sources(["paper_room"])
     planned = trials(room, _DEMO_BACKENDS, 1, folder.path, options=limit)
     return _compare(planned, folder, "The paper's room, explored in closed loop")
+
+
+def reproduce_command(
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Fewer resolutions, one speed, one seed.")
+    ] = False,
+    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds per setting.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
+    ] = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+) -> None:
+    """Make the paper's figures and table, and show them beside the paper's."""
+    from dataclasses import replace
+
+    from slarm_graph.eval.gallery_page import gallery_html
+    from slarm_graph.reproduce import QUICK, Plan, reproduce
+    from slarm_graph.run_folder import create_run_folder
+
+    plan = QUICK if quick else Plan()
+    plan = plan if seeds is None else replace(plan, seeds=seeds)
+    folder = create_run_folder(out, name)
+    rows = reproduce(folder.path, plan, jobs=jobs, tell=print)
+    lead = f"{len(rows)} closed loops in the paper's room; resolutions in m, speeds in m/s"
+    pictures = sorted(path.name for path in folder.path.glob("*.png"))
+    tables = ("summary.csv", "hypotheses.csv", "complexity.csv", "results.csv")
+    page = gallery_html(folder.path, "The paper's figures, reproduced", lead, pictures, tables)
+    folder.write_text("report.html", page)
+    folder.note(status="ok", runs=len(rows))
+    print(f"{len(rows)} closed loops -> {folder.path}/report.html")
 
 
 def compare_command(
