@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
@@ -21,7 +22,7 @@ _WAYPOINT_EVERY_M = 0.3
 
 
 def tour_waypoints_m(
-    world: WorldMap, body_radius_m: float, *, spacing_m: float = 2.0, resolution_m: float = 0.1
+    world: WorldMap, body_radius_m: float, *, spacing_m: float = 2.5, resolution_m: float = 0.1
 ) -> Floats:
     """Waypoints (N, 2) [m] that come within about `spacing_m` of every reachable place.
 
@@ -69,7 +70,9 @@ def _graph(
         mean = 0.5 * (price[here[:, 0], here[:, 1]] + price[there[:, 0], there[:, 1]])
         costs.append(mean * np.hypot(d_row, d_col) * resolution_m)
     data = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
-    return sparse.csr_matrix(data, shape=(len(cells), len(cells))), cells
+    one_way = sparse.csr_matrix(data, shape=(len(cells), len(cells)))
+    # Both ways are stored: scipy would mirror an undirected graph anew in every search.
+    return one_way + one_way.T, cells
 
 
 def _nearest_node(
@@ -84,19 +87,27 @@ def _visit_all(
     graph: sparse.csr_matrix, start: int, centers_m: Floats, spacing_m: float
 ) -> list[int]:
     """Go to the nearest node not within `spacing_m` of the way so far, until there is none."""
-    cost, before = csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
-    waiting = np.isfinite(cost)
-    way = [start]
-    _tick_off(waiting, centers_m, centers_m[[start]], spacing_m)
+    waiting = np.isfinite(_search(graph, start, None, np.inf)[0])
+    way, tree = [start], cKDTree(centers_m)
+    waiting[tree.query_ball_point(centers_m[start], spacing_m)] = False
     while waiting.any():
-        target = int(np.argmin(np.where(waiting, cost, np.inf)))
-        leg = _leg(before, target)
+        cost, before = _search(graph, way[-1], waiting, 4.0 * spacing_m)
+        leg = _leg(before, int(np.argmin(np.where(waiting, cost, np.inf))))
         way += leg
-        _tick_off(waiting, centers_m, centers_m[leg[::5] + leg[-1:]], spacing_m)
-        cost, before = csgraph.dijkstra(
-            graph, directed=False, indices=target, return_predecessors=True
-        )
-    return way + _leg(before, start)
+        for node in leg[::5] + leg[-1:]:
+            waiting[tree.query_ball_point(centers_m[node], spacing_m)] = False
+    return way + _leg(_search(graph, way[-1], None, np.inf)[1], start)
+
+
+def _search(
+    graph: sparse.csr_matrix, node: int, waiting: Mask | None, limit: float
+) -> tuple[Floats, NDArray[np.int32]]:
+    """Costs from a node and each node's predecessor, out to the first of those that wait."""
+    while True:
+        cost, before = csgraph.dijkstra(graph, indices=node, return_predecessors=True, limit=limit)
+        if waiting is None or np.isfinite(cost[waiting]).any():
+            return cost, before
+        limit *= 3.0
 
 
 def _leg(before: NDArray[np.int32], target: int) -> list[int]:
@@ -106,13 +117,6 @@ def _leg(before: NDArray[np.int32], target: int) -> list[int]:
         leg.append(node)
         node = int(before[node])
     return leg[::-1]
-
-
-def _tick_off(waiting: Mask, centers_m: Floats, passed_m: Floats, spacing_m: float) -> None:
-    for point in passed_m:
-        open_nodes = np.flatnonzero(waiting)
-        near = np.linalg.norm(centers_m[open_nodes] - point, axis=1) < spacing_m
-        waiting[open_nodes[near]] = False
 
 
 def _thin(nodes: list[int], stride: int) -> list[int]:

@@ -36,15 +36,6 @@ def contains(corners_m: Floats, points_m: Floats) -> Mask:
     return np.asarray(inside.reshape(points.shape[:-1]))
 
 
-def edge_distance_m(corners_m: Floats, points_m: Floats) -> Floats:
-    """Distance (N,) of points (N, 2) to the nearest edge of a polygon [m]."""
-    start, step = corners_m, np.roll(corners_m, -1, axis=0) - corners_m
-    rel = points_m[:, None, :] - start[None]
-    share = np.sum(rel * step, axis=-1) / np.maximum(np.sum(step * step, axis=-1), 1e-30)
-    foot = np.clip(share, 0.0, 1.0)[..., None] * step
-    return np.asarray(np.linalg.norm(rel - foot, axis=-1).min(axis=1))
-
-
 def is_simple(corners_m: Floats) -> bool:
     """Whether a polygon has an area and no two of its edges cross."""
     if abs(signed_area_m2(corners_m)) < 1e-12:

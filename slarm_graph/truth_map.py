@@ -10,19 +10,22 @@ from typing import Final, Literal
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.polygons import contains, edge_distance_m, edges_m
+from slarm_graph.polygons import contains, edges_m
 from slarm_graph.world import Solid, WorldMap
 
 Rule = Literal["centre", "touched"]
+Heights = NDArray[np.float32]
 
 _EDGE_M: Final = 1e-6
+_PROBE_M: Final = 2e-6
 # Odd angles, so that no probe around a centre lies on an edge that the centre lies on.
-_PROBES: Final = 2e-6 * np.stack(
+_PROBES: Final = _PROBE_M * np.stack(
     [np.cos(0.123 + np.arange(8) * math.pi / 4), np.sin(0.123 + np.arange(8) * math.pi / 4)],
     axis=1,
 )
@@ -56,7 +59,7 @@ class TruthMap:
     blocked: Mask
     reachable: Mask
     on_edge: Mask
-    heights_m: np.ndarray[tuple[int, int], np.dtype[np.float32]]
+    heights_m: Heights
     area_weight: Floats
     rule: str
 
@@ -128,9 +131,7 @@ def _overlap(origin: float, side: float, count: int, low: float, high: float) ->
     return np.asarray(np.clip(np.round(share, 9), 0.0, 1.0))
 
 
-def _heights_by_centre(
-    world: WorldMap, geometry: GridGeometry
-) -> tuple[np.ndarray[tuple[int, int], np.dtype[np.float32]], Mask]:
+def _heights_by_centre(world: WorldMap, geometry: GridGeometry) -> tuple[Heights, Mask]:
     """Heights of solids at the cell centres, and which centres lie on an edge."""
     heights = np.zeros(geometry.shape, dtype=np.float32)
     near_edge = np.zeros(geometry.shape, dtype=np.bool_)
@@ -143,8 +144,7 @@ def _heights_by_centre(
         near_edge[window] |= _near_edges(solid.corners_m, points)
     heights[~contains(world.boundary_m, centers)] = world.ceiling_m
     near_edge |= _near_edges(world.boundary_m, centers)
-    for row, col in np.argwhere(near_edge):
-        heights[row, col] = _height_around(world, centers[row, col])
+    heights[near_edge] = _heights_around(world, centers[near_edge])
     return heights, near_edge
 
 
@@ -156,37 +156,34 @@ def _near_edges(corners_m: Floats, points_m: Floats) -> Mask:
     return near
 
 
-def _height_around(world: WorldMap, point_m: Floats) -> float:
-    """Height at a point on an edge: 0 unless solids surround it (a seam between two of them)."""
-    probes = point_m + _PROBES
+def _heights_around(world: WorldMap, points_m: Floats) -> Floats:
+    """Heights at points (N, 2) on edges: 0 unless solids surround them (a seam between two)."""
+    probes = points_m[:, None] + _PROBES
     tops = np.where(contains(world.boundary_m, probes), 0.0, world.ceiling_m)
     for solid in world.solids:
-        if edge_distance_m(solid.corners_m, point_m[None])[0] < 1e-3 or bool(
-            contains(solid.corners_m, point_m[None])[0]
-        ):
-            tops = np.maximum(tops, np.where(contains(solid.corners_m, probes), solid.height_m, 0))
-    return float(tops.min()) and float(tops.max())
+        low = solid.corners_m.min(axis=0) - 2 * _PROBE_M
+        high = solid.corners_m.max(axis=0) + 2 * _PROBE_M
+        near = np.flatnonzero(((points_m >= low) & (points_m <= high)).all(axis=1))
+        inside = contains(solid.corners_m, probes[near])
+        tops[near] = np.maximum(tops[near], np.where(inside, solid.height_m, 0.0))
+    return np.asarray(np.where((tops > 0.0).all(axis=1), tops.max(axis=1), 0.0))
 
 
 def _raise_touched(
     world: WorldMap,
     geometry: GridGeometry,
-    heights: np.ndarray[tuple[int, int], np.dtype[np.float32]],
+    heights: Heights,
 ) -> None:
     """Raise every cell of which a solid covers some area."""
-    solids = (*world.solids, Solid("boundary", world.boundary_m, world.ceiling_m))
-    for solid in solids:
-        window = _window(geometry, solid.corners_m)
-        touched = np.zeros(geometry.shape, dtype=np.bool_)
-        _mark_crossed(
+    for solid in (*world.solids, Solid("boundary", world.boundary_m, world.ceiling_m)):
+        _raise_crossed(
             np.ascontiguousarray(edges_m(solid.corners_m)),
             geometry.origin_x_m,
             geometry.origin_y_m,
             geometry.resolution_m,
-            touched,
+            solid.height_m,
+            heights,
         )
-        part = heights[window]
-        part[touched[window]] = np.maximum(part[touched[window]], solid.height_m)
 
 
 def _window(geometry: GridGeometry, corners_m: Floats) -> tuple[slice, slice]:
@@ -213,11 +210,16 @@ def _mark_near(edges: Floats, points: Floats, radius: float, near: Mask) -> None
 
 
 @njit(cache=True, nogil=True)
-def _mark_crossed(
-    edges: Floats, origin_x: float, origin_y: float, side: float, touched: Mask
+def _raise_crossed(
+    edges: Floats,
+    origin_x: float,
+    origin_y: float,
+    side: float,
+    height: float,
+    heights: Heights,
 ) -> None:
-    """Mark cells whose open square an edge passes."""
-    rows, cols = touched.shape
+    """Raise cells whose open square an edge passes."""
+    rows, cols = heights.shape
     for e in range(len(edges)):
         x, y = edges[e, 0], edges[e, 1]
         ex, ey = edges[e, 2] - x, edges[e, 3] - y
@@ -230,7 +232,7 @@ def _mark_crossed(
                 left = origin_x + col * side + _SHRINK_M
                 low = origin_y + row * side + _SHRINK_M
                 if _passes(x - left, y - low, ex, ey, side - 2.0 * _SHRINK_M):
-                    touched[row, col] = True
+                    heights[row, col] = max(heights[row, col], height)
 
 
 @njit(cache=True, nogil=True)
