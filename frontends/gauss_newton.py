@@ -146,11 +146,12 @@ def _along(points: Floats, i: int, direction: int) -> int:
     k = i
     while 0 <= k + direction < len(points):
         n = k + direction
-        gap = math.hypot(points[n, 0] - points[k, 0], points[n, 1] - points[k, 1])
-        if gap > _NEAR_GAP_M and k != i:
+        dx, dy = points[n, 0] - points[k, 0], points[n, 1] - points[k, 1]
+        if k != i and dx * dx + dy * dy > _NEAR_GAP_M**2:
             break
         k = n
-        if math.hypot(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]) > _REACH_M:
+        dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+        if dx * dx + dy * dy > _REACH_M**2:
             break
     return k
 

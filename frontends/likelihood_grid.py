@@ -20,6 +20,8 @@ from slarm_graph.geometry import Floats
 Grid = NDArray[np.float32]
 
 _REACH_SIGMAS = 3.0
+_TABLE_SIZE = 2048
+_FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +75,6 @@ def add_segments(grid: LikelihoodGrid, segments: Floats) -> bool:
         grid.origin_x_m,
         grid.origin_y_m,
         grid.resolution_m,
-        grid.sigma_m,
         reach,
         segments,
     )
@@ -130,12 +131,11 @@ def _splat(
     origin_x: float,
     origin_y: float,
     resolution: float,
-    sigma: float,
     reach: float,
     segments: Floats,
 ) -> None:
     """Raise every cell near a segment to the likelihood of its distance."""
-    scale = -0.5 / (sigma * sigma)
+    scale = (_TABLE_SIZE - 1) / (reach * reach)
     for k in range(len(segments)):
         x0, y0, x1, y1 = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         dx, dy = x1 - x0, y1 - y0
@@ -154,7 +154,8 @@ def _splat(
                 ex, ey = px - along * dx, py - along * dy
                 d2 = ex * ex + ey * ey
                 if d2 < reach * reach:
-                    values[row, col] = max(values[row, col], np.float32(math.exp(scale * d2)))
+                    likelihood = _FALL_OFF[int(d2 * scale + 0.5)]
+                    values[row, col] = max(values[row, col], likelihood)
 
 
 @njit(cache=True, nogil=True, inline="always")
