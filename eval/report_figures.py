@@ -22,6 +22,13 @@ _MAX_GAIN_CELLS = 90_000
 _MAX_PATH_POINTS = 4_000
 _FREE, _UNKNOWN, _OCCUPIED = 255, 226, 40
 
+RAW_ODOMETRY, GROUND_TRUTH = "raw odometry", "ground truth"
+_ESTIMATE = {"color": "#1f5fbf", "width": 2}
+_STYLES = {
+    RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
+    GROUND_TRUTH: {"color": "#9ad9b0", "width": 5},
+}
+
 
 def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
     """Return the map as a picture's data address, made coarser where it is large.
@@ -44,13 +51,15 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
 
 
 def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory]) -> str:
-    """Return trajectories by name over the map; the second can be switched on in the legend."""
+    """Return trajectories by name over the map, the first on top.
+
+    Raw odometry is there to be switched on in the legend.
+    """
     picture, geometry = map_picture(grid)
     fig = go.Figure()
     _put_map_below(fig, picture, geometry)
-    styles = ({"color": "#1f5fbf", "width": 2}, {"color": "#c26a1b", "width": 1, "dash": "dot"})
-    for index, (name, trajectory) in enumerate(trajectories.items()):
-        style = styles[index] if index < len(styles) else {"color": "#2a9d5c", "width": 1.5}
+    for name, trajectory in reversed(trajectories.items()):
+        style = _STYLES.get(name, _ESTIMATE)
         step = max(1, math.ceil(len(trajectory) / _MAX_PATH_POINTS))
         x, y = trajectory.poses[::step, 0], trajectory.poses[::step, 1]
         seconds = (trajectory.stamps_ns[::step] - trajectory.stamps_ns[0]) * 1e-9
@@ -62,7 +71,7 @@ def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory
             line=style,
             customdata=_single(seconds),
             hovertemplate="%{x:.2f}, %{y:.2f} m<br>%{customdata:.1f} s<extra>" + name + "</extra>",
-            visible=True if index != 1 else "legendonly",
+            visible="legendonly" if name == RAW_ODOMETRY else True,
         )
     _put_ends(fig, next(iter(trajectories.values())))
     _metric_axes(fig, geometry)

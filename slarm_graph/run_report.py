@@ -8,6 +8,7 @@ from slarm_graph.config_files import config_yaml
 from slarm_graph.eval.assessment import References, ground_truth_in_map
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
+from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY
 from slarm_graph.geometry import Pose2
 from slarm_graph.job import Run
 from slarm_graph.outputs import save_trajectory
@@ -60,9 +61,9 @@ def _trajectories(run: Run, references: References) -> dict[str, Trajectory]:
         map_from_odom = Pose2.from_array(estimate.at(odometry.stamps_ns[:1])[0]) @ (
             Pose2.from_array(odometry.poses[0]).inverse()
         )
-        paths["raw odometry"] = odometry.transformed(map_from_odom)
+        paths[RAW_ODOMETRY] = odometry.transformed(map_from_odom)
     if references.ground_truth is not None:
-        paths["ground truth"] = ground_truth_in_map(references.ground_truth, estimate)
+        paths[GROUND_TRUTH] = ground_truth_in_map(references.ground_truth, estimate)
     return paths
 
 
