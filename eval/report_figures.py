@@ -58,7 +58,7 @@ def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory
     picture, geometry = map_picture(grid)
     fig = go.Figure()
     _put_map_below(fig, picture, geometry)
-    for name, trajectory in reversed(trajectories.items()):
+    for name, trajectory in reversed(list(trajectories.items())):
         style = _STYLES.get(name, _ESTIMATE)
         step = max(1, math.ceil(len(trajectory) / _MAX_PATH_POINTS))
         x, y = trajectory.poses[::step, 0], trajectory.poses[::step, 1]

@@ -23,9 +23,7 @@ STAMP_NS = 1_700_000_000_123_456_789
 def spiral(count: int = 60) -> Trajectory:
     angle = np.linspace(-3.2, 3.2, count)
     stamps = STAMP_NS + np.arange(count) * 100_000_007
-    return Trajectory(
-        stamps, np.column_stack([np.cos(angle), angle, 2 * angle])
-    )
+    return Trajectory(stamps, np.column_stack([np.cos(angle), angle, 2 * angle]))
 
 
 def written(tmp_path: Path, text: str | bytes, name: str = "t.tum") -> Path:
