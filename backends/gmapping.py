@@ -193,6 +193,7 @@ class GmappingBackend:
             self._points(scan, robot_from_laser),
             between(state.local[state.updates[-1]], state.local[-1]),
             covariance + state.unmatched,
+            bool(state.unmatched.any()),
         )
 
     def _points(self, scan: TrackedScan, robot_from_laser: Pose2) -> Floats:
@@ -208,10 +209,10 @@ class GmappingBackend:
     def _propose(self, measurement: Measurement) -> tuple[Floats, Floats]:
         """Draw poses and gains in log weight, particles shared out to threads."""
         state, config = self._state, self._config
-        normals = self._rng.standard_normal(state.poses.shape)
+        normals = self._rng.standard_normal((len(state.poses), 6))
         if not config.proposal.improved:
             poses = draw_motion(
-                state.poses, measurement.motion, measurement.motion_covariance, normals
+                state.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
             )
             return poses, weigh(state.maps, measurement.points, config, poses)
         jobs = [

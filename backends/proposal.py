@@ -52,11 +52,15 @@ class Measurement:
         Pose of the robot now in its frame at the update before [m, m, rad].
     motion_covariance : (3, 3) float64
         Of `motion`, in the body frame now.
+    is_lost : bool
+        The frontend could not follow all of the motion, so the climb to the peak starts from
+        draws of the motion model, another for every particle, instead of from its mean.
     """
 
     points: Floats
     motion: Floats
     motion_covariance: Floats
+    is_lost: bool = False
 
 
 def propose(
@@ -76,8 +80,8 @@ def propose(
     config : GmappingConfig
     poses : (P, 3) float64
         At the update before.
-    normals : (P, 3) float64
-        Standard normal draws.
+    normals : (P, 6) float64
+        Standard normal draws: three for the pose and three for where a lost particle starts.
     """
     new_poses, log_weights = np.empty((len(poses), 3)), np.empty(len(poses))
     likelihood, proposal = config.likelihood, config.proposal
@@ -89,7 +93,8 @@ def propose(
         measurement.points,
         poses,
         measurement.motion,
-        np.asarray(np.linalg.inv(measurement.motion_covariance), dtype=np.float64),
+        measurement.motion_covariance,
+        measurement.is_lost,
         normals,
         body_centred_lattice(proposal.lattice_radius),
         likelihood.sigma_m,
@@ -150,7 +155,8 @@ def _propose(
     points: Floats,
     poses: Floats,
     motion: Floats,
-    information: Floats,
+    motion_covariance: Floats,
+    is_lost: bool,
     normals: Floats,
     lattice: Floats,
     sigma: float,
@@ -163,11 +169,16 @@ def _propose(
     lines = np.zeros((len(points), 5))
     miss = log_of_miss(kernel, resolution, sigma)
     log_density, mean, covariance = np.empty(len(lattice)), np.empty(3), np.empty((3, 3))
+    information = np.linalg.inv(motion_covariance).astype(np.float64)
+    scatter = np.linalg.cholesky(motion_covariance)
+    if not is_lost:
+        scatter[:] = 0.0
     for p in range(len(poses)):
         predicted = moved(poses[p], motion)
         prior = in_map_axes(information, predicted[2])
+        start = moved(predicted, scatter @ normals[p, 3:])
         peak, hessian = find_peak(
-            tables[p], corner, cells, resolution, kernel, points, predicted, prior,
+            tables[p], corner, cells, resolution, kernel, points, start, predicted, prior,
             sigma, gain, iterations, lines,
         )  # fmt: skip
         root = np.linalg.cholesky(np.linalg.inv(hessian))
@@ -179,7 +190,7 @@ def _propose(
             log_density[j] = gain * log_likelihood(points, lines, x, sigma, miss)
             log_density[j] -= 0.5 * quadratic(prior, e)
         log_sum = gaussian_of(offsets, log_density, mean, covariance)
-        new_poses[p] = peak + mean + np.linalg.cholesky(covariance) @ normals[p]
+        new_poses[p] = peak + mean + np.linalg.cholesky(covariance) @ normals[p, :3]
         new_poses[p, 2] = math.atan2(math.sin(new_poses[p, 2]), math.cos(new_poses[p, 2]))
         # eq. (8): the sum stands for an integral, so the volume of a lattice cell belongs to it,
         # and the normalisation of the motion's density
@@ -224,6 +235,7 @@ def find_peak(
     resolution: float,
     kernel: int,
     points: Floats,
+    start: Floats,
     predicted: Floats,
     prior: Floats,
     sigma: float,
@@ -235,7 +247,7 @@ def find_peak(
 
     `lines` is left with what every point was matched to at the peak.
     """
-    peak, hessian, gradient = predicted.copy(), np.empty((3, 3)), np.empty(3)
+    peak, hessian, gradient = start.copy(), np.empty((3, 3)), np.empty(3)
     for _ in range(iterations):
         associate(table, corner, cells, resolution, kernel, points, peak, lines)
         hessian[:] = prior

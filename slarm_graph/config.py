@@ -150,10 +150,13 @@ class ParticleLikelihoodConfig(Stage):
 
     sigma_m: float = Field(default=0.03, gt=0)
     """Scale of the distance between a return and the wall it belongs to."""
-    beam_information: float = Field(default=0.1, gt=0, le=1)
+    beam_information: float = Field(default=0.3, gt=0, le=1)
     """Share of a beam's information that neighbouring beams do not repeat."""
-    ogain: float = Field(default=3.0, gt=0)
-    """Log weights are divided by it, because the map's errors are shared by many scans."""
+    ogain: float = Field(default=9.0, gt=0)
+    """Log weights are divided by it, because the map's errors are shared by many scans.
+
+    gmapping's default of 3 belongs to a likelihood in other units.
+    """
     lskip: int = Field(default=0, ge=0)
     """Beams left out between two that count."""
     max_range_m: float | None = Field(default=None, gt=0)

@@ -98,7 +98,7 @@ def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:
     truth = np.array([0.31, 0.06, 0.11])
     maps, points, lines = room_maps(), seen_from(truth), np.zeros((400, 5))
     peak, _ = find_peak(
-        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, MOTION,
+        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, MOTION, MOTION,
         1e-3 * np.linalg.inv(COVARIANCE), 0.03, 0.2, 20, lines,
     )  # fmt: skip
     assert np.allclose(peak, truth, atol=2e-3)
@@ -106,10 +106,8 @@ def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:
 
 def test_eq_7_without_a_map_the_motion_decides() -> None:
     maps = ParticleMaps.empty(1, RESOLUTION_M)
-    still = np.zeros((1, 3))
-    pose, _ = propose(
-        maps, Measurement(seen_from(MOTION), MOTION, COVARIANCE), CONFIG, still, still
-    )
+    measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
+    pose, _ = propose(maps, measurement, CONFIG, np.zeros((1, 3)), np.zeros((1, 6)))
     assert np.allclose(pose[0], MOTION, atol=1e-9)
 
 
@@ -117,8 +115,8 @@ def test_eq_8_is_the_integral_over_the_motion() -> None:
     """With nothing in the map p(o | m, x) is the same everywhere, so the integral is it."""
     maps, points = ParticleMaps.empty(1, RESOLUTION_M), seen_from(MOTION)
     fine = CONFIG.model_copy(update={"proposal": ProposalConfig(lattice_radius=5.0)})
-    still = np.zeros((1, 3))
-    _, gained = propose(maps, Measurement(points, MOTION, COVARIANCE), fine, still, still)
+    measurement = Measurement(points, MOTION, COVARIANCE)
+    _, gained = propose(maps, measurement, fine, np.zeros((1, 3)), np.zeros((1, 6)))
     expected = 0.2 * len(points) * log_of_miss(1, RESOLUTION_M, 0.03)
     assert np.isclose(gained[0], expected, atol=2e-3)
 
@@ -127,7 +125,7 @@ def test_eq_8_prefers_the_particle_whose_map_fits() -> None:
     maps = room_maps(2)
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.2, 0.0]])
     measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
-    _, gained = propose(maps, measurement, CONFIG, poses, np.zeros((2, 3)))
+    _, gained = propose(maps, measurement, CONFIG, poses, np.zeros((2, 6)))
     assert gained[0] > gained[1] + 10.0
 
 
@@ -161,10 +159,10 @@ def test_poses_are_drawn_from_the_proposal() -> None:
     maps = room_maps()
     maps.tables = np.repeat(maps.tables, count, axis=0)
     measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
-    normals = np.random.default_rng(0).standard_normal((count, 3))
+    normals = np.random.default_rng(0).standard_normal((count, 6))
     few = CONFIG.model_copy(update={"proposal": ProposalConfig(iterations=3)})
     drawn, _ = propose(maps, measurement, few, np.zeros((count, 3)), normals)
-    mu, _ = propose(maps, measurement, few, np.zeros((1, 3)), np.zeros((1, 3)))
+    mu, _ = propose(maps, measurement, few, np.zeros((1, 3)), np.zeros((1, 6)))
     sigma = drawn.std(axis=0)
     assert (np.abs(drawn.mean(axis=0) - mu[0]) < 4.0 * sigma / np.sqrt(count)).all()
     assert (sigma < np.sqrt(np.diag(COVARIANCE))).all()
@@ -182,3 +180,13 @@ def test_eq_5_and_6_weigh_by_the_likelihood() -> None:
         expected = log_likelihood(points, lines, pose, 0.03, log_of_miss(1, RESOLUTION_M, 0.03))
         assert np.isclose(gain, 0.2 * expected)
     assert gained[0] > gained[1]
+
+
+def test_after_a_motion_not_followed_some_of_the_particles_find_the_place() -> None:
+    truth = compose(MOTION, np.array([0.25, -0.2, 0.1]))
+    covariance = np.diag([0.25, 0.25, 0.12]) ** 2
+    maps = room_maps(60)
+    normals = np.random.default_rng(0).standard_normal((60, 6))
+    measurement = Measurement(seen_from(truth), MOTION, covariance, is_lost=True)
+    poses, gained = propose(maps, measurement, CONFIG, np.zeros((60, 3)), normals)
+    assert np.allclose(poses[np.argmax(gained)], truth, atol=0.03)
