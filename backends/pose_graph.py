@@ -85,14 +85,14 @@ class PoseGraphBackend:
         """
         if not self._graph.keyframes:
             raise RunFailed("no scan had enough returns to be matched; see scans.csv")
-        weights = self._graph.settle(self._heartbeat)
+        graph, weights = self._graph.settle(self._heartbeat)
         local = np.array([pose.as_array() for pose in self._local])
         poses = self._graph.corrected(local)
         trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
         self._heartbeat("rendering the map")
         grid = render(self._scans, trajectory, self._config.mapping)
         table = self._closure_table(weights)
-        return SlamResult(trajectory, grid, self._graph.pose_graph(), (table,))
+        return SlamResult(trajectory, grid, graph, (table,))
 
     def snapshot(self) -> bytes:
         """Return the state; GTSAM objects live only within calls, so plain pickling does."""

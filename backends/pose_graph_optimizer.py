@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -21,6 +22,7 @@ from slarm_graph.geometry import Floats
 _LOG = logging.getLogger(__name__)
 _EIGENVALUES = (1e-12, 1e6)
 _ANCHOR_SIGMA = 1e-6
+_HUBER = 1.345
 
 
 class Kernel(StrEnum):
@@ -43,7 +45,7 @@ class Optimized:
         Sum of squared whitened residuals, dampened by the kernel or multiplied by `weights`.
     iterations : int
     weights : (M,) float64
-        Share with which each constraint counted, 0 (rejected) to 1.
+        Share with which each constraint counted by kernel or GNC, 0 (rejected) to 1.
     """
 
     poses: Floats
@@ -56,6 +58,7 @@ def optimize(
     graph: PoseGraph,
     *,
     kernel: Kernel = Kernel.NONE,
+    slip_sigmas: float = math.inf,
     max_iterations: int = 100,
     tolerance: float = 1e-8,
     heartbeat: Heartbeat = silent,
@@ -68,6 +71,9 @@ def optimize(
         Connected; covariances finite, symmetric, eigenvalues within [1e-12, 1e6].
     kernel : Kernel
         Robust kernel of the loop closures.
+    slip_sigmas : float
+        Width of a Cauchy kernel on everything else, for lidar odometry that may slip; infinite
+        for none.
     max_iterations : int
     tolerance : float
         Relative decrease of the error below which it has converged.
@@ -81,10 +87,15 @@ def optimize(
     RunFailed
         When no factorisation succeeds or the result is not finite.
     """
-    factors = _factors(graph, kernel)
+    factors = _factors(graph, kernel, slip_sigmas)
     values, iterations = _minimise(factors, graph.poses, (max_iterations, tolerance), heartbeat)
     poses = np.asarray(gtsam.utilities.extractPose2(values), dtype=np.float64).reshape(-1, 3)
-    weights = np.ones(len(graph.constraints))
+    losses = np.array([factors.at(k).error(values) for k in range(len(graph.constraints))])
+    weights = np.where(
+        [_is_closure(c) for c in graph.constraints],
+        _weight(losses, kernel, 1.0),
+        _weight(losses, Kernel.CAUCHY if slip_sigmas < math.inf else Kernel.NONE, slip_sigmas),
+    )
     return Optimized(poses, 2.0 * factors.error(values), iterations, weights)
 
 
@@ -128,7 +139,7 @@ def optimize_gnc(
     suspects = [k for k, c in enumerate(graph.constraints) if _is_closure(c)]
     if not suspects:
         return optimize(graph, heartbeat=heartbeat)
-    factors = _factors(graph, Kernel.NONE)
+    factors = _factors(graph)
     inliers = np.setdiff1d(np.arange(factors.size()), suspects)
     lm = _parameters(50)
     lm.iterationHook = lambda *_: heartbeat("weighing loop closures")
@@ -147,12 +158,12 @@ def optimize_gnc(
 
 def chi2(graph: PoseGraph) -> float:
     """Sum of squared whitened residuals of the graph at its own poses."""
-    return 2.0 * float(_factors(graph, Kernel.NONE).error(_values(graph.poses)))
+    return 2.0 * float(_factors(graph).error(_values(graph.poses)))
 
 
 def chi2_each(graph: PoseGraph) -> Floats:
     """Squared whitened residual (M,) of every constraint at the graph's own poses."""
-    factors, values = _factors(graph, Kernel.NONE), _values(graph.poses)
+    factors, values = _factors(graph), _values(graph.poses)
     return np.array([2.0 * factors.at(k).error(values) for k in range(len(graph.constraints))])
 
 
@@ -169,7 +180,7 @@ def marginal_covariances(graph: PoseGraph, indices: Sequence[int]) -> list[Float
     params.setFactorization("QR")
     smoother = gtsam.ISAM2(params)
     try:
-        smoother.update(_factors(graph, Kernel.NONE), _values(graph.poses))
+        smoother.update(_factors(graph), _values(graph.poses))
         return [np.array(smoother.marginalCovariance(int(k))) for k in indices]
     except RuntimeError as error:
         raise RunFailed(f"the covariances of the pose graph are indeterminate: {error}") from error
@@ -198,16 +209,21 @@ def _is_closure(constraint: Constraint) -> bool:
     return constraint.kind is ConstraintKind.LOOP_CLOSURE
 
 
-def _factors(graph: PoseGraph, kernel: Kernel) -> gtsam.NonlinearFactorGraph:
+def _factors(
+    graph: PoseGraph, kernel: Kernel = Kernel.NONE, slip_sigmas: float = math.inf
+) -> gtsam.NonlinearFactorGraph:
     """Constraint k becomes factor k; the prior that holds pose 0 comes last."""
     if not np.isfinite(graph.poses).all():
         raise ValueError("a pose of the graph is not finite")
     _check_all(graph.constraints)
+    closure_estimator = _estimator(kernel)
+    step_estimator = _estimator(Kernel.CAUCHY, slip_sigmas) if slip_sigmas < math.inf else None
     factors = gtsam.NonlinearFactorGraph()
     for c in graph.constraints:
         noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Covariance(c.covariance)
-        if _is_closure(c) and kernel is not Kernel.NONE:
-            noise = gtsam.noiseModel.Robust.Create(_estimator(kernel), noise)
+        estimator = closure_estimator if _is_closure(c) else step_estimator
+        if estimator is not None:
+            noise = gtsam.noiseModel.Robust.Create(estimator, noise)
         measured = gtsam.Pose2(c.i_from_j.x, c.i_from_j.y, c.i_from_j.theta)
         factors.add(gtsam.BetweenFactorPose2(c.i, c.j, measured, noise))
     anchor = gtsam.noiseModel.Isotropic.Sigma(3, _ANCHOR_SIGMA)
@@ -233,10 +249,22 @@ def _check_all(constraints: Sequence[Constraint]) -> None:
         raise ValueError(f"constraint {k} ({c.i} to {c.j}) is not finite: {c.i_from_j}")
 
 
-def _estimator(kernel: Kernel) -> gtsam.noiseModel.mEstimator.Base:
+def _estimator(kernel: Kernel, cauchy: float = 1.0) -> gtsam.noiseModel.mEstimator.Base | None:
+    if kernel is Kernel.NONE:
+        return None
     if kernel is Kernel.HUBER:
-        return gtsam.noiseModel.mEstimator.Huber.Create(1.345)
-    return gtsam.noiseModel.mEstimator.Cauchy.Create(1.0)
+        return gtsam.noiseModel.mEstimator.Huber.Create(_HUBER)
+    return gtsam.noiseModel.mEstimator.Cauchy.Create(cauchy)
+
+
+def _weight(losses: Floats, kernel: Kernel, cauchy: float) -> Floats:
+    """Weights that kernels gave, from the losses they left."""
+    if kernel is Kernel.NONE:
+        return np.ones(len(losses))
+    if kernel is Kernel.HUBER:
+        return np.minimum(1.0, _HUBER / (losses / _HUBER + 0.5 * _HUBER))
+    # The loss is k^2 / 2 log(1 + r^2 / k^2), the weight 1 / (1 + r^2 / k^2).
+    return np.asarray(np.exp(-2.0 * losses / cauchy**2))
 
 
 def _values(poses: Floats) -> gtsam.Values:

@@ -5,16 +5,15 @@
 from __future__ import annotations
 
 import math
-from array import array
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import dijkstra
 
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
+from slarm_graph.backends.graph_reach import GraphReach
+from slarm_graph.backends.graph_settling import SLIP_SIGMAS, Settled, settle
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.loop_closure import Closure, Expectations
@@ -24,8 +23,6 @@ from slarm_graph.geometry import Floats, Pose2, between, compose, transform_poin
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 _CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
-_HEADING_VARIANCE_PER_M = 2e-5
-_POSITION_VARIANCE_PER_M = 1e-4
 _LOCAL_NODES = 200
 _FULL_GROWTH = 1.1
 _VIEW_REACH_M = 3.0
@@ -51,14 +48,11 @@ class SubmapGraph:
         self.closures: list[Closure] = []
         self._pending = 0
         self._surprising = False
-        self._link_at: dict[tuple[int, int], int] = {}
-        self._link_ends = array("q")
-        self._link_lengths = array("d")
+        self._reach = GraphReach()
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
-        self._reach: Floats | None = None
-        self._settled: Floats | None = None
+        self._settled: Settled | None = None
 
     def add(self, keyframe: Keyframe) -> None:
         """Append a keyframe; begin a node and finish a submap when they are due."""
@@ -104,7 +98,7 @@ class SubmapGraph:
         here = (self.map_from_local() @ self.keyframes[-1].local_from_robot).as_array()
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
-        sigma_m, sigma_rad = self._uncertainty(count)
+        sigma_m, sigma_rad = (s[:count] for s in self._reach.sigmas(len(self._nodes)))
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
         reach = np.minimum(3.0 * sigma_m, self._config.loops.window_m)
@@ -132,9 +126,9 @@ class SubmapGraph:
                 continue
             edge = self._edge(closure)
             self._edges.append(edge)
-            self._link(edge)
+            self._reach.add(edge)
             if closure.searched:
-                self._reach = None
+                self._reach.outdate()
             self._pending += 1
             believed = between(self._nodes[edge.i], self._nodes[edge.j])
             away = between(believed, edge.i_from_j.as_array())
@@ -143,19 +137,23 @@ class SubmapGraph:
         if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
-    def settle(self, heartbeat: Heartbeat = silent) -> Floats:
-        """Optimise with graduated non-convexity; return the weight (C,) of every closure met.
+    def settle(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
+        """Decide which closures to believe, and optimise with those.
 
-        Odometry is trusted; closures turned down earlier weigh 0.
+        Returns
+        -------
+        graph : PoseGraph
+            What the result rests on.
+        weights : (C,) float64
+            Of every closure met; 0 for those turned down before.
         """
         if self._settled is None:
-            found = optimizer.optimize_gnc(self.pose_graph(), heartbeat=heartbeat)
-            self._nodes = list(found.poses)
-            is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
-            weights = np.zeros(len(self.closures))
-            weights[[not c.reason for c in self.closures]] = found.weights[is_closure]
-            self._settled = weights
-        return self._settled
+            self._settled = settle(self.pose_graph(), heartbeat)
+            self._nodes = list(self._settled.graph.poses)
+        is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
+        weights = np.zeros(len(self.closures))
+        weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
+        return self._settled.graph, weights
 
     def _begin_node(self, k: int) -> None:
         if not self._nodes:
@@ -168,8 +166,7 @@ class SubmapGraph:
         node = len(self._nodes) - 1
         edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
         self._edges.append(edge)
-        self._link(edge)
-        self._reach = None
+        self._reach.add(edge)
 
     def _accumulated(self, k: int) -> Floats:
         """Covariance of keyframe k as seen from the anchor one node earlier, in k's body frame."""
@@ -196,42 +193,6 @@ class SubmapGraph:
         covariance = 0.5 * (covariance + covariance.T)
         return Constraint(closure.submap, node, measured, covariance, ConstraintKind.LOOP_CLOSURE)
 
-    def _uncertainty(self, count: int) -> tuple[Floats, Floats]:
-        """Standard deviations of position [m] and heading [rad] of the newest node from others.
-
-        Both grow with the shortest path through the graph: variances add along it, and heading
-        errors turn into position errors with its length.
-        """
-        if self._reach is None:
-            self._reach = self._path_lengths()
-        length_m = self._reach[:count]
-        heading = _HEADING_VARIANCE_PER_M * length_m
-        position = _POSITION_VARIANCE_PER_M * length_m + heading * (0.25 * length_m) ** 2
-        return np.sqrt(position), np.sqrt(heading)
-
-    def _path_lengths(self) -> Floats:
-        """Shortest paths (N,) [m] from the newest node; doubtful constraints count as long."""
-        count = len(self._nodes)
-        ends = np.frombuffer(self._link_ends, dtype=np.int64).reshape(-1, 2)
-        lengths = np.frombuffer(self._link_lengths)
-        links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
-        return np.asarray(dijkstra(links, directed=False, indices=count - 1))
-
-    def _link(self, edge: Constraint) -> None:
-        """Remember the surest constraint between two nodes as a length of path."""
-        c = edge.covariance
-        length = max(
-            float(c[2, 2]) / _HEADING_VARIANCE_PER_M,
-            float(c[0, 0] + c[1, 1]) / _POSITION_VARIANCE_PER_M,
-        )
-        if edge.kind is ConstraintKind.ODOMETRY:
-            length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
-        at = self._link_at.setdefault((edge.i, edge.j), len(self._link_lengths))
-        if at == len(self._link_lengths):
-            self._link_ends.extend((edge.i, edge.j))
-            self._link_lengths.append(length)
-        self._link_lengths[at] = min(self._link_lengths[at], length)
-
     def _optimize(self, heartbeat: Heartbeat) -> None:
         """Optimise everything when the graph is small or has grown by a tenth, else its end.
 
@@ -244,7 +205,11 @@ class SubmapGraph:
         else:
             graph, first = self._latest(_LOCAL_NODES // 2), count - _LOCAL_NODES // 2
         found = optimizer.optimize(
-            graph, kernel=optimizer.Kernel.CAUCHY, tolerance=1e-4, heartbeat=heartbeat
+            graph,
+            kernel=optimizer.Kernel.CAUCHY,
+            slip_sigmas=SLIP_SIGMAS,
+            tolerance=1e-4,
+            heartbeat=heartbeat,
         )
         self._nodes[first:] = list(found.poses[1:] if first else found.poses)
         self._pending = 0

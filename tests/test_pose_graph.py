@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slarm_graph.backends.graph_settling import settle
 from slarm_graph.backends.pose_graph import PoseGraphBackend
-from slarm_graph.backends.pose_graph_optimizer import optimize_gnc
 from slarm_graph.backends.submap_graph import spread
 from slarm_graph.config import LidarConfig, RunConfig, SimulationConfig, SourceConfig, WheelConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -93,8 +93,7 @@ def test_closures_are_listed_and_in_the_graph(finished: PoseGraphBackend) -> Non
     assert result.pose_graph is not None
     verdicts = [row[table.columns.index("verdict")] for row in table.rows]
     closures = [c for c in result.pose_graph.constraints if c.kind is ConstraintKind.LOOP_CLOSURE]
-    assert sum(v in ("accepted", "outvoted by the graph") for v in verdicts) == len(closures)
-    assert "accepted" in verdicts
+    assert 0 < verdicts.count("accepted") == len(closures)
 
 
 def test_same_readings_give_the_same_bytes(lap: Drive, finished: PoseGraphBackend) -> None:
@@ -134,11 +133,12 @@ def test_injected_false_closures_change_little() -> None:
     assert graph is not None
     anchors = backend._graph.keyframes[:: RunConfig().pose_graph.node_keyframes]
     true_nodes = truth[[a.scan for a in anchors]]
-    clean = optimize_gnc(graph).poses
-    spoilt = optimize_gnc(with_false_closures(graph, share=0.3)).poses
-    reference = rmse_m(from_start(clean, true_nodes[0]), true_nodes)
-    error = rmse_m(from_start(spoilt, true_nodes[0]), true_nodes)
+    clean = settle(graph)
+    spoilt = settle(with_false_closures(graph, share=0.3))
+    reference = rmse_m(from_start(clean.graph.poses, true_nodes[0]), true_nodes)
+    error = rmse_m(from_start(spoilt.graph.poses, true_nodes[0]), true_nodes)
     assert error <= 1.2 * reference
+    assert spoilt.weights[len(graph.constraints) :].max() < 0.01
 
 
 def with_false_closures(graph: PoseGraph, *, share: float) -> PoseGraph:
@@ -152,6 +152,29 @@ def with_false_closures(graph: PoseGraph, *, share: float) -> PoseGraph:
         covariance = true[int(rng.integers(len(true)))].covariance
         false.append(Constraint(i, j, wrong, covariance, ConstraintKind.LOOP_CLOSURE))
     return replace(graph, constraints=graph.constraints + tuple(false))
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_slip_of_the_odometry_gives_way_to_closures(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    ring = np.array([[np.cos(a), np.sin(a), a + np.pi / 2] for a in np.linspace(0, 12.5, 120)])
+    truth = ring * [8.0, 8.0, 1.0]
+    covariance = np.diag([0.01, 0.01, 0.004]) ** 2
+    constraints = []
+    for i, j in [(k, k + 1) for k in range(119)] + [(k, k + 60) for k in range(60)]:
+        noise = rng.normal(size=3) * [0.01, 0.01, 0.004]
+        measured = Pose2.from_array(compose(between(truth[i], truth[j]), noise))
+        kind = ConstraintKind.ODOMETRY if j == i + 1 else ConstraintKind.LOOP_CLOSURE
+        constraints.append(Constraint(i, j, measured, covariance, kind))
+    constraints[80] = replace(
+        constraints[80], i_from_j=constraints[80].i_from_j @ Pose2(-0.4, 0.0, 0.0)
+    )
+    poses = [truth[0]]
+    for c in constraints[:119]:
+        poses.append(compose(poses[-1], c.i_from_j.as_array()))
+    found = settle(PoseGraph(np.array(poses), tuple(constraints)))
+    assert rmse_m(found.graph.poses, truth) < 0.06
+    assert np.mean(found.weights > 0.5) > 0.95
 
 
 def test_blind_scans_are_refused_at_the_end() -> None:

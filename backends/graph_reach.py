@@ -1,0 +1,73 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure a graph is of where its nodes lie relative to each other."""
+
+from __future__ import annotations
+
+import math
+from array import array
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.csgraph import dijkstra
+
+from slarm_graph.constraint import Constraint, ConstraintKind
+from slarm_graph.geometry import Floats
+
+_HEADING_VARIANCE_PER_M = 2e-5
+_POSITION_VARIANCE_PER_M = 1e-4
+
+
+class GraphReach:
+    """Uncertainty between nodes from the shortest paths through the graph.
+
+    Every constraint has a length: that of the way driven, or longer where its covariance is larger
+    than such a way would make it. Heading and position variances grow with the length of a path,
+    and heading errors turn into position errors along it.
+    """
+
+    def __init__(self) -> None:
+        self._at: dict[tuple[int, int], int] = {}
+        self._ends = array("q")
+        self._lengths = array("d")
+        self._paths_m: Floats | None = None
+
+    def add(self, edge: Constraint) -> None:
+        """Take in a constraint; of parallel ones the surest counts."""
+        c = edge.covariance
+        length = max(
+            float(c[2, 2]) / _HEADING_VARIANCE_PER_M,
+            float(c[0, 0] + c[1, 1]) / _POSITION_VARIANCE_PER_M,
+        )
+        if edge.kind is ConstraintKind.ODOMETRY:
+            length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
+        at = self._at.setdefault((edge.i, edge.j), len(self._lengths))
+        if at == len(self._lengths):
+            self._ends.extend((edge.i, edge.j))
+            self._lengths.append(length)
+        self._lengths[at] = min(self._lengths[at], length)
+
+    def outdate(self) -> None:
+        """Have paths found anew when next asked."""
+        self._paths_m = None
+
+    def sigmas(self, count: int) -> tuple[Floats, Floats]:
+        """Standard deviations (N,) of position [m] and heading [rad] of the last of N nodes.
+
+        Parameters
+        ----------
+        count : int
+            Number of nodes N.
+        """
+        if self._paths_m is None or len(self._paths_m) != count:
+            self._paths_m = self._find_paths(count)
+        heading = _HEADING_VARIANCE_PER_M * self._paths_m
+        position = _POSITION_VARIANCE_PER_M * self._paths_m
+        position = position + heading * (0.25 * self._paths_m) ** 2
+        return np.sqrt(position), np.sqrt(heading)
+
+    def _find_paths(self, count: int) -> Floats:
+        ends = np.frombuffer(self._ends, dtype=np.int64).reshape(-1, 2)
+        lengths = np.frombuffer(self._lengths)
+        links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
+        return np.asarray(dijkstra(links, directed=False, indices=count - 1))
