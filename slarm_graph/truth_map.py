@@ -119,9 +119,12 @@ def area_weight(world: WorldMap, geometry: GridGeometry) -> Floats:
     )
 
 
-def world_grid_heights(world: WorldMap, geometry: GridGeometry) -> Floats:
-    """Heights (rows, cols) [m] of solids on any lattice by the centre rule; ceiling outside."""
-    return _heights_by_centre(world, geometry)[0].astype(np.float64)
+def solid_heights_m(world: WorldMap, geometry: GridGeometry, rule: Rule = "centre") -> Heights:
+    """Top of the highest solid per cell (rows, cols) [m] on any lattice; ceiling outside."""
+    heights, _ = _heights_by_centre(world, geometry)
+    if rule == "touched":
+        _raise_touched(world, geometry, heights)
+    return heights
 
 
 def _overlap(origin: float, side: float, count: int, low: float, high: float) -> Floats:

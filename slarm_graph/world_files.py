@@ -15,10 +15,13 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from slarm_graph.config import Stage
 from slarm_graph.errors import BadInput
-from slarm_graph.geometry import Floats, Pose2, transform_points
+from slarm_graph.geometry import Pose2
+from slarm_graph.map_files import read_map
 from slarm_graph.polygons import counter_clockwise, is_simple
 from slarm_graph.radio_words import AccessPoint
+from slarm_graph.wall_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.world import Solid, WorldMap
+from slarm_graph.world_from_map import world_from_map
 
 
 def _finite(value: float) -> float:
@@ -110,6 +113,9 @@ def shipped_worlds() -> tuple[str, ...]:
 def load_world(name_or_path: str | Path) -> WorldMap:
     """Read a world from a YAML file, or one that comes with the package by its name.
 
+    A map_server map (`map.yaml` with its image) is a world too: its solids are as high as the
+    ceiling, and the robot starts at the widest place.
+
     Raises
     ------
     BadInput
@@ -126,7 +132,17 @@ def load_world(name_or_path: str | Path) -> WorldMap:
         raise BadInput(
             f"{path}: cannot read the world ({error}); give a YAML file or one of {known}"
         ) from error
+    if _is_map(text):
+        return world_from_map(read_map(path), name=path.stem)
     return world_from_yaml(text, where=str(path))
+
+
+def _is_map(text: str) -> bool:
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return False
+    return isinstance(document, dict) and {"image", "resolution"} <= document.keys()
 
 
 def world_from_yaml(text: str, where: str = "world") -> WorldMap:
@@ -184,7 +200,7 @@ def world_to_yaml(world: WorldMap) -> str:
 def _build(model: _World) -> WorldMap:
     solids = [solid for wall in model.walls for solid in _wall_solids(wall)]
     solids += [
-        Solid(box.name, _rectangle(box.center_m, box.size_m, box.heading_deg), box.height_m)
+        Solid(box.name, rectangle_m(box.center_m, box.size_m, box.heading_deg), box.height_m)
         for box in model.boxes
     ]
     solids += [
@@ -217,44 +233,14 @@ def _checked(world: WorldMap, where: str) -> WorldMap:
     return world
 
 
-def _rectangle(center_m: Point, size_m: Size, heading_deg: float) -> Floats:
-    half_x, half_y = size_m[0] / 2, size_m[1] / 2
-    corners = np.array([[-half_x, -half_y], [half_x, -half_y], [half_x, half_y], [-half_x, half_y]])
-    if heading_deg == 0.0:
-        # Adding alone keeps the corners as exact as the file states them.
-        return np.asarray(corners + np.array(center_m))
-    return transform_points([*center_m, math.radians(heading_deg)], corners)
-
-
 def _wall_solids(wall: _Wall) -> list[Solid]:
-    """One quadrilateral per straight piece, mitred where pieces meet."""
     if wall.line_m is not None:
-        line, closed = np.array(wall.line_m), wall.closed
+        pieces = wall_pieces_m(np.array(wall.line_m), wall.thickness_m, closed=wall.closed)
     else:
         assert wall.center_m is not None
         assert wall.size_m is not None
         inner = (wall.size_m[0] - wall.thickness_m, wall.size_m[1] - wall.thickness_m)
-        line, closed = _rectangle(wall.center_m, inner, wall.heading_deg), True
-    left, right = _offset_lines(line, wall.thickness_m / 2, closed)
-    pieces = len(line) if closed else len(line) - 1
-    solids = []
-    for i in range(pieces):
-        j = (i + 1) % len(line)
-        corners = counter_clockwise(np.array([right[i], right[j], left[j], left[i]]))
-        name = wall.name if pieces == 1 else f"{wall.name} {i + 1}"
-        solids.append(Solid(name, corners, wall.height_m))
-    return solids
-
-
-def _offset_lines(line: Floats, half_m: float, closed: bool) -> tuple[Floats, Floats]:
-    """Corners (K, 2) of a line moved by half its thickness to the left and to the right."""
-    steps = np.roll(line, -1, axis=0) - line
-    normals = np.stack([-steps[:, 1], steps[:, 0]], axis=1)
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    before = np.roll(normals, 1, axis=0)
-    if not closed:
-        before[0], normals[-1] = normals[0], before[-1]
-    # The mitre lies along the sum of both normals at the length that keeps the thickness.
-    mitre = before + normals
-    mitre /= np.maximum(1.0 + np.sum(before * normals, axis=1, keepdims=True), 0.1)
-    return line + half_m * mitre, line - half_m * mitre
+        line = rectangle_m(wall.center_m, inner, wall.heading_deg)
+        pieces = wall_pieces_m(line, wall.thickness_m, closed=True)
+    names = [f"{wall.name} {n + 1}" for n in range(len(pieces))] if pieces[1:] else [wall.name]
+    return [Solid(name, piece, wall.height_m) for name, piece in zip(names, pieces, strict=True)]

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Scripted drives: repeatable sources, tours that reach everything and touch nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from slarm_graph.config import LidarConfig, SimulationConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.random_worlds import random_world
+from slarm_graph.frontends.tour import tour_waypoints_m
+from slarm_graph.frontends.world_recording import SourceFromWorld, commands, waypoints
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import DriveCommand
+from slarm_graph.world_files import load_world, shipped_worlds, world_from_yaml
+
+
+def test_a_source_can_be_read_again() -> None:
+    source = SourceFromWorld(
+        load_world("paper_room"), seed=3, script=commands([(DriveCommand(0.5, 0.0), 2.0)])
+    )
+    first = list(source)
+    truth = source.truth()
+    again = list(source)
+    assert len(first) == len(again) == len(truth) == 21
+    for one, two in zip(first, again, strict=True):
+        np.testing.assert_array_equal(one.scan.ranges_m, two.scan.ranges_m)
+        assert one.odom_from_robot == two.odom_from_robot
+    np.testing.assert_array_equal(truth.poses, source.truth().poses)
+    assert [s.stamp_ns for s in source.scan_statuses()] == [r.stamp_ns for r in first]
+    assert not any(s.reason for s in source.scan_statuses())
+
+
+def test_waypoints_are_reached() -> None:
+    points = np.array([[-4.2, -2.8], [-4.2, 0.0], [-4.4, 2.8]])
+    source = SourceFromWorld(load_world("paper_room"), script=waypoints(points))
+    list(source)
+    away, _ = cKDTree(source.truth().poses[:, :2]).query(points)
+    assert away.max() < 0.11
+
+
+def test_truth_belongs_to_the_stamp_of_a_sweeping_laser() -> None:
+    config = SimulationConfig(lidar=LidarConfig(sweep_s=0.1))
+    script = commands([(DriveCommand(0.5, 0.0), 1.0)])
+    source = SourceFromWorld(load_world("paper_room"), config, script=script)
+    readings = list(source)
+    moved = np.diff(source.truth().poses[:, 0])
+    assert moved[0] == 0.0
+    assert moved[1:] == pytest.approx(0.05, abs=0.01)
+    assert readings[1].stamp_ns - readings[0].stamp_ns == 100_000_000
+
+
+def check_tour(name: str) -> None:
+    world = load_world(name)
+    source = SourceFromWorld(world, seed=1)
+    for _ in source:
+        pass
+    assert source.info().notices == (), "the robot touches nothing"
+    truth = truth_map(world, 0.1)
+    cells = truth.geometry.centers()[truth.reachable]
+    away, _ = cKDTree(source.truth().poses[:, :2]).query(cells)
+    assert np.mean(away < 3.0) > 0.99
+    end = source.truth().poses[-1, :2] - [world.start.x, world.start.y]
+    assert np.linalg.norm(end) < 0.5
+
+
+@pytest.mark.parametrize("name", ["paper_room", "office", "cluttered", "dead_ends"])
+def test_tours_go_everywhere_and_come_back(name: str) -> None:
+    check_tour(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", sorted(shipped_worlds()))
+def test_every_tour_goes_everywhere_and_comes_back(name: str) -> None:
+    check_tour(name)
+
+
+def test_random_worlds_can_be_toured() -> None:
+    for seed in range(5):
+        world = random_world(np.random.default_rng(seed))
+        assert len(tour_waypoints_m(world, 0.18)) > 5
+
+
+def test_a_body_that_does_not_fit_is_refused() -> None:
+    text = (
+        "{name: slot, ceiling_m: 3, boundary_m: [[0,0],[4,0],[4,0.5],[0,0.5]],"
+        " start: {x_m: 1, y_m: 0.25}}"
+    )
+    with pytest.raises(BadInput, match=r"slot: there is no room for a robot of 0.3 m radius"):
+        tour_waypoints_m(world_from_yaml(text), 0.3)
