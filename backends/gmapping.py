@@ -3,35 +3,29 @@
 """Rao-Blackwellised particle filter with improved proposal and selective resampling.
 
 The paper's SLAM, eq. (4)-(11), after Grisetti, Stachniss and Burgard, "Improved Techniques for
-Grid Mapping With Rao-Blackwellized Particle Filters", IEEE T-RO 23(1), 2007. Every particle is a
-path with the map that belongs to it: eq. (4), p(x, m | o, l) = p(m | x, o) p(x | o, l).
+Grid Mapping With Rao-Blackwellized Particle Filters", IEEE T-RO 23(1), 2007. The original takes
+raw odometry from one update to the next and loses its way where that is poor and rotations are
+fast. Here the shared frontend's matcher follows every scan, and the improved proposal is really
+drawn from; the two are there to prevent just that.
 """
 
 from __future__ import annotations
 
-import itertools
-import os
 import pickle
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
 from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
-from slarm_graph.backends.motion_model import draw_motion, motion_covariance
-from slarm_graph.backends.particle_filter import (
-    Ancestry,
-    effective_sample_size,
-    normalised,
-    resample,
-    weighted_mean,
-)
-from slarm_graph.backends.particle_maps import ParticleMaps, memory_notice, most_tiles
+from slarm_graph.backends.motion_model import motion_covariance
+from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.particle_matching import point_normals
 from slarm_graph.backends.path_filling import SettledMap, fill_path
-from slarm_graph.backends.proposal import Measurement, propose, weigh
+from slarm_graph.backends.proposal import Measurement
+from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.config import GmappingConfig, RunConfig
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.tracker import ScanTracker, TrackedScan
@@ -56,16 +50,11 @@ class _State:
     """Everything that changes, plain enough to be pickled."""
 
     tracker: ScanTracker
-    maps: ParticleMaps
-    poses: Floats
-    log_weights: Floats
-    log_evidence: Floats
-    ancestry: Ancestry
-    updates: list[int] = field(default_factory=list)
-    rows: list[tuple[float | int | str, ...]] = field(default_factory=list)
+    filter: MappingFilter
     stamps_ns: list[int] = field(default_factory=list)
     scans: list[LaserScan] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
+    updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
     turned_rad: float = 0.0
     unmatched: Floats = field(default_factory=lambda: np.zeros((3, 3)))
@@ -87,77 +76,83 @@ class GmappingBackend:
 
     def __init__(self, config: RunConfig, rng: Generator, heartbeat: Heartbeat = silent) -> None:
         self._config: GmappingConfig = config.gmapping
-        self._run_config = config
+        self._mapping = config.mapping
         self._rng = rng
         self._heartbeat = heartbeat
-        count = config.gmapping.particles
-        self._state = _State(
-            ScanTracker(config.frontend),
-            ParticleMaps.empty(count, self._config.maps.delta_m, most_tiles(self._config.maps)),
-            np.zeros((count, 3)),
-            np.zeros(count),
-            np.zeros(count),
-            Ancestry(count),
-        )
+        self._state = _State(ScanTracker(config.frontend), MappingFilter.empty(config.gmapping))
+        self._step: Future[None] | None = None
         self._map = SettledMap(config.mapping)
 
     def update(self, reading: Reading) -> None:
-        """Take one reading: follow it with the frontend, and update the filter when due."""
+        """Take one reading: follow it with the frontend, and update the filter when due.
+
+        The filter works while the frontend follows the next readings.
+        """
         state = self._state
         scan = state.tracker.track(reading)
         state.stamps_ns.append(reading.stamp_ns)
         state.scans.append(reading.scan)
         state.local.append(scan.local_from_robot.as_array())
-        self._travel(scan)
         if not state.updates:
-            self._start(scan, reading.scan.robot_from_laser)
-        elif self._is_due(scan):
-            self._advance(scan, reading.scan.robot_from_laser)
+            state.filter.start(self._points(scan, reading.scan.robot_from_laser))
+            state.updates.append(0)
+            return
+        self._travel(scan)
+        if self._is_due(scan):
+            self._settle()
+            measurement = self._measurement(scan, reading.scan.robot_from_laser)
+            self._step = _aside().submit(state.filter.step, measurement, self._rng)
 
     def map_from_robot(self) -> Pose2:
         """Return where the best particle is, moved on by the frontend since its last update."""
+        self._settle()
         state = self._state
         if not state.updates:
             return Pose2()
         since = between(state.local[state.updates[-1]], state.local[-1])
-        return Pose2.from_array(compose(state.poses[self._best()], since))
+        return Pose2.from_array(compose(state.filter.poses[state.filter.best()], since))
 
     def result(self) -> SlamResult:
         """Return the best particle's path and the map it makes, eq. (4): p(m | x, o)."""
+        self._settle()
         state = self._state
         if not state.updates:
             raise RunFailed("no scan was usable")
-        path = state.ancestry.path(self._best())
-        trajectory = self._filled(path)
-        common = state.ancestry.common_update()
+        trajectory = self._filled(state.filter.best_path())
+        common = state.filter.ancestry.common_update()
         settled = state.updates[common] if common >= 0 else 0
         self._heartbeat(f"rendering {len(state.scans)} scans")
         grid = self._map.render(state.scans, trajectory, settled)
-        table = Table("particles", _COLUMNS, tuple(state.rows))
-        return SlamResult(trajectory, grid, tables=(table,), notices=self._notices())
+        return SlamResult(trajectory, grid, tables=(self._table(),), notices=self._notices())
 
     def weighted_mean_trajectory(self) -> Trajectory:
-        """Mean of all particles' paths, eq. (11) with weights, at every scan."""
-        state = self._state
-        everybody = np.arange(len(state.poses))
-        paths = state.ancestry.paths(everybody)
-        return self._filled(weighted_mean(paths, normalised(state.log_weights)))
+        """Weighted mean of all particles' paths, eq. (11), at every scan."""
+        self._settle()
+        return self._filled(self._state.filter.mean_path())
 
     def snapshot(self) -> bytes:
         """Return the whole state, that of the random numbers included."""
+        self._settle()
         return pickle.dumps((self._state, self._rng.bit_generator.state))
 
     def restore(self, state: bytes) -> None:
         """Continue from a snapshot."""
+        self._settle()
         self._state, self._rng.bit_generator.state = pickle.loads(state)
-        self._map = SettledMap(self._run_config.mapping)
+        self._map = SettledMap(self._mapping)
+
+    def _settle(self) -> None:
+        """Wait for the filter; its errors come up here."""
+        step, self._step = self._step, None
+        if step is not None:
+            step.result()
 
     def _travel(self, scan: TrackedScan) -> None:
         """Add up the motion since the last update, and the doubt where a scan was not matched."""
         state = self._state
         state.path_m += float(np.hypot(scan.motion.x, scan.motion.y))
         state.turned_rad += abs(scan.motion.theta)
-        if not scan.match and len(state.stamps_ns) > 1:
+        if not scan.match:
             state.unmatched = state.unmatched + scan.motion_covariance
 
     def _is_due(self, scan: TrackedScan) -> bool:
@@ -170,91 +165,28 @@ class GmappingBackend:
             or abs(moved[2]) >= self._config.angular_update_rad
         )
 
-    def _start(self, scan: TrackedScan, robot_from_laser: Pose2) -> None:
-        points = self._points(scan, robot_from_laser)
-        self._state.maps.insert(points, self._state.poses)
-        self._select()
-
-    def _advance(self, scan: TrackedScan, robot_from_laser: Pose2) -> None:
-        """One step of the filter: propose, weigh, resample when due, map."""
-        state = self._state
-        measurement = self._measurement(scan, robot_from_laser)
-        state.poses, gained = self._propose(measurement)
-        state.log_evidence = state.log_evidence + gained
-        # eq. (8), tempered: the errors of a map are common to all scans matched to it
-        state.log_weights = state.log_weights + gained / self._config.likelihood.ogain
-        self._select()
-        state.maps.insert(measurement.points, state.poses)
-
     def _measurement(self, scan: TrackedScan, robot_from_laser: Pose2) -> Measurement:
+        """Sum up what has happened since the last update, and begin anew."""
         state = self._state
         covariance = motion_covariance(self._config.motion, state.path_m, state.turned_rad)
-        return Measurement(
+        measurement = Measurement(
             self._points(scan, robot_from_laser),
             between(state.local[state.updates[-1]], state.local[-1]),
             covariance + state.unmatched,
             bool(state.unmatched.any()),
         )
+        state.updates.append(len(state.stamps_ns) - 1)
+        state.path_m, state.turned_rad, state.unmatched = 0.0, 0.0, np.zeros((3, 3))
+        return measurement
 
     def _points(self, scan: TrackedScan, robot_from_laser: Pose2) -> Floats:
         """Return the beams that count, (K, 4), with normals."""
         likelihood = self._config.likelihood
-        origin = robot_from_laser.as_array()[:2]
-        points = scan.points_m
+        origin, points = robot_from_laser.as_array()[:2], scan.points_m
         if likelihood.max_range_m is not None:
-            ranges_m = np.hypot(*(points - origin).T)
+            ranges_m = np.hypot(points[:, 0] - origin[0], points[:, 1] - origin[1])
             points = points[ranges_m <= likelihood.max_range_m]
         return np.asarray(point_normals(points, origin)[:: likelihood.lskip + 1])
-
-    def _propose(self, measurement: Measurement) -> tuple[Floats, Floats]:
-        """Draw poses and gains in log weight, particles shared out to threads."""
-        state, config = self._state, self._config
-        normals = self._rng.standard_normal((len(state.poses), 6))
-        if not config.proposal.improved:
-            poses = draw_motion(
-                state.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
-            )
-            return poses, weigh(state.maps, measurement.points, config, poses)
-        jobs = [
-            _threads().submit(
-                propose,
-                replace(state.maps, tables=state.maps.tables[part]),
-                measurement,
-                config,
-                state.poses[part],
-                normals[part],
-            )
-            for part in _parts(len(state.poses))
-        ]
-        done = [job.result() for job in jobs]
-        return np.concatenate([d[0] for d in done]), np.concatenate([d[1] for d in done])
-
-    def _select(self) -> None:
-        """Resample where N_eff has fallen below the threshold, and keep the books."""
-        state, rule = self._state, self._config.resampling
-        count = len(state.poses)
-        weights = normalised(state.log_weights)
-        mean = weighted_mean(state.poses, weights)  # eq. (11)
-        n_eff = effective_sample_size(weights)
-        ancestors = np.arange(count)
-        resampled = n_eff < rule.resample_threshold * count
-        if resampled:
-            ancestors = resample(weights, rule.method, self._rng)
-            state.maps.resample(ancestors)
-            state.poses = state.poses[ancestors]
-            state.log_evidence = state.log_evidence[ancestors]
-            state.log_weights = np.zeros(count)
-        state.ancestry.append(ancestors, state.poses)
-        state.updates.append(len(state.stamps_ns) - 1)
-        state.path_m, state.turned_rad, state.unmatched = 0.0, 0.0, np.zeros((3, 3))
-        distinct, common = len(np.unique(ancestors)), state.ancestry.common_update()
-        state.rows.append(
-            (state.stamps_ns[-1], n_eff, int(resampled), distinct, common, *mean.tolist())
-        )
-
-    def _best(self) -> int:
-        """Return the particle whose whole path explains the scans best."""
-        return int(np.argmax(self._state.log_evidence))
 
     def _filled(self, path: Floats) -> Trajectory:
         """Give every scan a pose: the filter's at its updates, the frontend's in between."""
@@ -263,27 +195,33 @@ class GmappingBackend:
         poses = fill_path(stamps_ns, np.array(state.local), np.array(state.updates), path)
         return Trajectory(stamps_ns, poses)
 
-    def _notices(self) -> tuple[str, ...]:
+    def _table(self) -> Table:
         state = self._state
-        resampled = sum(int(row[_COLUMNS.index("resampled")]) for row in state.rows)
-        used_mb = state.maps.memory_bytes / 1e6
+        rows = tuple(
+            (
+                state.stamps_ns[update],
+                chosen.n_eff,
+                int(chosen.resampled),
+                chosen.distinct_ancestors,
+                chosen.common_update,
+                *chosen.mean.tolist(),
+            )
+            for update, chosen in zip(state.updates[1:], state.filter.selections, strict=True)
+        )
+        return Table("particles", _COLUMNS, rows)
+
+    def _notices(self) -> tuple[str, ...]:
+        particles, config = self._state.filter, self._config
+        resamplings = sum(chosen.resampled for chosen in particles.selections)
         return (
-            *memory_notice(len(state.poses), self._config.maps),
-            f"{len(state.poses)} particles, {len(state.updates)} updates,"
-            f" {resampled} resamplings, {used_mb:.0f} MB of particle maps",
+            *memory_notice(config.particles, config.maps),
+            f"{config.particles} particles, {len(self._state.updates)} updates,"
+            f" {resamplings} resamplings, {particles.maps.memory_bytes / 1e6:.0f} MB of particle"
+            " maps",
         )
 
 
-def _parts(count: int) -> list[slice]:
-    """Cut particles into one slice per thread; what comes out does not depend on how many."""
-    bounds = np.linspace(0, count, min(count, _cores()) + 1).astype(int)
-    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
-
-
 @cache
-def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix="particles")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def _aside() -> ThreadPoolExecutor:
+    """Thread in which filters take their steps, apart from those that share out the particles."""
+    return ThreadPoolExecutor(max_workers=1, thread_name_prefix="particle-filter")

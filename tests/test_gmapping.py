@@ -13,7 +13,7 @@ import pytest
 
 from slarm_graph import backends
 from slarm_graph.backend import SlamResult
-from slarm_graph.backends import gmapping
+from slarm_graph.backends import rbpf
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.config import (
@@ -132,7 +132,7 @@ def test_the_number_of_threads_changes_nothing(
     proposal = ProposalConfig(improved=improved)
     paths = []
     for cores in (1, 3, 7):
-        monkeypatch.setattr(gmapping, "_cores", lambda count=cores: count)
+        monkeypatch.setattr(rbpf, "_cores", lambda count=cores: count)
         paths.append(run(made(7, proposal=proposal), readings).trajectory.poses.tobytes())
     assert paths[0] == paths[1] == paths[2]
 

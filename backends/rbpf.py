@@ -1,0 +1,176 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The Rao-Blackwellised particle filter: every particle is a path and the map that belongs to it.
+
+Eq. (4): p(x, m | o, l) = p(m | x, o) p(x | o, l). Paths are sampled, maps follow from them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, replace
+from functools import cache
+
+import numpy as np
+from numpy.random import Generator
+
+from slarm_graph.backends.motion_model import draw_motion
+from slarm_graph.backends.particle_filter import (
+    Ancestry,
+    effective_sample_size,
+    normalised,
+    resample,
+    weighted_mean,
+)
+from slarm_graph.backends.particle_maps import ParticleMaps, most_tiles
+from slarm_graph.backends.proposal import Measurement, propose, weigh
+from slarm_graph.config import GmappingConfig
+from slarm_graph.geometry import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Selection:
+    """What came of the weights at one update.
+
+    Parameters
+    ----------
+    n_eff : float
+        Effective sample size before resampling.
+    resampled : bool
+    distinct_ancestors : int
+        How many particles of before have descendants.
+    common_update : int
+        The last update at which all present particles were one; -1 if they never were.
+    mean : (3,) float64
+        Weighted mean pose before resampling, eq. (11) [m, m, rad].
+    """
+
+    n_eff: float
+    resampled: bool
+    distinct_ancestors: int
+    common_update: int
+    mean: Floats
+
+
+@dataclass
+class MappingFilter:
+    """Particles with their maps, weights and ancestry.
+
+    Parameters
+    ----------
+    config : GmappingConfig
+    maps : ParticleMaps
+    poses : (P, 3) float64
+        `map_from_robot` at the last update.
+    log_weights : (P,) float64
+        Since the last resampling.
+    log_evidence : (P,) float64
+        What the whole path of each particle has gained.
+    ancestry : Ancestry
+    selections : list of Selection
+        One per update.
+    """
+
+    config: GmappingConfig
+    maps: ParticleMaps
+    poses: Floats
+    log_weights: Floats
+    log_evidence: Floats
+    ancestry: Ancestry
+    selections: list[Selection] = field(default_factory=list)
+
+    @staticmethod
+    def empty(config: GmappingConfig) -> MappingFilter:
+        """Put all particles at the map's origin, with empty maps."""
+        count = config.particles
+        return MappingFilter(
+            config,
+            ParticleMaps.empty(count, config.maps.delta_m, most_tiles(config.maps)),
+            np.zeros((count, 3)),
+            np.zeros(count),
+            np.zeros(count),
+            Ancestry(count),
+        )
+
+    def start(self, points: Floats) -> None:
+        """Map the first scan, (K, 4) points with normals in the robot's frame."""
+        self.maps.insert(points, self.poses)
+        self.ancestry.append(np.arange(len(self.poses)), self.poses)
+
+    def step(self, measurement: Measurement, rng: Generator) -> None:
+        """Propose, weigh, resample where due, map."""
+        self.poses, gained = self._propose(measurement, rng)
+        self.log_evidence = self.log_evidence + gained
+        # eq. (8), tempered: the errors of a map are common to all scans matched to it
+        self.log_weights = self.log_weights + gained / self.config.likelihood.ogain
+        self._select(rng)
+        self.maps.insert(measurement.points, self.poses)
+
+    def best(self) -> int:
+        """Return the particle whose whole path explains the scans best."""
+        return int(np.argmax(self.log_evidence))
+
+    def best_path(self) -> Floats:
+        """Poses (U, 3) of the best particle at all updates."""
+        return self.ancestry.path(self.best())
+
+    def mean_path(self) -> Floats:
+        """Weighted mean (U, 3) of the paths of all particles, eq. (11)."""
+        paths = self.ancestry.paths(np.arange(len(self.poses)))
+        return weighted_mean(paths, normalised(self.log_weights))
+
+    def _propose(self, measurement: Measurement, rng: Generator) -> tuple[Floats, Floats]:
+        """Draw poses and gains in log weight, particles shared out to threads."""
+        normals = rng.standard_normal((len(self.poses), 6))
+        if not self.config.proposal.improved:
+            poses = draw_motion(
+                self.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
+            )
+            return poses, weigh(self.maps, measurement.points, self.config, poses)
+        jobs = [
+            _threads().submit(
+                propose,
+                replace(self.maps, tables=self.maps.tables[part]),
+                measurement,
+                self.config,
+                self.poses[part],
+                normals[part],
+            )
+            for part in _parts(len(self.poses))
+        ]
+        poses, gained = zip(*(job.result() for job in jobs), strict=True)
+        return np.concatenate(poses), np.concatenate(gained)
+
+    def _select(self, rng: Generator) -> None:
+        """Resample where N_eff has fallen below the threshold, and keep the books."""
+        count, rule = len(self.poses), self.config.resampling
+        weights = normalised(self.log_weights)
+        mean, n_eff = weighted_mean(self.poses, weights), effective_sample_size(weights)
+        ancestors = np.arange(count)
+        resampled = n_eff < rule.resample_threshold * count
+        if resampled:
+            ancestors = resample(weights, rule.method, rng)
+            self.maps.resample(ancestors)
+            self.poses = self.poses[ancestors]
+            self.log_evidence = self.log_evidence[ancestors]
+            self.log_weights = np.zeros(count)
+        self.ancestry.append(ancestors, self.poses)
+        distinct, common = len(np.unique(ancestors)), self.ancestry.common_update()
+        self.selections.append(Selection(n_eff, resampled, distinct, common, mean))
+
+
+def _parts(count: int) -> list[slice]:
+    """Cut particles into one slice per thread; what comes out does not depend on how many."""
+    bounds = np.linspace(0, count, min(count, _cores()) + 1).astype(int)
+    return [slice(a, b) for a, b in itertools.pairwise(bounds)]
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix="particles")
+
+
+def _cores() -> int:
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
