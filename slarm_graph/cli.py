@@ -8,6 +8,7 @@ Everything heavy is imported inside the commands, so that `slarm --help` answers
 from __future__ import annotations
 
 import logging
+import signal
 import sys
 from collections.abc import Sequence
 from typing import Annotated
@@ -59,6 +60,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     given = list(sys.argv[1:] if arguments is None else arguments)
     debug = "--debug" in given
     _show_warnings()
+    if arguments is None:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         code = app(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
