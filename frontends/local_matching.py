@@ -19,12 +19,13 @@ from slarm_graph.frontends.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
 _DOUBTFUL_SURPRISE = 16.0
-_DOUBTFUL_SHIFT = 0.1
+_DOUBTFUL_SHIFT = 0.3
 _DOUBTFUL_SHARE = 0.8
 _BETTER = 0.02
 _PER_SIGMA = 0.02
 _MAX_MARGIN = 0.4
 _SEARCH_POINTS = 80
+_BRUTE_LOOKUPS = 4_000_000
 _PLENTY_OF_POINTS = 20
 _FROM_PREDICTION = np.empty(0)
 _LOST_REACH_M = 3.0
@@ -240,14 +241,24 @@ def _best_in_window(
     reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), 1.0)
     reach_rad = min(max(4.0 * float(sigma[2]), 0.2), 0.7)
     step_rad = grid.resolution_m / far
+    cells, turns = math.ceil(reach_m / grid.resolution_m), math.ceil(reach_rad / step_rad)
+    if 8 * cells * cells * turns * len(points) > _BRUTE_LOOKUPS:
+        hit = search(
+            build_pyramid(grid, max_radius_m=far, levels=5),
+            points,
+            Pose2.from_array(start),
+            reach_m=reach_m,
+            reach_rad=reach_rad,
+        )
+        return hit.grid_from_robot.as_array() if hit else start
     turn, col, row, _ = search_every_pose(
         grid.values,
         (start[:2] - [grid.origin_x_m, grid.origin_y_m]) / grid.resolution_m,
         points / grid.resolution_m,
         start[2],
         step_rad,
-        math.ceil(reach_m / grid.resolution_m),
-        math.ceil(reach_rad / step_rad),
+        cells,
+        turns,
     )
     shift = np.array([col * grid.resolution_m, row * grid.resolution_m, turn * step_rad])
     return np.asarray(start + shift, dtype=np.float64)

@@ -88,9 +88,9 @@ class CorrelativeMatcher:
         reason = _too_few(source, target, self._config)
         if reason:
             return MatchResult(target_from_source, reason=reason)
-        grid = grid_of(target, self._config, self._config.sigma_m)
+        coarse = self._config.model_copy(update={"resolution_m": 2.0 * self._config.resolution_m})
         hit = search(
-            build_pyramid(grid),
+            build_pyramid(grid_of(target, coarse, 2.0 * self._config.sigma_m)),
             source,
             target_from_source,
             reach_m=self._reach_m,
@@ -99,6 +99,7 @@ class CorrelativeMatcher:
         )
         if hit is None:
             return MatchResult(target_from_source, reason="nothing in the window fits")
+        grid = grid_of(target, self._config, self._config.sigma_m)
         return judged(on_grid(grid, source, hit.grid_from_robot, self._config), self._config)
 
 
