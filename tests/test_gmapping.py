@@ -238,3 +238,13 @@ def test_real_recordings(
     assert np.median(errors[:, 0]) <= median_m
     assert np.median(errors[:, 1]) <= median_deg
     assert errors[:, 0].max() <= worst_m
+
+
+def test_parameters_that_mean_the_same_have_gmappings_defaults() -> None:
+    config = GmappingConfig()
+    assert config.particles == 30
+    assert config.maps.delta_m == 0.05
+    assert config.proposal.kernel_size == 1
+    assert config.likelihood.lskip == 0
+    assert config.likelihood.max_range_m is None
+    assert config.resampling.resample_threshold == 0.5
