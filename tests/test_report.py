@@ -1,0 +1,79 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The report page: nothing occupied is lost when made coarser, every scan's fate is counted."""
+
+from __future__ import annotations
+
+import base64
+
+import cv2
+import numpy as np
+import pytest
+
+from slarm_graph.backend import Table
+from slarm_graph.eval import report_page as html
+from slarm_graph.eval.report import backend_table, count_by_reason, dropped_table
+from slarm_graph.eval.report_figures import gain_figure, map_picture
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.radio_words import AccessPoint, RadioMap
+from slarm_graph.readings import ScanStatus
+
+
+def decoded(uri: str) -> np.ndarray:
+    data = np.frombuffer(base64.b64decode(uri.partition(",")[2]), dtype=np.uint8)
+    image = cv2.imdecode(data, cv2.IMREAD_GRAYSCALE)
+    assert image is not None
+    return image
+
+
+def test_a_lonely_wall_cell_survives_a_coarser_picture_at_its_place() -> None:
+    p = np.zeros((3001, 2002), dtype=np.float32)
+    p[2999, 7] = 1.0
+    picture, shown = map_picture(OccupancyGrid(GridGeometry(-1.0, 2.0, 0.05, 3001, 2002), p))
+    image = decoded(picture)
+    assert image.size <= 1_600_000
+    assert shown.shape == image.shape
+    row, col = np.argwhere(image == image.min())[0]
+    cell = (shown.rows - 1 - row, col)
+    assert np.abs(shown.center_of(cell) - [-1.0 + 7.5 * 0.05, 2.0 + 2999.5 * 0.05]).max() < 0.1
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_gain_page_stays_small_whatever_the_map(count: int) -> None:
+    geometry = GridGeometry(0.0, 0.0, 0.05, 900, 1100)
+    loss = np.full((count, *geometry.shape), 70.0, dtype=np.float32)
+    points = tuple(AccessPoint(f"AP{i}", 1.0 * i, 2.0, 2.5) for i in range(count))
+    radio = RadioMap(geometry, points, loss, loss > 0, 0.5, "InF-SH", 7.0, "infinite")
+    page = gain_figure(radio)
+    assert len(page) < 1_000_000
+    assert all(point.name in page for point in points)
+
+
+def test_fates_add_up_with_the_used_first() -> None:
+    reasons = ["", "late", "", "blind", "late", ""]
+    scans = [ScanStatus(i, reason) for i, reason in enumerate(reasons)]
+    assert count_by_reason(scans) == [("used", 3), ("late", 2), ("blind", 1)]
+    assert "33.3%" in dropped_table(scans)
+    assert dropped_table([]) == html.table(("fate", "scans", "share"), [])
+
+
+def test_long_tables_tell_what_is_left_out() -> None:
+    table = Table("loop_closures", ("a", "b"), tuple((i, "x") for i in range(350)))
+    assert "50 more rows in loop_closures.csv" in backend_table(table)
+    assert "none" in backend_table(Table("t", ("a",), ()))
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(None, "-"), (float("nan"), "-"), (3.0, "3"), (0.123456, "0.1235"), ("a", "a"), (7, "7")],
+)
+def test_values_are_written_for_people(value: html.Cell, text: str) -> None:
+    assert html.shown(value) == text
+
+
+def test_text_is_escaped() -> None:
+    page = html.section("<t>", html.table(("<c>",), [("<v>",)]), html.notices(["<n>"]))
+    assert "<t>" not in page
+    assert "&lt;c&gt;" in page
+    assert "&lt;v&gt;" in page
+    assert "&lt;n&gt;" in page
