@@ -21,9 +21,9 @@ from slarm_graph.cli_run import (
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
-    from slarm_graph.compare import Trial
     from slarm_graph.eval.comparison import Outcome
     from slarm_graph.run_folder import RunFolder
+    from slarm_graph.trials import Trial
 
 _FAILED = 1
 _DEMO_BACKENDS = ("pose_graph", "gmapping")
@@ -40,8 +40,8 @@ def add_to(app: typer.Typer) -> None:
 
 def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
     """Explore the paper's room with both backends and compare; takes a minute or two."""
-    from slarm_graph.compare import find_sources, trials
     from slarm_graph.run_folder import create_run_folder
+    from slarm_graph.trials import find_sources, trials
 
     folder = create_run_folder(out, name)
     print("A simulated robot explores the paper's room, once with each SLAM backend ...")
@@ -105,9 +105,9 @@ def compare_command(
 ) -> int:
     """Run every source with every backend and seed, and compare."""
     from slarm_graph.backends import find, registered
-    from slarm_graph.compare import find_sources, trials
     from slarm_graph.config_files import load_config
     from slarm_graph.run_folder import create_run_folder
+    from slarm_graph.trials import find_sources, trials
 
     chosen = [word.strip() for word in backends.split(",") if word.strip()]
     if not chosen:

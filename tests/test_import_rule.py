@@ -17,6 +17,7 @@ FLOW = {
     "job",
     "run_report",
     "compare",
+    "trials",
     "doctor",
     "reproduce",
     "reproduce_trial",
