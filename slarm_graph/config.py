@@ -99,8 +99,8 @@ class LoopClosureConfig(Stage):
     """Agreement a search must reach to be looked at closer."""
     query_keyframes: int = Field(default=8, ge=1)
     """Latest keyframes whose points are searched for together."""
-    window_m: float = Field(default=8.0, gt=0)
-    window_rad: float = Field(default=0.6, gt=0)
+    window_m: float = Field(default=12.0, gt=0)
+    window_rad: float = Field(default=0.8, gt=0)
     """Largest search window to either side; within it the uncertainty decides."""
     sure_m: float = Field(default=0.2, gt=0)
     sure_rad: float = Field(default=0.07, gt=0)
@@ -226,6 +226,18 @@ class RecoveryConfig(Stage):
     expansion_radius_m: float = Field(default=0.0, ge=0)
     default_height_m: float | None = Field(default=None, gt=0)
     """Height of obstacles with no better information; null means infinitely high."""
+    known_sizes: tuple[tuple[float, float, float], ...] = ()
+    """Length, width and height of obstacles that are known to stand around [m]."""
+    size_tolerance_m: float = Field(default=0.15, gt=0)
+    """An obstacle has a known size when both its sides agree within this."""
+    robot_radius_m: float = Field(default=0.18, gt=0)
+    """Where a robot of this radius fits, recovery leaves the free space alone."""
+    speck_cells: int = Field(default=2, ge=0)
+    """Groups of at most so many occupied cells are dropped."""
+    hole_area_m2: float = Field(default=0.1, ge=0)
+    """Unseen holes up to this size in free space are taken to be free."""
+    straighten: bool = True
+    """Whether walls are moved onto straight lines."""
 
 
 class RadioConfig(Stage):
@@ -290,6 +302,8 @@ class WheelConfig(Stage):
 class SimulationConfig(Stage):
     """A simulated robot in a world."""
 
+    engine: Literal["kinematic", "mujoco"] = "kinematic"
+    """`mujoco` needs the extra `physics`."""
     body_radius_m: float = Field(default=0.18, gt=0)
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()

@@ -17,8 +17,8 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
 from slarm_graph.path_loss import find_scenario, outside_range, path_loss_db
-from slarm_graph.polygons import contains
 from slarm_graph.radio_words import AccessPoint, RadioMap
+from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
@@ -74,7 +74,7 @@ def radio_map(
 def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:
     """Compute the radio map of the true geometry, for the world's own access points.
 
-    A cell is free where its centre lies inside the boundary and outside every solid.
+    A cell is free by the centre rule of `truth_map`.
 
     Raises
     ------
@@ -92,10 +92,7 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
             mount_radius_m=config.mount_radius_m,
         )
 
-    centers = geometry.centers()
-    free = contains(world.boundary_m, centers)
-    for solid in world.solids:
-        free &= ~contains(solid.corners_m, centers)
+    free = solid_heights_m(world, geometry) <= 0.0
     return _map_of(geometry, free, world.access_points, config, sight, "truth")
 
 

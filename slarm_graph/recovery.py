@@ -1,22 +1,57 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Map recovery, the plain part of GGMR: reachability, expansion and coverage of a grid."""
+"""Map recovery, the second half of GGMR: from an occupancy grid to the geographic map.
+
+Threshold; drop specks; close pinholes; straighten walls on lines fitted to the laser's returns;
+match obstacles to known sizes for their heights; expansion radius; coverage. No visited cell ever
+becomes an obstacle, and where the robot fits, free space keeps its connections.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
-from scipy import ndimage
 
-from slarm_graph.config import RecoveryConfig
+from slarm_graph.config import MappingConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
+from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.grid_cleaning import CleanGrid, cleaned, visited_cells, within_m
+from slarm_graph.mapping import end_points_m, render
+from slarm_graph.obstacles import matched_blocks, wall_strips
+from slarm_graph.outlines import inside_any, inside_outlines, outlines_m
+from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
+from slarm_graph.walls import Outline, gathered, returns_of_cells, straightened
+from slarm_graph.world import Solid
 
-_BODY_RADIUS_M = 0.18
+_FINEST_M = 0.05
+_MOVED_CELLS = 2.5
+_FACE_CELLS, _FACE_M = 0.1, 0.015
 
 
-def recover(grid: OccupancyGrid, trajectory: Trajectory, config: RecoveryConfig) -> GeographicMap:
-    """Say of every cell whether the robot can be there.
+@dataclass(frozen=True, slots=True)
+class _Shape:
+    """What is known on the grid: classes, and where straightened, outlines and solids."""
+
+    clean: CleanGrid
+    outlines: list[Outline]
+    blocks: list[Solid]
+    strips: list[Solid]
+
+
+def recover(
+    grid: OccupancyGrid,
+    trajectory: Trajectory,
+    config: RecoveryConfig,
+    *,
+    end_points: Floats | None = None,
+    geometry: GridGeometry | None = None,
+) -> GeographicMap:
+    """Recover the geographic map from an occupancy grid.
 
     Parameters
     ----------
@@ -24,40 +59,187 @@ def recover(grid: OccupancyGrid, trajectory: Trajectory, config: RecoveryConfig)
     trajectory : Trajectory
         `map_from_robot`; cells it visits are never obstacles.
     config : RecoveryConfig
+    end_points : (N, 2) float64, optional
+        Laser returns in the map [m], from the corrected trajectory; they place walls more finely
+        than cells can.
+    geometry : GridGeometry, optional
+        Cells of the result, for instance coarser ones; a cell is what its centre is. The grid's
+        own when left out.
     """
-    visited = _visited(grid.geometry, trajectory)
-    occupied = grid.occupied & ~visited
-    free = grid.free | visited
-    apart_m = ndimage.distance_transform_edt(~occupied) * grid.geometry.resolution_m
-    near = apart_m <= config.expansion_radius_m
-    labels, _ = ndimage.label(free & ~near)
-    reached = np.isin(labels, np.setdiff1d(np.unique(labels[visited]), [0]))
-    states = np.full(grid.geometry.shape, CellState.UNKNOWN, dtype=np.uint8)
-    states[free] = CellState.ENCLOSED
-    states[free & near] = CellState.EXPANSION
-    states[reached] = CellState.ACCESSIBLE
-    states[occupied] = CellState.OBSTACLE
-    height_m = np.inf if config.default_height_m is None else config.default_height_m
-    passed_m = ndimage.distance_transform_edt(~visited) * grid.geometry.resolution_m
+    target = grid.geometry if geometry is None else geometry
+    shape = _shape(grid, trajectory, config, end_points)
+    visited = visited_cells(target, trajectory)
+    region = _region(shape, target, visited)
+    behind = _behind(shape, target)
+    states = _states(shape.clean, target, region, behind)
+    expanded = _expanded(target, states, config.expansion_radius_m) & ~visited
+    states[expanded] = CellState.EXPANSION
+    heights_m, source = _heights(shape, target, states, config)
+    centers = target.centers()
+    observed = target_sample(grid, grid.free, centers)
     return GeographicMap(
-        grid.geometry,
-        states,
-        np.where(occupied, height_m, 0.0).astype(np.float32),
-        "infinite" if config.default_height_m is None else "default",
-        Coverage(grid.free, visited, (passed_m <= _BODY_RADIUS_M) & free),
-        int(np.sum(occupied != grid.occupied)),
+        geometry=target,
+        states=states,
+        heights_m=heights_m,
+        height_source=source,
+        coverage=Coverage(
+            observed | visited, visited, _footprint(target, trajectory, config) & (states != 2)
+        ),
+        changed_cells=_changed(grid, states, centers),
+        solids=(*shape.blocks, *shape.strips),
     )
 
 
-def _visited(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
-    """Mark the cells (rows, cols) that the robot's centre passed through."""
-    visited = np.zeros(geometry.shape, dtype=np.bool_)
-    points = trajectory.poses[:, :2]
-    steps = max(1, int(np.ceil(trajectory.path_length_m() / geometry.resolution_m * 2)))
-    along = np.linspace(0, len(points) - 1, steps + len(points))
-    index = np.arange(len(points))
-    way = np.column_stack([np.interp(along, index, points[:, axis]) for axis in (0, 1)])
-    cells = geometry.cell_of(way)
-    cells = cells[geometry.contains(cells)]
-    visited[cells[:, 0], cells[:, 1]] = True
-    return visited
+def recover_scans(
+    scans: Sequence[LaserScan],
+    trajectory: Trajectory,
+    mapping: MappingConfig,
+    config: RecoveryConfig,
+    *,
+    geometry: GridGeometry,
+) -> GeographicMap:
+    """Recover the geographic map of a drive on given cells, mapping it at 0.05 m or finer.
+
+    Parameters
+    ----------
+    scans : sequence of N LaserScan
+    trajectory : Trajectory of N poses
+    mapping : MappingConfig
+    config : RecoveryConfig
+    geometry : GridGeometry
+    """
+    fine_m = min(_FINEST_M, geometry.resolution_m)
+    fine = mapping.model_copy(update={"resolution_m": fine_m})
+    grid = render(scans, trajectory, fine)
+    points = end_points_m(scans, trajectory, fine)
+    return recover(grid, trajectory, config, end_points=points, geometry=geometry)
+
+
+def target_sample(grid: OccupancyGrid, layer: Mask, centers: Floats) -> Mask:
+    """Look a layer of the grid up at points (..., 2); False outside."""
+    return np.asarray(grid.geometry.sample(layer, centers, outside=False))
+
+
+def _shape(
+    grid: OccupancyGrid,
+    trajectory: Trajectory,
+    config: RecoveryConfig,
+    end_points: Floats | None,
+) -> _Shape:
+    """Clean the grid and straighten the outline of the region the robot can get to."""
+    geometry = grid.geometry
+    clean = cleaned(grid, visited_cells(geometry, trajectory), config)
+    if not config.straighten or not clean.reached.any():
+        return _Shape(clean, [], [], [])
+    if end_points is None:
+        beside = within_m(geometry, clean.reached, geometry.resolution_m)
+        returns = returns_of_cells(geometry, clean.occupied & beside)
+    else:
+        returns = gathered(end_points, geometry.resolution_m)
+    outlines = straightened(outlines_m(geometry, clean.reached), returns, geometry.resolution_m)
+    blocks = matched_blocks(outlines, config.known_sizes, config.size_tolerance_m)
+    height_m = math.inf if config.default_height_m is None else config.default_height_m
+    strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m)
+    return _Shape(clean, outlines, blocks, strips)
+
+
+def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
+    """Cells the robot can get to, by their centres: the outlines' say near them, else the grid's."""
+    clean, centers = shape.clean, target.centers()
+    region = clean.geometry.sample(clean.reached, centers, outside=False)
+    if shape.outlines:
+        straight = inside_outlines(target, [outline.corners_m for outline in shape.outlines])
+        straight |= inside_any(target, _faces(shape.outlines, target.resolution_m))
+        border = within_m(
+            clean.geometry, clean.reached, _MOVED_CELLS * clean.geometry.resolution_m
+        ) & within_m(clean.geometry, ~clean.reached, _MOVED_CELLS * clean.geometry.resolution_m)
+        near = clean.geometry.sample(border, centers, outside=True)
+        region = np.where(near, straight, region)
+    return np.asarray(region | visited)
+
+
+def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
+    """Thin quadrilaterals (4, 2) around the sides [m]: a centre on a face is not in the wall.
+
+    Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a face,
+    which is only known to about a centimetre.
+    """
+    half_m = min(_FACE_CELLS * resolution_m, _FACE_M)
+    quads = []
+    for outline in outlines:
+        starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
+        for start, end in zip(starts, ends, strict=True):
+            step = end - start
+            length = math.hypot(step[0], step[1])
+            if length > 0.0:
+                along = step * (half_m / length)
+                side = np.array([-along[1], along[0]])
+                a, b = start - along, end + along
+                quads.append(np.array([a - side, b - side, b + side, a + side]))
+    return quads
+
+
+def _behind(shape: _Shape, target: GridGeometry) -> Mask:
+    """Cells whose centre lies in a block or just behind a wall's face."""
+    return inside_any(target, [solid.corners_m for solid in (*shape.blocks, *shape.strips)])
+
+
+def _states(clean: CleanGrid, target: GridGeometry, region: Mask, behind: Mask) -> np.ndarray:
+    """Class of every cell before expansion (rows, cols) uint8."""
+    centers = target.centers()
+    occupied = clean.geometry.sample(clean.occupied, centers, outside=False)
+    free = clean.geometry.sample(clean.free & ~clean.reached, centers, outside=False)
+    states = np.full(target.shape, CellState.UNKNOWN, dtype=np.uint8)
+    states[free] = CellState.ENCLOSED
+    states[occupied | behind] = CellState.OBSTACLE
+    states[region] = CellState.ACCESSIBLE
+    return states
+
+
+def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask:
+    """Accessible cells within the expansion radius, rounded up to cells, of an obstacle."""
+    if radius_m <= 0.0:
+        return np.zeros(target.shape, dtype=np.bool_)
+    cells = math.ceil(radius_m / target.resolution_m - 1e-9)
+    near = within_m(target, states == CellState.OBSTACLE, cells * target.resolution_m)
+    return np.asarray(near & (states == CellState.ACCESSIBLE))
+
+
+def _heights(
+    shape: _Shape, target: GridGeometry, states: np.ndarray, config: RecoveryConfig
+) -> tuple[np.ndarray, str]:
+    """Top of every obstacle cell (rows, cols) float32 [m], and where the heights came from."""
+    height_m = math.inf if config.default_height_m is None else config.default_height_m
+    source = "infinite" if config.default_height_m is None else "default"
+    heights_m = np.where(states == CellState.OBSTACLE, height_m, 0.0).astype(np.float32)
+    for block in shape.blocks:
+        inside = inside_outlines(target, [block.corners_m]) & (states == CellState.OBSTACLE)
+        heights_m[inside] = block.height_m
+    if shape.blocks:
+        source = f"matched sizes ({len(shape.blocks)} obstacles), else {source}"
+    return heights_m, source
+
+
+def _footprint(target: GridGeometry, trajectory: Trajectory, config: RecoveryConfig) -> Mask:
+    """Cells whose centre the robot's disc passed over."""
+    fine = min(target.resolution_m, config.robot_radius_m / 4)
+    factor = math.ceil(target.resolution_m / fine)
+    factor += 1 - factor % 2
+    lattice = GridGeometry(
+        target.origin_x_m,
+        target.origin_y_m,
+        target.resolution_m / factor,
+        target.rows * factor,
+        target.cols * factor,
+    )
+    over = within_m(lattice, visited_cells(lattice, trajectory), config.robot_radius_m)
+    return over[factor // 2 :: factor, factor // 2 :: factor]
+
+
+def _changed(grid: OccupancyGrid, states: np.ndarray, centers: Floats) -> int:
+    """Cells whose class differs from that of the grid at their centre."""
+    occupied = target_sample(grid, grid.occupied, centers)
+    free = target_sample(grid, grid.free, centers)
+    now_occupied = states == CellState.OBSTACLE
+    now_free = ~now_occupied & (states != CellState.UNKNOWN)
+    return int(np.sum((occupied != now_occupied) | (free != now_free)))

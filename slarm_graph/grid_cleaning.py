@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""First part of recovery: an occupancy grid without specks, pinholes and leaks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy import ndimage
+
+from slarm_graph.config import RecoveryConfig
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.trajectory import Trajectory
+
+_EIGHT = np.ones((3, 3), dtype=np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class CleanGrid:
+    """A grid in three classes and the part of it the robot can get to.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    occupied, free : (rows, cols) bool
+        Cells in neither are unknown.
+    reached : (rows, cols) bool
+        Free cells joined over sides to those the robot visited.
+    """
+
+    geometry: GridGeometry
+    occupied: Mask
+    free: Mask
+    reached: Mask
+
+
+def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
+    """Threshold a grid, drop specks, close pinholes in walls and in free space.
+
+    Visited cells become free, and cells where the robot's disc fits stay free, so that passable
+    space keeps its connections whatever is closed.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    visited : (rows, cols) bool
+    config : RecoveryConfig
+    """
+    occupied = _without_specks(grid.occupied, config.speck_cells) & ~visited
+    free = (grid.free | visited | (grid.occupied & ~occupied)) & ~occupied
+    passable = visited | (
+        free & _fits(occupied, config.robot_radius_m / grid.geometry.resolution_m)
+    )
+    closed = cv2.morphologyEx(
+        np.pad(occupied, 1).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
+    )[1:-1, 1:-1].astype(np.bool_)
+    occupied |= closed & ~passable
+    free &= ~occupied
+    free |= _small_holes(free, occupied, config.hole_area_m2 / grid.geometry.resolution_m**2)
+    return CleanGrid(grid.geometry, occupied, free, _reached(free, visited))
+
+
+def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
+    """Mark the cells (rows, cols) that the robot's centre passed through."""
+    visited = np.zeros(geometry.shape, dtype=np.bool_)
+    points = trajectory.poses[:, :2]
+    if not len(points):
+        return visited
+    # A tenth of a cell between samples leaves out no more than the tip of a corner.
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    samples = np.arange(0.0, along[-1], 0.1 * geometry.resolution_m)
+    way = np.column_stack([np.interp(samples, along, points[:, axis]) for axis in range(2)])
+    cells = geometry.cell_of(np.concatenate([points, way]))
+    cells = cells[geometry.contains(cells)]
+    visited[cells[:, 0], cells[:, 1]] = True
+    return visited
+
+
+def within_m(geometry: GridGeometry, mask: Mask, radius_m: float) -> Mask:
+    """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
+    if not mask.any():
+        return np.zeros_like(mask)
+    apart = ndimage.distance_transform_edt(~mask) * geometry.resolution_m
+    return np.asarray(apart <= radius_m + 1e-9)
+
+
+def _without_specks(occupied: Mask, most_cells: int) -> Mask:
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8))
+    kept = stats[:, cv2.CC_STAT_AREA] > most_cells
+    kept[0] = False
+    return np.asarray(kept[labels]) if count > 1 else occupied.copy()
+
+
+def _fits(occupied: Mask, radius_cells: float) -> Mask:
+    """Cells from whose centre a disc reaches into no occupied cell's centre."""
+    if not occupied.any():
+        return np.ones_like(occupied)
+    return np.asarray(ndimage.distance_transform_edt(~occupied) > radius_cells)
+
+
+def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:
+    """Unknown patches no larger than a size that touch free cells only, none of them a wall's."""
+    unknown = ~(free | occupied)
+    count, labels = cv2.connectedComponents(unknown.astype(np.uint8), connectivity=8)
+    small = np.bincount(labels.ravel(), minlength=count) <= most_cells
+    small[0] = False
+    beside = labels[ndimage.binary_dilation(occupied, _EIGHT) & unknown]
+    small[beside] = False
+    edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    small[edge] = False
+    return np.asarray(small[labels])
+
+
+def _reached(free: Mask, visited: Mask) -> Mask:
+    """Free cells joined over sides to visited ones; without a path, the largest free area."""
+    _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    if (visited & free).any():
+        wanted = np.unique(labels[visited & free])
+    else:
+        sizes = np.bincount(labels.ravel())
+        sizes[0] = 0
+        wanted = np.array([sizes.argmax()])
+    return np.asarray(np.isin(labels, wanted[wanted > 0]))
