@@ -23,7 +23,7 @@ from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.particle_matching import point_normals
-from slarm_graph.backends.path_filling import SettledMap, fill_path
+from slarm_graph.backends.path_filling import GrowingMap, fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.config import GmappingConfig, RunConfig
@@ -81,7 +81,7 @@ class GmappingBackend:
         self._heartbeat = heartbeat
         self._state = _State(ScanTracker(config.frontend), MappingFilter.empty(config.gmapping))
         self._step: Future[None] | None = None
-        self._map = SettledMap(config.mapping)
+        self._map = GrowingMap(config.mapping)
 
     def update(self, reading: Reading) -> None:
         """Take one reading: follow it with the frontend, and update the filter when due.
@@ -119,10 +119,8 @@ class GmappingBackend:
         if not state.updates:
             raise RunFailed("no scan was usable")
         trajectory = self._filled(state.filter.best_path())
-        common = state.filter.ancestry.common_update()
-        settled = state.updates[common] if common >= 0 else 0
         self._heartbeat(f"rendering {len(state.scans)} scans")
-        grid = self._map.render(state.scans, trajectory, settled)
+        grid = self._map.render(state.scans, trajectory, state.updates[-1])
         return SlamResult(trajectory, grid, tables=(self._table(),), notices=self._notices())
 
     def weighted_mean_trajectory(self) -> Trajectory:
@@ -139,7 +137,7 @@ class GmappingBackend:
         """Continue from a snapshot."""
         self._settle()
         self._state, self._rng.bit_generator.state = pickle.loads(state)
-        self._map = SettledMap(self._mapping)
+        self._map = GrowingMap(self._mapping)
 
     def _settle(self) -> None:
         """Wait for the filter; its errors come up here."""

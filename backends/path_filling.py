@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A pose for every scan out of corrected poses for some, and a map that keeps what is settled."""
+"""A pose for every scan out of corrected poses for some, and a map that grows with them."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def fill_path(
     return compose(filled, share[:, None] * residual[step])
 
 
-class SettledMap:
-    """Renders a path whose beginning no longer changes without starting over.
+class GrowingMap:
+    """Renders a growing path again and again, starting over only when its past has changed.
 
     Parameters
     ----------
@@ -59,18 +59,23 @@ class SettledMap:
     """
 
     def __init__(self, config: MappingConfig) -> None:
-        self._settled = GridMapper(config)
-        self._count = 0
+        self._config = config
+        self._mapper = GridMapper(config)
+        self._rendered: Floats = np.empty((0, 6))
 
     def render(
-        self, scans: Sequence[LaserScan], trajectory: Trajectory, settled: int
+        self, scans: Sequence[LaserScan], trajectory: Trajectory, final: int
     ) -> OccupancyGrid:
-        """Render all scans; the poses up to index `settled` will stay as they are."""
+        """Render all scans; the poses from index `final` on are expected to change."""
         rates = pose_rates(trajectory)
-        for i in range(self._count, settled):
-            self._settled.add(scans[i], trajectory.poses[i], rates[i])
-        self._count = max(self._count, settled)
-        mapper = copy.deepcopy(self._settled)
-        for i in range(self._count, len(scans)):
+        past = np.hstack([trajectory.poses, rates])[:final]
+        done = len(self._rendered)
+        if done > final or not np.array_equal(past[:done], self._rendered):
+            self._mapper, done = GridMapper(self._config), 0
+        for i in range(done, final):
+            self._mapper.add(scans[i], trajectory.poses[i], rates[i])
+        self._rendered = past
+        mapper = copy.deepcopy(self._mapper)
+        for i in range(final, len(scans)):
             mapper.add(scans[i], trajectory.poses[i], rates[i])
         return mapper.grid()
