@@ -8,7 +8,6 @@ import math
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slarm_graph.config import LidarConfig, SimulationConfig
 from slarm_graph.errors import BadInput
@@ -54,7 +53,7 @@ class SimulatedWorld:
         self._rng = rng
         self._seen = visible_segments(world, config.lidar.height_m)
         self._solid = visible_segments(world, 0.0)
-        self._directions = _directions(config.lidar)
+        self._directions = beam_directions(config.lidar)
         self._period_ns = round(1e9 / config.lidar.rate_hz)
         self._stamp_ns = START_NS
         self._pose = self._previous = world.start
@@ -77,14 +76,7 @@ class SimulatedWorld:
         """
         lidar = self.config.lidar
         share = min(1.0, lidar.sweep_s * 1e9 / self._period_ns)
-        scan = LaserScan(
-            self._ranges(share),
-            *_angles(lidar),
-            lidar.range_min_m,
-            lidar.range_max_m,
-            Pose2(lidar.x_m, lidar.y_m, lidar.yaw_rad),
-            lidar.sweep_s / lidar.beams,
-        )
+        scan = scan_from_ranges(lidar, self._exact_ranges_m(share), self._rng)
         odom = _between(self._previous_odom, self._odom, 1.0 - share)
         return Reading(self._stamp_ns - round(lidar.sweep_s * 1e9), scan, odom)
 
@@ -135,20 +127,15 @@ class SimulatedWorld:
             self._pose = pose
         self._touching = False
 
-    def _ranges(self, share: float) -> NDArray[np.float32]:
-        """Noisy ranges (B,) [m] taken over the last `share` of the drive."""
+    def _exact_ranges_m(self, share: float) -> Floats:
+        """Distances (B,) along the beams taken over the last `share` of the drive."""
         lidar = self.config.lidar
         poses = np.asarray(self._pose.as_array()[None])
         if share > 0.0:
             when = (1.0 - share) + share * np.arange(lidar.beams) / lidar.beams
             poses = _along(self._previous, self._pose, when)
         mount = np.array([lidar.x_m, lidar.y_m, lidar.yaw_rad])
-        # Noise must not decide whether a wall just out of range is met.
-        exact = cast_rays(self._seen, compose(poses, mount), self._directions, lidar.range_max_m)
-        ranges = exact + lidar.sigma_m * self._rng.standard_normal(lidar.beams)
-        ranges[ranges > lidar.range_max_m] = np.inf
-        ranges[ranges < lidar.range_min_m] = -np.inf
-        return ranges.astype(np.float32)
+        return cast_rays(self._seen, compose(poses, mount), self._directions, lidar.range_max_m)
 
     def _check_start(self) -> None:
         start, where = self.map.start, np.array([[self.map.start.x, self.map.start.y]])
@@ -169,6 +156,21 @@ def visible_segments(world: WorldMap, height_m: float) -> SegmentGrid:
     )
 
 
+def scan_from_ranges(lidar: LidarConfig, exact_m: Floats, rng: np.random.Generator) -> LaserScan:
+    """Return the scan of a laser that adds its noise to exact distances (B,) [m]."""
+    ranges = exact_m + lidar.sigma_m * rng.standard_normal(lidar.beams)
+    ranges[ranges > lidar.range_max_m] = np.inf
+    ranges[ranges < lidar.range_min_m] = -np.inf
+    return LaserScan(
+        ranges.astype(np.float32),
+        *_angles(lidar),
+        lidar.range_min_m,
+        lidar.range_max_m,
+        Pose2(lidar.x_m, lidar.y_m, lidar.yaw_rad),
+        lidar.sweep_s / lidar.beams,
+    )
+
+
 def laser_angles(lidar: LidarConfig) -> tuple[float, float]:
     """First angle and increment [rad] as the laser itself reports them, in its own frame."""
     circle = lidar.field_of_view_rad >= 2.0 * math.pi - 1e-9
@@ -186,7 +188,8 @@ def _angles(lidar: LidarConfig) -> tuple[float, float]:
     return (-first, -increment) if lidar.upside_down else (first, increment)
 
 
-def _directions(lidar: LidarConfig) -> Floats:
+def beam_directions(lidar: LidarConfig) -> Floats:
+    """Unit vectors (B, 2) of the beams in the laser's frame projected to the plane."""
     first, increment = _angles(lidar)
     angles = first + increment * np.arange(lidar.beams)
     return np.stack([np.cos(angles), np.sin(angles)], axis=1)

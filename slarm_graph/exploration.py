@@ -16,7 +16,7 @@ from slarm_graph.driven_world import DrivenWorld
 from slarm_graph.eval.assessment import References, assess
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.radio_accuracy import radio_accuracy
-from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.frontends.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.intake import stop_on_signal
@@ -54,7 +54,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     for_world, for_backend = np.random.default_rng(config.seed).spawn(2)
     # world -> readings -> SLAM backend -> where to drive next, until everything is known
     with folder.stage("exploration", progress):
-        simulated = SimulatedWorld(world, config.simulation, for_world)
+        simulated = make_world(world, config.simulation, for_world)
         driven = DrivenWorld(simulated, f"simulated world {world.name}", progress)
         backend = backends.make(config.backend, config, for_backend, progress.say)
         drive = _drive(driven, backend, world, config)
