@@ -31,6 +31,8 @@ _COARSE_GRIDS = 64
 _FINE_GRIDS = 64
 _QUERY_RANGE_M = 12.0
 _LONG_AGO = -1_000_000
+_WIDEN = 1.2
+_WIDEST = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +105,7 @@ class LoopCloser:
         self._coarse = SubmapCache(coarse, _COARSE_GRIDS, _pyramid)
         self._tentative: list[Closure] = []
         self._last_match = self._last_search = _LONG_AGO
+        self._fruitless = 0
         self._tried: dict[int, int] = {}
 
     def is_due(self, keyframe: int) -> bool:
@@ -182,6 +185,9 @@ class LoopCloser:
         if not tries:
             return
         query = self._query(k, keyframes)
+        # The longer nothing is found where it should be, the less the expectation is worth.
+        wide = 3.0 * min(_WIDEN**self._fruitless, _WIDEST)
+        self._fruitless += 1
         for e in tries:
             submap = int(expected.submap[e])
             self._tried[submap] = k
@@ -189,8 +195,8 @@ class LoopCloser:
                 self._coarse.of(submaps[submap], keyframes),
                 query,
                 Pose2.from_array(expected.submap_from_keyframe[e]),
-                reach_m=min(3.0 * float(expected.sigma_m[e]), self._config.window_m),
-                reach_rad=min(3.0 * float(expected.sigma_rad[e]), self._config.window_rad),
+                reach_m=min(wide * float(expected.sigma_m[e]), self._config.window_m),
+                reach_rad=min(wide * float(expected.sigma_rad[e]), self._config.window_rad),
                 min_score=self._config.search_score,
             )
             if hit is None:
@@ -220,6 +226,7 @@ class LoopCloser:
             if math.hypot(away[0], away[1]) > 0.05 + 0.05 * path_m or abs(away[2]) > 0.035:
                 reason = "a second match disagrees"
             if not reason:
+                self._fruitless = 0
                 done += [first, replace(second, searched=True)]
             else:
                 done.append(replace(first, reason=f"not confirmed: {reason}"))
