@@ -8,11 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from filterpy.kalman import KalmanFilter
 from numba import njit
 
 from slarm_graph.frontends.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
+_FIRST_SPEED = np.array([0.5, 0.2, 0.5])
 _ACCELERATION = np.array([1.0, 0.5, 2.0])
 _FLOOR = np.array([0.004, 0.004, 0.004])
 _PER_DISTANCE = np.array([0.10, 0.06, 0.15])
@@ -43,13 +45,15 @@ class Prediction:
 class OdometryFilter:
     """Predicts the motion between scans with its covariance, and learns from the matches.
 
-    The state is the robot's velocity in its own frame with a covariance; odometry, where there is
-    any that ever moved, measures it too, with a noise that grows when matches contradict it.
+    A Kalman filter whose state is the robot's velocity in its own frame. Odometry, where there is
+    any that ever moved, measures it by the way made in between, with a noise that grows when
+    matches contradict it; where there is none, the velocity is constant but for accelerations.
     """
 
     def __init__(self) -> None:
-        self._velocity = np.zeros(3)
-        self._covariance = np.diag([0.5, 0.2, 0.5]) ** 2
+        self._kalman = KalmanFilter(dim_x=3, dim_z=3)
+        self._kalman.x = np.zeros(3)
+        self._kalman.P = np.diag(_FIRST_SPEED**2)
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
         self._distrust = 1.0
@@ -76,21 +80,22 @@ class OdometryFilter:
             encoder, or a true jerk), both stand apart; else they are fused to one.
         """
         span = self._steady(span_s)
-        steady = at_constant_velocity(
-            self._velocity, self._covariance, span, span_s > _MAX_COASTING_S
-        )
+        if span_s > _MAX_COASTING_S:
+            self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
+        else:
+            self._kalman.predict(Q=np.diag((_ACCELERATION * span) ** 2))
+        steady = self._motion(span)
         self._measured = None
         increment = self._increment(odom_from_robot)
         if increment is None:
-            return (Prediction(*steady),)
-        noise = odometry_covariance(increment, self._distrust)
-        noise = noise + self.lag_covariance(lag_s)
+            return (steady,)
+        noise = odometry_covariance(increment, self._distrust) + self.lag_covariance(lag_s)
         self._measured = (increment, noise)
-        motion, covariance, contradiction = fuse(*steady, increment, noise)
         measured = Prediction(increment, noise)
-        if contradiction > _CONTRADICTION:
-            return (measured, Prediction(*steady))
-        return (Prediction(motion, covariance), measured, Prediction(*steady))
+        if squared_sigmas(increment - steady.motion, steady.covariance + noise) > _CONTRADICTION:
+            return (measured, steady)
+        self._kalman.update(increment, R=noise, H=span * np.eye(3))
+        return (self._motion(span), measured, steady)
 
     def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
         """Learn from the motion (robot frame before from now) that came out of matching."""
@@ -98,16 +103,20 @@ class OdometryFilter:
         moved = motion.as_array()
         if self._measured is not None:
             increment, noise = self._measured
-            _, _, surprise = fuse(moved, covariance, increment, noise / self._distrust)
+            surprise = squared_sigmas(increment - moved, noise / self._distrust + covariance)
             self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise / 3.0)
-        self._velocity = moved / span
-        self._covariance = covariance / (span * span)
+        # The match has used the prediction already, so it replaces it.
+        self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows."""
-        self._velocity = _FADING * self._velocity
-        grown = self._covariance / _FADING**2
-        self._covariance = np.minimum(grown, np.diag(_ANYWHERE * _ANYWHERE))
+        self._kalman.x = _FADING * self._kalman.x
+        grown = np.diag(self._kalman.P) / _FADING**2
+        self._kalman.P = np.diag(np.minimum(grown, _ANYWHERE**2))
+
+    def _motion(self, span: float) -> Prediction:
+        """Motion over `span` at the filter's velocity."""
+        return Prediction(self._kalman.x * span, self._kalman.P * (span * span))
 
     def rate(self, motion: Floats, span_s: float) -> Floats:
         """Velocity (3,) [m/s, m/s, rad/s] of a motion (3,) over `span_s`; 0 across a gap."""
@@ -148,30 +157,8 @@ def odometry_covariance(increment: Floats, distrust: float = 1.0) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def at_constant_velocity(
-    velocity: Floats, covariance: Floats, span_s: float, too_long: bool
-) -> tuple[Floats, Floats]:
-    """Motion (3,) and covariance (3, 3) at constant velocity, or anywhere after too long."""
-    motion = np.zeros(3)
-    if too_long:
-        return motion, np.diag(_ANYWHERE * _ANYWHERE)
-    spread = np.empty((3, 3))
-    for r in range(3):
-        motion[r] = velocity[r] * span_s
-        for k in range(3):
-            spread[r, k] = covariance[r, k] * span_s * span_s
-        spread[r, r] += (_ACCELERATION[r] * span_s * span_s) ** 2
-    return motion, spread
-
-
-@njit(cache=True, nogil=True)
-def fuse(
-    motion: Floats, covariance: Floats, other: Floats, other_covariance: Floats
-) -> tuple[Floats, Floats, float]:
-    """Fuse two Gaussian estimates of one motion; returns also how far apart (squared sigmas)."""
-    miss = other - motion
-    miss[2] -= 2.0 * math.pi * math.floor((miss[2] + math.pi) / (2.0 * math.pi))
-    weight = invert3(covariance + other_covariance)
-    pull = weight @ miss
-    fused = covariance - covariance @ weight @ covariance
-    return motion + covariance @ pull, 0.5 * (fused + fused.T), float(miss @ pull)
+def squared_sigmas(miss: Floats, covariance: Floats) -> float:
+    """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
+    wrapped = miss.copy()
+    wrapped[2] -= 2.0 * math.pi * math.floor((wrapped[2] + math.pi) / (2.0 * math.pi))
+    return float(wrapped @ (invert3(covariance) @ wrapped))
