@@ -19,6 +19,7 @@ from slarm_graph.eval.radio_accuracy import radio_accuracy
 from slarm_graph.frontends.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
+from slarm_graph.grid import GridGeometry
 from slarm_graph.intake import stop_on_signal
 from slarm_graph.job import Run
 from slarm_graph.mapping import render
@@ -26,7 +27,7 @@ from slarm_graph.outputs import save_geographic, save_radio, save_readings, save
 from slarm_graph.progress import Progress
 from slarm_graph.radio import radio_map, theoretical_radio_map
 from slarm_graph.radio_words import RadioMap
-from slarm_graph.recovery import recover
+from slarm_graph.recovery import recover_scans, with_sizes_of
 from slarm_graph.run_folder import RunFolder
 from slarm_graph.run_report import save_report
 from slarm_graph.truth_map import truth_map
@@ -65,7 +66,13 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         save_slam(folder, slam)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
-        geographic = recover(slam.grid, slam.trajectory, config.recovery)
+        geographic = recover_scans(
+            drive.scans,
+            slam.trajectory,
+            config.mapping,
+            with_sizes_of(world, config.recovery),
+            geometry=GridGeometry.covering(*world.extent_m(), config.explore.resolution_m),
+        )
         save_geographic(folder, geographic)
     # geographic map -> radio map
     with folder.stage("radio map", progress):

@@ -129,6 +129,56 @@ def _without_mount(
     return heights
 
 
+def line_of_sight_to_points(
+    points_m: ArrayLike,
+    solids: Sequence[Solid],
+    access_point_m: ArrayLike,
+    antenna_height_m: float,
+) -> Mask:
+    """Decide for antennas (N, 2) [m] anywhere whether they are in sight past convex solids.
+
+    An antenna inside a solid is taken to be on the nearest face: walls are only known so well.
+
+    Parameters
+    ----------
+    points_m : (N, 2)
+    solids : sequence of Solid
+    access_point_m : (3,)
+    antenna_height_m : float
+
+    Returns
+    -------
+    (N,) bool
+    """
+    points = np.array(points_m, dtype=np.float64).reshape(-1, 2)
+    x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    for solid in solids:
+        for index in np.flatnonzero(contains(solid.corners_m, points)):
+            foot, normal = nearest_on_outline(solid.corners_m, points[index])
+            points[index] = foot + _OFF_WALL_M * normal
+    clear = np.ones(len(points), dtype=np.bool_)
+    plans = _plans(solids, None, True) + _plans(solids, None, False)
+    scales = _scales(np.array([top for _, top in plans]), float(z), antenna_height_m)
+    for (corners, _), (near, far) in zip(plans, scales, strict=True):
+        if not math.isnan(near):
+            clear &= ~_crosses(np.array([x, y]), points, corners, 1.0 / far, 1.0 / near)
+    return clear
+
+
+def _crosses(eye: Floats, points: Floats, corners: Floats, begin: float, end: float) -> Mask:
+    """Whether eye + u (point - eye) enters a convex polygon (K, 2) for begin < u < end."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1)
+    ahead = (points - eye) @ inward.T
+    inside = ((eye - corners) * inward).sum(axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        meets = -inside / ahead
+    enters = np.where(ahead > 0.0, meets, -np.inf).max(axis=1, initial=begin)
+    leaves = np.where(ahead < 0.0, meets, np.inf).min(axis=1, initial=end)
+    outside = ((ahead == 0.0) & (inside <= 0.0)).any(axis=1)
+    return np.asarray((leaves - enters > 1e-9) & ~outside)
+
+
 def _plans(
     solids: Sequence[Solid], boundary_m: Floats | None, is_whole: bool
 ) -> list[tuple[Floats, float]]:

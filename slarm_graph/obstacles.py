@@ -20,6 +20,7 @@ Size = tuple[float, float, float]
 
 _SQUARE = math.cos(math.radians(80.0))
 _FULL_SHARE = 0.9
+_ON_SIDE_M = 0.03
 
 
 def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
@@ -89,7 +90,7 @@ def wall_strips(
 ) -> list[Solid]:
     """Return a thin solid behind every side of the outlines that is a wall and in no block."""
     behind_m = geometry.resolution_m
-    strips = []
+    strips: list[Solid] = []
     for outline in outlines:
         starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
         for start, end, fitted in zip(starts, ends, outline.fitted, strict=True):
@@ -160,17 +161,13 @@ def _height_of(block: Floats, sizes: Sequence[Size], tolerance_m: float) -> floa
 
 def _on_side(block: Solid, start: Floats, end: Floats) -> bool:
     """Whether a side of an outline is one of a block's."""
-    ring = block.corners_m
+    ring, points = block.corners_m, np.array([start, end])
     for a, b in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-        if np.linalg.norm(a - end) < 1e-6 and np.linalg.norm(b - start) < 1e-6:
-            return True
-        step = (b - a) / max(float(np.linalg.norm(b - a)), 1e-12)
-        off = np.abs(
-            step[0] * (np.array([start, end]) - a)[:, 1]
-            - step[1] * (np.array([start, end]) - a)[:, 0]
-        )
-        s = (np.array([start, end]) - a) @ step
-        if off.max() < 0.03 and s.min() > -0.03 and s.max() < np.linalg.norm(b - a) + 0.03:
+        length = float(np.linalg.norm(b - a))
+        step = (b - a) / length
+        along, across = (points - a) @ step, (points - a) @ np.array([-step[1], step[0]])
+        is_between = along.min() > -_ON_SIDE_M and along.max() < length + _ON_SIDE_M
+        if is_between and np.abs(across).max() < _ON_SIDE_M:
             return True
     return False
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -33,7 +34,7 @@ def outlines_m(geometry: GridGeometry, mask: Mask) -> list[Floats]:
     corners, starts = _trace_cracks(np.pad(mask, 1))
     origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
     points = (corners - 1) * geometry.resolution_m + origin
-    return [points[a:b] for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    return [points[a:b] for a, b in pairwise(starts)]
 
 
 def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
@@ -43,7 +44,7 @@ def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
         return outline_m
     # The image library works in single precision: take the exact corner that is meant.
     apart = np.abs(kept[:, 0, None, :] - outline_m.astype(np.float32)[None]).sum(axis=-1)
-    return outline_m[apart.argmin(axis=1)]
+    return np.asarray(outline_m[apart.argmin(axis=1)])
 
 
 def inside_outlines(geometry: GridGeometry, polygons_m: Sequence[Floats]) -> Mask:

@@ -15,7 +15,12 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
+from slarm_graph.line_of_sight import (
+    line_of_sight_over_cells,
+    line_of_sight_past_solids,
+    line_of_sight_to_points,
+)
+from slarm_graph.outlines import inside_any
 from slarm_graph.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.truth_map import solid_heights_m
@@ -48,27 +53,42 @@ def radio_map(
     for notice in radio_notices(geographic.geometry, access_points, config):
         _log.warning(notice)
 
-    def sight(position_m: Floats) -> Mask:
-        if geographic.solids:
-            return line_of_sight_past_solids(
-                geographic.geometry,
-                geographic.solids,
-                position_m,
-                config.antenna_height_m,
-                mount_radius_m=config.mount_radius_m,
-            )
-        return line_of_sight_over_cells(
-            geographic.geometry,
-            geographic.heights_m,
-            position_m,
-            config.antenna_height_m,
-            mount_radius_m=config.mount_radius_m,
-        )
-
     free = np.isin(geographic.states, _FREE)
+
+    def sight(position_m: Floats) -> Mask:
+        return _recovered_sight(geographic, free, position_m, config)
+
     return _map_of(
         geographic.geometry, free, access_points, config, sight, geographic.height_source
     )
+
+
+def _recovered_sight(
+    geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
+) -> Mask:
+    """Line of sight (rows, cols) on the map's solids where it has any, else on its cells."""
+    geometry, height_m = geographic.geometry, config.antenna_height_m
+    if not geographic.solids:
+        return line_of_sight_over_cells(
+            geometry,
+            geographic.heights_m,
+            position_m,
+            height_m,
+            mount_radius_m=config.mount_radius_m,
+        )
+    clear = line_of_sight_past_solids(
+        geometry,
+        geographic.solids,
+        position_m,
+        height_m,
+        mount_radius_m=config.mount_radius_m,
+    )
+    # The centre of a free cell on a wall's face may come to lie a little inside the wall.
+    on_face = free & inside_any(geometry, [solid.corners_m for solid in geographic.solids])
+    if on_face.any():
+        points = geometry.centers()[on_face]
+        clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
+    return clear
 
 
 def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:

@@ -21,14 +21,14 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.grid_cleaning import CleanGrid, cleaned, visited_cells, within_m
 from slarm_graph.mapping import end_points_m, render
-from slarm_graph.obstacles import matched_blocks, wall_strips
+from slarm_graph.obstacles import known_sizes_of, matched_blocks, wall_strips
 from slarm_graph.outlines import inside_any, inside_outlines, outlines_m
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.walls import Outline, gathered, returns_of_cells, straightened
-from slarm_graph.world import Solid
+from slarm_graph.world import Solid, WorldMap
 
-_FINEST_M = 0.05
+_COARSEST_M = 0.05
 _MOVED_CELLS = 2.5
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 
@@ -76,15 +76,16 @@ def recover(
     states[expanded] = CellState.EXPANSION
     heights_m, source = _heights(shape, target, states, config)
     centers = target.centers()
-    observed = target_sample(grid, grid.free, centers)
+    footprint = _footprint(target, trajectory, config) & (states != CellState.OBSTACLE)
+    seen = _looked_up(grid, ~np.isnan(grid.probability), centers)
+    observed = (seen & np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))) | visited
+    observed |= _looked_up(grid, grid.free, centers) & (states != CellState.OBSTACLE)
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(
-            observed | visited, visited, _footprint(target, trajectory, config) & (states != 2)
-        ),
+        coverage=Coverage(observed, visited, footprint),
         changed_cells=_changed(grid, states, centers),
         solids=(*shape.blocks, *shape.strips),
     )
@@ -108,14 +109,21 @@ def recover_scans(
     config : RecoveryConfig
     geometry : GridGeometry
     """
-    fine_m = min(_FINEST_M, geometry.resolution_m)
+    fine_m = min(_COARSEST_M, geometry.resolution_m)
     fine = mapping.model_copy(update={"resolution_m": fine_m})
     grid = render(scans, trajectory, fine)
     points = end_points_m(scans, trajectory, fine)
     return recover(grid, trajectory, config, end_points=points, geometry=geometry)
 
 
-def target_sample(grid: OccupancyGrid, layer: Mask, centers: Floats) -> Mask:
+def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
+    """Take the sizes of a world's walls and boxes for known, as the paper does, unless given."""
+    if config.known_sizes:
+        return config
+    return config.model_copy(update={"known_sizes": known_sizes_of(world)})
+
+
+def _looked_up(grid: OccupancyGrid, layer: Mask, centers: Floats) -> Mask:
     """Look a layer of the grid up at points (..., 2); False outside."""
     return np.asarray(grid.geometry.sample(layer, centers, outside=False))
 
@@ -144,7 +152,7 @@ def _shape(
 
 
 def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
-    """Cells the robot can get to, by their centres: the outlines' say near them, else the grid's."""
+    """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
     clean, centers = shape.clean, target.centers()
     region = clean.geometry.sample(clean.reached, centers, outside=False)
     if shape.outlines:
@@ -238,8 +246,8 @@ def _footprint(target: GridGeometry, trajectory: Trajectory, config: RecoveryCon
 
 def _changed(grid: OccupancyGrid, states: np.ndarray, centers: Floats) -> int:
     """Cells whose class differs from that of the grid at their centre."""
-    occupied = target_sample(grid, grid.occupied, centers)
-    free = target_sample(grid, grid.free, centers)
+    occupied = _looked_up(grid, grid.occupied, centers)
+    free = _looked_up(grid, grid.free, centers)
     now_occupied = states == CellState.OBSTACLE
     now_free = ~now_occupied & (states != CellState.UNKNOWN)
     return int(np.sum((occupied != now_occupied) | (free != now_free)))

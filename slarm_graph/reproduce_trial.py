@@ -18,10 +18,10 @@ from slarm_graph.eval.association import associate
 from slarm_graph.eval.radio_accuracy import RadioAccuracy, radio_accuracy
 from slarm_graph.frontends.simulator import SimulatedWorld
 from slarm_graph.geographic import GeographicMap
-from slarm_graph.mapping import render
+from slarm_graph.grid import GridGeometry
 from slarm_graph.radio import radio_map, theoretical_radio_map
 from slarm_graph.radio_words import RadioMap
-from slarm_graph.recovery import recover
+from slarm_graph.recovery import recover_scans, with_sizes_of
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 from slarm_graph.world_files import load_world
@@ -134,9 +134,14 @@ def run_trial(trial: Trial) -> tuple[Row, RadioMap]:
 
 def recovered(world: WorldMap, drive: Exploration, config: RunConfig) -> Maps:
     """Return the geographic and the radio map of a drive, in the world's frame."""
-    mapping = config.mapping.model_copy(update={"resolution_m": config.explore.resolution_m})
-    grid = render(drive.scans, drive.trajectory, mapping)
-    geographic = recover(grid, drive.trajectory, config.recovery)
+    geometry = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
+    geographic = recover_scans(
+        drive.scans,
+        drive.trajectory,
+        config.mapping,
+        with_sizes_of(world, config.recovery),
+        geometry=geometry,
+    )
     return Maps(geographic, radio_map(geographic, world.access_points, config.radio))
 
 

@@ -220,7 +220,7 @@ def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wal
 def _taken_in(
     ring: list[Wall], at: int, step: int, returns: Returns, resolution_m: float
 ) -> tuple[Wall, int] | None:
-    """Return the wall with neighbours taken in on one side, and how many; None if there are none."""
+    """Return the wall with neighbours on one side taken in, and how many; None without any."""
     wall = ring[at]
     for count in range(1, min(_MOST_TAKEN_IN, len(ring) - 3) + 1):
         other = ring[(at + step * count) % len(ring)]
