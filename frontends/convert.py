@@ -10,17 +10,21 @@ import io
 import math
 import shutil
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.ros_writing import prepare_destination, remove, write_readings
-from slarm_graph.frontends.sources import existing_paths, is_carmen, open_source
+from slarm_graph.frontends.sources import existing_paths, is_carmen, open_source, open_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Reading
+
+if TYPE_CHECKING:
+    from slarm_graph.frontends.world_recording import SourceFromWorld
 
 _CARMEN_ENDINGS = (".clf", ".log", ".carmen", ".clf.gz", ".log.gz", ".carmen.gz")
 _HOST = "slarm"
@@ -36,7 +40,8 @@ def convert(
     """Convert a recording; the destination's ending says into what.
 
     ROS to ROS keeps every topic, message by message. To and from CARMEN goes through readings:
-    scans with the odometry at their stamps.
+    scans with the odometry at their stamps. A world file becomes the recording of a drive through
+    it, with the true poses on /ground_truth.
 
     Parameters
     ----------
@@ -61,6 +66,10 @@ def convert(
     paths, destination = existing_paths(sources), Path(destination)
     prepare_destination(destination, overwrite=overwrite)
     to_carmen = destination.name.endswith(_CARMEN_ENDINGS)
+    world = open_world(paths)
+    if world is not None and not to_carmen:
+        count = write_readings(destination, world, truth=_truth(world), overwrite=overwrite)
+        return f"{destination}: {count} scans of a {world.info().description}, with ground truth"
     if not to_carmen and not is_carmen(paths[0]):
         _convert_messages(paths, destination)
         return f"{destination}: every message of {', '.join(path.name for path in paths)}"
@@ -70,6 +79,13 @@ def convert(
     else:
         count = write_readings(destination, source, overwrite=overwrite)
     return f"{destination}: {count} scans of {source.info().description}"
+
+
+def _truth(world: SourceFromWorld) -> Iterator[tuple[int, Pose2]]:
+    """Stamped true poses of a drive, once it is over."""
+    path = world.truth()
+    for stamp_ns, pose in zip(path.stamps_ns.tolist(), path.poses, strict=True):
+        yield stamp_ns, Pose2.from_array(pose)
 
 
 def _convert_messages(paths: Sequence[Path], destination: Path) -> None:

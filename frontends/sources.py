@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +23,9 @@ from slarm_graph.frontends.scan_table import ScanTable
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Source
 
+if TYPE_CHECKING:
+    from slarm_graph.frontends.world_recording import SourceFromWorld
+
 
 def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) -> Source:
     """Open one recording; its kind is told from its content.
@@ -29,8 +33,8 @@ def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) 
     Parameters
     ----------
     paths : path or sequence of paths
-        A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, or a CARMEN
-        log, plain or gzipped.
+        A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, a CARMEN
+        log, plain or gzipped, or the YAML file of a world, through which a robot is then driven.
     config : SourceConfig
 
     Raises
@@ -44,6 +48,9 @@ def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) 
         raise BadInput(f"{logs[0]} is a CARMEN log; only one at a time can be read")
     if logs:
         return open_carmen(logs[0], config)
+    world = open_world(files)
+    if world is not None:
+        return world
     from slarm_graph.frontends.ros_source import open_ros
 
     return open_ros(files, config)
@@ -67,6 +74,17 @@ def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
         except OSError as error:
             raise BadInput(f"cannot read {file}: {error.strerror}") from None
     return files
+
+
+def open_world(files: Sequence[Path]) -> SourceFromWorld | None:
+    """Open a world file as a drive through all of the world; None when it is something else."""
+    from slarm_graph.world_files import is_world_file, load_world
+
+    if len(files) != 1 or not is_world_file(files[0]):
+        return None
+    from slarm_graph.frontends.world_recording import SourceFromWorld
+
+    return SourceFromWorld(load_world(files[0]))
 
 
 def is_carmen(path: Path) -> bool:

@@ -137,12 +137,28 @@ def load_world(name_or_path: str | Path) -> WorldMap:
     return world_from_yaml(text, where=str(path))
 
 
+def is_world_file(path: Path) -> bool:
+    """Whether a file describes a world, or a map that can be driven through like one."""
+    if path.suffix not in (".yaml", ".yml") or not path.is_file():
+        return False
+    try:
+        text = path.read_text("utf-8")
+    except (OSError, UnicodeDecodeError):
+        return False
+    return _is_map(text) or "boundary_m" in _keys(text)
+
+
 def _is_map(text: str) -> bool:
+    return {"image", "resolution"} <= _keys(text)
+
+
+def _keys(text: str) -> set[object]:
+    """Top-level keys of a YAML document; none where it is not a mapping."""
     try:
         document = yaml.safe_load(text)
     except yaml.YAMLError:
-        return False
-    return isinstance(document, dict) and {"image", "resolution"} <= document.keys()
+        return set()
+    return set(document) if isinstance(document, dict) else set()
 
 
 def world_from_yaml(text: str, where: str = "world") -> WorldMap:

@@ -4,18 +4,29 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+from rosbags.highlevel import AnyReader
 from scipy.spatial import cKDTree
 
-from slarm_graph.config import LidarConfig, SimulationConfig
+from slarm_graph.config import LidarConfig, SimulationConfig, SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.convert import convert
 from slarm_graph.frontends.random_worlds import random_world
+from slarm_graph.frontends.sources import open_source
 from slarm_graph.frontends.tour import tour_waypoints_m
 from slarm_graph.frontends.world_recording import SourceFromWorld, commands, waypoints
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import DriveCommand
-from slarm_graph.world_files import load_world, shipped_worlds, world_from_yaml
+from slarm_graph.world_files import (
+    is_world_file,
+    load_world,
+    save_world,
+    shipped_worlds,
+    world_from_yaml,
+)
 
 
 def test_a_source_can_be_read_again() -> None:
@@ -91,3 +102,33 @@ def test_a_body_that_does_not_fit_is_refused() -> None:
     )
     with pytest.raises(BadInput, match=r"slot: there is no room for a robot of 0.3 m radius"):
         tour_waypoints_m(world_from_yaml(text), 0.3)
+
+
+def test_a_world_file_is_a_source(tmp_path: Path) -> None:
+    path = tmp_path / "room.yaml"
+    save_world(load_world("paper_room"), path)
+    source = open_source(path, SourceConfig())
+    assert isinstance(source, SourceFromWorld)
+    assert source.info().description == "simulated drive through paper_room"
+    assert next(iter(source)).odom_from_robot is not None
+
+
+def test_a_world_converts_to_a_recording_with_its_truth(tmp_path: Path) -> None:
+    path = tmp_path / "room.yaml"
+    save_world(load_world("paper_room"), path)
+    assert convert(path, tmp_path / "room.mcap").endswith("with ground truth")
+    readings = list(open_source(tmp_path / "room.mcap", SourceConfig()))
+    drive = SourceFromWorld(load_world(path))
+    for one, other in zip(readings, drive, strict=True):
+        assert one.stamp_ns == other.stamp_ns
+        np.testing.assert_array_equal(one.scan.ranges_m, other.scan.ranges_m)
+    with AnyReader([tmp_path / "room.mcap"]) as bag:
+        topics = {c.topic: c.msgcount for c in bag.connections}
+    assert topics["/ground_truth"] == topics["/scan"] == len(readings)
+
+
+def test_other_yaml_files_are_not_worlds(tmp_path: Path) -> None:
+    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    (tmp_path / "config.yaml").write_text("seed: 3\n")
+    (tmp_path / "broken.yaml").write_text("a: [")
+    assert not any(is_world_file(path) for path in tmp_path.iterdir())
