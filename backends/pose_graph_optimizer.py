@@ -14,13 +14,13 @@ import gtsam
 import numpy as np
 
 from slarm_graph.backend import Heartbeat, silent
+from slarm_graph.backends.graph_checks import check_graph
 from slarm_graph.backends.pose_graph_start import starting_poses
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import RunFailed
 from slarm_graph.geometry import Floats
 
 _LOG = logging.getLogger(__name__)
-_EIGENVALUES = (1e-12, 1e6)
 _ANCHOR_SIGMA = 1e-6
 _HUBER = 1.345
 
@@ -186,25 +186,6 @@ def marginal_covariances(graph: PoseGraph, indices: Sequence[int]) -> list[Float
         raise RunFailed(f"the covariances of the pose graph are indeterminate: {error}") from error
 
 
-def check_covariance(covariance: Floats, what: str) -> None:
-    """Refuse what GTSAM would silently turn into NaN.
-
-    Raises
-    ------
-    ValueError
-        Unless finite, symmetric and with eigenvalues within [1e-12, 1e6].
-    """
-    if covariance.shape != (3, 3) or not np.isfinite(covariance).all():
-        raise ValueError(f"covariance of {what} is not a finite 3 x 3 matrix")
-    if not np.allclose(covariance, covariance.T, rtol=1e-6, atol=1e-15):
-        raise ValueError(f"covariance of {what} is not symmetric")
-    eigenvalues = np.linalg.eigvalsh(covariance)
-    if eigenvalues[0] < _EIGENVALUES[0] or eigenvalues[-1] > _EIGENVALUES[1]:
-        raise ValueError(
-            f"covariance of {what} has eigenvalues {eigenvalues}, outside 1e-12 .. 1e6"
-        )
-
-
 def _is_closure(constraint: Constraint) -> bool:
     return constraint.kind is ConstraintKind.LOOP_CLOSURE
 
@@ -213,9 +194,7 @@ def _factors(
     graph: PoseGraph, kernel: Kernel = Kernel.NONE, slip_sigmas: float = math.inf
 ) -> gtsam.NonlinearFactorGraph:
     """Constraint k becomes factor k; the prior that holds pose 0 comes last."""
-    if not np.isfinite(graph.poses).all():
-        raise ValueError("a pose of the graph is not finite")
-    _check_all(graph.constraints)
+    check_graph(graph)
     closure_estimator = _estimator(kernel)
     step_estimator = _estimator(Kernel.CAUCHY, slip_sigmas) if slip_sigmas < math.inf else None
     factors = gtsam.NonlinearFactorGraph()
@@ -229,24 +208,6 @@ def _factors(
     anchor = gtsam.noiseModel.Isotropic.Sigma(3, _ANCHOR_SIGMA)
     factors.add(gtsam.PriorFactorPose2(0, gtsam.Pose2(*graph.poses[0]), anchor))
     return factors
-
-
-def _check_all(constraints: Sequence[Constraint]) -> None:
-    """Check all covariances at once; name the first bad one."""
-    if not constraints:
-        return
-    stack = np.array([c.covariance for c in constraints])
-    measured = np.array([(c.i_from_j.x, c.i_from_j.y, c.i_from_j.theta) for c in constraints])
-    good = np.isfinite(stack).all(axis=(1, 2)) & np.isfinite(measured).all(axis=1)
-    safe = np.where(good[:, None, None], stack, np.eye(3))
-    eigenvalues = np.linalg.eigvalsh(safe)
-    good &= np.isclose(safe, safe.transpose(0, 2, 1), rtol=1e-6, atol=1e-15).all(axis=(1, 2))
-    good &= (eigenvalues[:, 0] >= _EIGENVALUES[0]) & (eigenvalues[:, 2] <= _EIGENVALUES[1])
-    if not good.all():
-        k = int(np.argmin(good))
-        c = constraints[k]
-        check_covariance(c.covariance, f"constraint {k} ({c.i} to {c.j})")
-        raise ValueError(f"constraint {k} ({c.i} to {c.j}) is not finite: {c.i_from_j}")
 
 
 def _estimator(kernel: Kernel, cauchy: float = 1.0) -> gtsam.noiseModel.mEstimator.Base | None:
