@@ -34,6 +34,9 @@ _BACK_OFF_READINGS: Final = 10
 _BACK_OFF_M_S: Final = -0.1
 _BEAT_READINGS: Final = 100
 _MAX_IDLE: Final = 30
+_STILL_M: Final = 0.05
+_STILL_READINGS: Final = 100
+_MAX_STILL: Final = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,6 +137,7 @@ class ClosedLoop:
         self._moved = False
         self._stuck = self._backing = self._idle = 0
         self._going_home = False
+        self._still_at, self._still = start, 0
         self.finished: Finished | None = None
 
     @property
@@ -231,6 +235,7 @@ class ClosedLoop:
             self.finished = Finished("the mission time is over")
             return
         self._leg_age_s += self._dt_s
+        self._watch()
         if self._backing > 0:
             return
         blocked = not self.follower.done and not self.live.is_clear(self._near_way())
@@ -241,6 +246,17 @@ class ClosedLoop:
             heading = math.atan2(*(way[-1] - way[-2])[::-1])
             end = Pose2(way[-1, 0], way[-1, 1], heading)
             self._ask(end, self.live.coverage(way), go_on=True)
+
+    def _watch(self) -> None:
+        """Give a leg up on which the robot does not get on."""
+        moved_m = math.hypot(self.pose.x - self._still_at.x, self.pose.y - self._still_at.y)
+        if moved_m > _STILL_M:
+            self._still_at, self._still = self.pose, 0
+        self._still += 1
+        if self._still % _STILL_READINGS == 0:
+            self.follower.stop()
+        if self._still >= _MAX_STILL * _STILL_READINGS:
+            self.finished = Finished("the robot does not get on")
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
         goal = self._goal(coverage, pose)

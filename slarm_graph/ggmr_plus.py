@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -38,6 +39,9 @@ from slarm_graph.planning import distances_from, reachable, sees, shortcut
 _TRACKING_M: Final = 0.01
 _MIN_PART_M2: Final = 0.03
 _MIN_WIDTH_M: Final = 0.05
+_ARC_WIDTHS_M: Final = (0.16, 0.6)
+_MAX_TRIES: Final = 4
+_SAME_PLACE_M: Final = 0.1
 _ARC_STEP_RAD: Final = math.radians(15.0)
 
 
@@ -52,6 +56,7 @@ class GgmrPlus:
     def __init__(self, config: ExploreConfig) -> None:
         self._config = config
         self._goal: Literal["observed", "footprint"] = config.goal
+        self._tries: Counter[tuple[int, int]] = Counter()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Cover the next part of what is known to be free, or else look at the unknown."""
@@ -72,11 +77,21 @@ class GgmrPlus:
     ) -> Leg | None:
         parts = parts_to_cover(driving, near, self._config.driving.robot_radius_m)
         away = distances_from(driving.moves, start)
-        choice = _best_start(parts, away, driving, pose, self._config)
-        if choice is None:
-            return None
-        way = _way_over(choice, driving, pose)
-        return Leg(way) if len(way) > 1 else None
+        while parts:
+            choice = _best_start(parts, away, driving, pose, self._config)
+            if choice is None:
+                return None
+            way = _way_over(choice, driving, pose)
+            if len(way) > 1 and self._is_worth_a_try(choice, driving):
+                return Leg(way)
+            parts.remove(choice.part)
+        return None
+
+    def _is_worth_a_try(self, choice: _Start, driving: DrivingGrid) -> bool:
+        """Whether a part has not been begun from the same place in vain before."""
+        x, y = choice.entry() * (driving.geometry.resolution_m / _SAME_PLACE_M)
+        self._tries[int(x), int(y)] += 1
+        return self._tries[int(x), int(y)] <= _MAX_TRIES
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +101,11 @@ class _Start:
     part: Part
     last_lane_first: bool
     backwards: bool
+
+    def entry(self) -> Floats:
+        """Where the first lane begins, x, y [cells]."""
+        lane = self.part.lanes[-1 if self.last_lane_first else 0]
+        return np.asarray(lane[-1 if self.backwards else 0])
 
 
 def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Part]:
@@ -160,7 +180,7 @@ def _half_circle(corners: Floats) -> Floats | None:
     into, across, out = np.diff(corners, axis=0)
     width = math.hypot(*across)
     before, after = math.hypot(*into), math.hypot(*out)
-    if width < 1e-6 or width > 0.6 or min(before, after) < width:
+    if not _ARC_WIDTHS_M[0] <= width <= _ARC_WIDTHS_M[1] or min(before, after) < width:
         return None
     into, side, out = into / before, across / width, out / after
     if into @ out > -0.98 or abs(into @ side) > 0.2:

@@ -24,7 +24,7 @@ _TURN_RADII: Final = 10.0
 """What a turn at the end of a lane costs, as a length of straight driving."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Part:
     """A piece of floor to be covered by parallel lanes.
 

@@ -138,7 +138,7 @@ class LiveMap:
         visited[cells[inside, 0], cells[inside, 1]] = True
         corner = np.array([g.origin_x_m, g.origin_y_m])
         radius = self.config.driving.robot_radius_m / g.resolution_m
-        _sweep(swept, (way - corner) / g.resolution_m, radius)
+        mark_swept(swept, (points_m - corner) / g.resolution_m, radius)
 
     def observed(self) -> Mask:
         """Coverage cells (rows, cols) whose centre has been seen free."""
@@ -150,6 +150,11 @@ class LiveMap:
         """Coverage cells (rows, cols) over whose centre the robot's disc has passed."""
         centers = self.geometry.centers()
         return np.asarray(self.driving_geometry.sample(self.swept, centers, 0.0))
+
+
+def mark_swept(swept: Mask, way: Floats, radius: float) -> None:
+    """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
+    _sweep(swept, _densely(way, 0.5), radius)
 
 
 def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:

@@ -20,6 +20,7 @@ _SHARP_RAD: Final = math.radians(30.0)
 _ALIGNED_RAD: Final = math.radians(3.0)
 _LOST_RAD: Final = math.radians(50.0)
 _ARRIVED_M: Final = 0.008
+_MIN_STEP_M: Final = 0.015
 _LOOKAHEAD_S: Final = 0.3
 _MIN_LOOKAHEAD_M: Final = 0.12
 
@@ -52,7 +53,8 @@ class PathFollower:
         return self._points[self._segment :]
 
     def follow(self, points_m: Floats) -> None:
-        """Begin a new way (K, 2) at its first point, without repeated points."""
+        """Begin a new way (K, 2) at its first point."""
+        points_m = _without_tiny_steps(points_m)
         self._points = points_m
         self._segment = 0
         self._along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))])
@@ -157,6 +159,16 @@ def free_ahead_m(scan: LaserScan, radius_m: float, *, behind: bool = False) -> f
     if not near.any():
         return math.inf
     return float(np.min(x[near] - np.sqrt(radius_m**2 - y[near] ** 2)))
+
+
+def _without_tiny_steps(points: Floats) -> Floats:
+    """Drop corners that are too near to the one before to steer by; the end stays."""
+    kept = [0] if len(points) else []
+    for i in range(1, len(points)):
+        step = points[i] - points[kept[-1]]
+        if math.hypot(step[0], step[1]) >= _MIN_STEP_M:
+            kept.append(i)
+    return points[kept]
 
 
 def _is_sharp(points: Floats) -> NDArray[np.bool_]:
