@@ -152,7 +152,7 @@ class ParticleLikelihoodConfig(Stage):
     """Scale of the distance between a return and the wall it belongs to."""
     beam_information: float = Field(default=0.3, gt=0, le=1)
     """Share of a beam's information that neighbouring beams do not repeat."""
-    ogain: float = Field(default=9.0, gt=0)
+    ogain: float = Field(default=20.0, gt=0)
     """Log weights are divided by it, because the map's errors are shared by many scans.
 
     gmapping's default of 3 belongs to a likelihood in other units.
