@@ -241,7 +241,7 @@ def _parameters(
     params = gtsam.LevenbergMarquardtParams()
     params.setMaxIterations(max_iterations)
     params.setRelativeErrorTol(tolerance)
-    params.setAbsoluteErrorTol(1e-8)
+    params.setAbsoluteErrorTol(1e-6)
     params.setlambdaUpperBound(1e10)
     if qr:
         params.setLinearSolverType("MULTIFRONTAL_QR")

@@ -140,7 +140,7 @@ def test_cauchy_softens_false_closures() -> None:
     assert rmse_m(robust.poses, truth) < 0.5 * rmse_m(plain.poses, truth)
 
 
-@pytest.mark.parametrize("count", [1000, 10000])
+@pytest.mark.parametrize("count", [1000, pytest.param(10000, marks=pytest.mark.slow)])
 def test_straight_corridor(count: int) -> None:
     graph = corridor(count)
     shaken = replace(graph, poses=graph.poses + 1e-3)
