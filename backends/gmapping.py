@@ -121,7 +121,8 @@ class GmappingBackend:
         trajectory = self._filled(state.filter.best_path())
         self._heartbeat(f"rendering {len(state.scans)} scans")
         grid = self._map.render(state.scans, trajectory, state.updates[-1])
-        return SlamResult(trajectory, grid, tables=(self._table(),), notices=self._notices())
+        tables = self._books(), _path_table("weighted_mean", self.weighted_mean_trajectory())
+        return SlamResult(trajectory, grid, tables=tables, notices=self._notices())
 
     def weighted_mean_trajectory(self) -> Trajectory:
         """Weighted mean of all particles' paths, eq. (11), at every scan."""
@@ -193,7 +194,8 @@ class GmappingBackend:
         poses = fill_path(stamps_ns, np.array(state.local), np.array(state.updates), path)
         return Trajectory(stamps_ns, poses)
 
-    def _table(self) -> Table:
+    def _books(self) -> Table:
+        """N_eff, resampling, ancestors and mean pose of every update."""
         state = self._state
         rows = tuple(
             (
@@ -217,6 +219,12 @@ class GmappingBackend:
             f" {resamplings} resamplings, {particles.maps.memory_bytes / 1e6:.0f} MB of particle"
             " maps",
         )
+
+
+def _path_table(name: str, path: Trajectory) -> Table:
+    columns = ("stamp_ns", "x_m", "y_m", "theta_rad")
+    rows = zip(path.stamps_ns.tolist(), *path.poses.T.tolist(), strict=True)
+    return Table(name, columns, tuple(rows))
 
 
 @cache

@@ -157,8 +157,11 @@ def test_eq_11_and_the_filters_books_are_shown() -> None:
     readings = recorded()[0][:300]
     backend = made(resampling=ResamplingConfig(resample_threshold=1.0))
     result = run(backend, readings)
-    (table,) = result.tables
-    assert table.name == "particles"
+    table, mean = result.tables
+    assert (table.name, mean.name) == ("particles", "weighted_mean")
+    assert len(mean.rows) == len(readings)
+    distance = np.array(mean.rows)[:, 1:3] - result.trajectory.poses[:, :2]
+    assert np.linalg.norm(distance, axis=1).max() < 0.1
     rows = [dict(zip(table.columns, row, strict=True)) for row in table.rows]
     assert [r["stamp_ns"] for r in rows] == sorted(r["stamp_ns"] for r in rows)
     resampled = [r for r in rows if r["resampled"]]
