@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage
 
 from slarm_graph.config import RecoveryConfig
@@ -28,12 +29,15 @@ class CleanGrid:
         Cells in neither are unknown.
     reached : (rows, cols) bool
         Free cells joined over sides to those the robot visited.
+    passable : (rows, cols) bool
+        Those of them that it visited or where its disc fits.
     """
 
     geometry: GridGeometry
     occupied: Mask
     free: Mask
     reached: Mask
+    passable: Mask
 
 
 def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
@@ -59,7 +63,8 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     occupied |= closed & ~passable
     free &= ~occupied
     free |= _small_holes(free, occupied, config.hole_area_m2 / grid.geometry.resolution_m**2)
-    return CleanGrid(grid.geometry, occupied, free, _reached(free, visited))
+    reached = _reached(free, visited)
+    return CleanGrid(grid.geometry, occupied, free, reached, passable & reached)
 
 
 def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
@@ -83,8 +88,13 @@ def within_m(geometry: GridGeometry, mask: Mask, radius_m: float) -> Mask:
     """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
     if not mask.any():
         return np.zeros_like(mask)
-    apart = ndimage.distance_transform_edt(~mask) * geometry.resolution_m
-    return np.asarray(apart <= radius_m + 1e-9)
+    return np.asarray(_apart_cells(mask) * geometry.resolution_m <= radius_m + 1e-6)
+
+
+def _apart_cells(mask: Mask) -> NDArray[np.float32]:
+    """Exact distance of every cell to the nearest one of the mask [cells]."""
+    far = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(far, dtype=np.float32)
 
 
 def _without_specks(occupied: Mask, most_cells: int) -> Mask:
@@ -98,7 +108,7 @@ def _fits(occupied: Mask, radius_cells: float) -> Mask:
     """Cells from whose centre a disc reaches into no occupied cell's centre."""
     if not occupied.any():
         return np.ones_like(occupied)
-    return np.asarray(ndimage.distance_transform_edt(~occupied) > radius_cells)
+    return np.asarray(_apart_cells(occupied) > radius_cells)
 
 
 def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:

@@ -100,15 +100,14 @@ def line_of_sight_past_solids(
     plan = _on_face(np.array([x, y]), float(z), solids, boundary_m, mount_radius_m)
     eye = _in_cells(geometry, plan)
     blocked = np.zeros(geometry.shape, dtype=np.bool_)
-    for is_whole in (True, False):
-        plans = _plans(solids, boundary_m, is_whole)
+    whole, cut = _plans(solids, boundary_m)
+    # Cut solids are closed sets: a ray along the cut must not slip through.
+    for plans, slack in ((whole, 1.0), (cut, -1.0)):
         if not plans:
             continue
         corners = _in_cells(geometry, np.concatenate([corners for corners, _ in plans]))
         starts = np.cumsum([0, *(len(corners) for corners, _ in plans)])
         scales = _scales(np.array([top for _, top in plans]), z, antenna_height_m)
-        # Cut solids are closed sets: a ray along the cut must not slip through.
-        slack = 1.0 if is_whole else -1.0
         blocked |= _shadow(geometry.shape, eye, corners, starts, scales, slack)
     return ~blocked
 
@@ -157,7 +156,8 @@ def line_of_sight_to_points(
             foot, normal = nearest_on_outline(solid.corners_m, points[index])
             points[index] = foot + _OFF_WALL_M * normal
     clear = np.ones(len(points), dtype=np.bool_)
-    plans = _plans(solids, None, True) + _plans(solids, None, False)
+    whole, cut = _plans(solids, None)
+    plans = whole + cut
     scales = _scales(np.array([top for _, top in plans]), float(z), antenna_height_m)
     for (corners, _), (near, far) in zip(plans, scales, strict=True):
         if not math.isnan(near):
@@ -180,18 +180,18 @@ def _crosses(eye: Floats, points: Floats, corners: Floats, begin: float, end: fl
 
 
 def _plans(
-    solids: Sequence[Solid], boundary_m: Floats | None, is_whole: bool
-) -> list[tuple[Floats, float]]:
-    """Convex plans (K, 2) with their tops: of convex solids and walls, or of cut solids."""
-    plans: list[tuple[Floats, float]] = []
+    solids: Sequence[Solid], boundary_m: Floats | None
+) -> tuple[list[tuple[Floats, float]], list[tuple[Floats, float]]]:
+    """Convex plans (K, 2) with their tops: of convex solids and walls, and of cut solids."""
+    whole: list[tuple[Floats, float]] = []
+    cut: list[tuple[Floats, float]] = []
     for solid in solids:
         pieces = convex_pieces(solid.corners_m)
-        if (len(pieces) == 1) == is_whole:
-            plans += [(piece, solid.height_m) for piece in pieces]
-    if boundary_m is not None and is_whole:
+        (whole if len(pieces) == 1 else cut).extend((piece, solid.height_m) for piece in pieces)
+    if boundary_m is not None:
         ends = np.roll(boundary_m, -1, axis=0)
-        plans += [(np.stack([a, b]), math.inf) for a, b in zip(boundary_m, ends, strict=True)]
-    return plans
+        whole += [(np.stack([a, b]), math.inf) for a, b in zip(boundary_m, ends, strict=True)]
+    return whole, cut
 
 
 def _on_face(

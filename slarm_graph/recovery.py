@@ -156,14 +156,34 @@ def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
     clean, centers = shape.clean, target.centers()
     region = clean.geometry.sample(clean.reached, centers, outside=False)
     if shape.outlines:
-        straight = inside_outlines(target, [outline.corners_m for outline in shape.outlines])
-        straight |= inside_any(target, _faces(shape.outlines, target.resolution_m))
-        border = within_m(
-            clean.geometry, clean.reached, _MOVED_CELLS * clean.geometry.resolution_m
-        ) & within_m(clean.geometry, ~clean.reached, _MOVED_CELLS * clean.geometry.resolution_m)
-        near = clean.geometry.sample(border, centers, outside=True)
-        region = np.where(near, straight, region)
+        near = clean.geometry.sample(_near_border(clean), centers, outside=True)
+        region = np.where(near, _straight(shape, target), region)
+        region &= ~clean.geometry.sample(_thin_walls(shape), centers, outside=False)
+        region |= clean.geometry.sample(clean.passable, centers, outside=False)
     return np.asarray(region | visited)
+
+
+def _near_border(clean: CleanGrid) -> Mask:
+    """Cells of the grid that straightening may change."""
+    reach_m = _MOVED_CELLS * clean.geometry.resolution_m
+    return within_m(clean.geometry, clean.reached, reach_m) & within_m(
+        clean.geometry, ~clean.reached, reach_m
+    )
+
+
+def _straight(shape: _Shape, geometry: GridGeometry) -> Mask:
+    """Cells whose centre the straightened outlines call free, faces included."""
+    inside = inside_outlines(geometry, [outline.corners_m for outline in shape.outlines])
+    return inside | inside_any(geometry, _faces(shape.outlines, geometry.resolution_m))
+
+
+def _thin_walls(shape: _Shape) -> Mask:
+    """Occupied cells of the grid with nothing left near them, as both faces met in one line."""
+    clean = shape.clean
+    free = np.where(_near_border(clean), _straight(shape, clean.geometry), clean.reached)
+    blocked = ~free & (clean.occupied | _behind(shape, clean.geometry))
+    left = within_m(clean.geometry, blocked, 2.0 * clean.geometry.resolution_m)
+    return clean.occupied & free & ~left
 
 
 def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
