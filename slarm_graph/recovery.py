@@ -140,8 +140,7 @@ def _shape(
     if not config.straighten or not clean.reached.any():
         return _Shape(clean, [], [], [])
     if end_points is None:
-        beside = within_m(geometry, clean.reached, geometry.resolution_m)
-        returns = returns_of_cells(geometry, clean.occupied & beside)
+        returns = returns_of_cells(geometry, clean.occupied, clean.reached)
     else:
         returns = gathered(end_points, geometry.resolution_m)
     outlines = straightened(outlines_m(geometry, clean.reached), returns, geometry.resolution_m)

@@ -111,10 +111,17 @@ def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
     return Returns(np.stack(sums, axis=1) / counts[:, None], counts.astype(np.float64))
 
 
-def returns_of_cells(geometry: GridGeometry, occupied: Mask) -> Returns:
-    """Take the centres of occupied cells for returns, where no better ones are known."""
-    points = geometry.center_of(np.argwhere(occupied))
-    return Returns(points, np.ones(len(points)))
+def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> Returns:
+    """Take the sides that occupied and reached cells share for returns, where none are known."""
+    points = []
+    padded = np.pad(reached, 1)
+    for up, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        rows, cols = reached.shape
+        neighbour = padded[1 + up : 1 + up + rows, 1 + right : 1 + right + cols]
+        half = 0.5 * geometry.resolution_m * np.array([right, up])
+        points.append(geometry.center_of(np.argwhere(occupied & neighbour)) + half)
+    sides = np.concatenate(points)
+    return Returns(sides, np.ones(len(sides)))
 
 
 def straightened(

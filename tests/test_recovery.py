@@ -1,0 +1,250 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Map recovery: what it must never do on any grid, and what it must achieve in known rooms."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import ndimage
+
+from slarm_graph.config import LidarConfig, MappingConfig, RadioConfig, RecoveryConfig
+from slarm_graph.eval.radio_accuracy import radio_accuracy
+from slarm_graph.geographic import CellState
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.grid_cleaning import cleaned, visited_cells
+from slarm_graph.obstacles import known_sizes_of
+from slarm_graph.radio import radio_map, theoretical_radio_map
+from slarm_graph.readings import LaserScan
+from slarm_graph.recovery import recover, recover_scans, with_sizes_of
+from slarm_graph.trajectory import Trajectory
+from slarm_graph.truth_map import truth_map
+from slarm_graph.walls import gathered
+from slarm_graph.world_files import load_world
+
+WORLD = load_world("paper_room")
+
+
+def grid_of(rows):
+    """A grid from text: `#` occupied, `.` free, blank unknown; the first row is the highest."""
+    table = {"#": 1.0, ".": 0.0, " ": np.nan}
+    values = np.array([[table[c] for c in row] for row in rows[::-1]], dtype=np.float32)
+    return OccupancyGrid(GridGeometry(0.0, 0.0, 0.05, *values.shape), values)
+
+
+def path(*points):
+    poses = np.array([[x, y, 0.0] for x, y in points])
+    return Trajectory(np.arange(len(poses)) * 1_000_000_000, poses)
+
+
+@st.composite
+def random_grids(draw):
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    shape = tuple(rng.integers(3, 40, 2))
+    resolution = float(rng.choice([0.05, 0.1, 0.25]))
+    noise = rng.random(shape)
+    if rng.random() < 0.5:
+        noise = ndimage.gaussian_filter(noise, 1.0)
+        noise = (noise - noise.min()) / max(float(np.ptp(noise)), 1e-9)
+    values = np.where(noise > 0.75, 1.0, np.where(noise < 0.65, 0.0, np.nan)).astype(np.float32)
+    grid = OccupancyGrid(GridGeometry(-1.0, 0.5, resolution, *map(int, shape)), values)
+    x_min, x_max, y_min, y_max = grid.geometry.extent_m
+    count = int(rng.integers(1, 6))
+    points = rng.uniform([x_min, y_min], [x_max, y_max], (count, 2))
+    return grid, path(*points)
+
+
+@settings(deadline=None, max_examples=150)
+@given(random_grids(), st.sampled_from([0.0, 0.1]), st.booleans())
+def test_invariants_on_any_grid(drawn, expansion_radius_m, straighten):
+    grid, trajectory = drawn
+    config = RecoveryConfig(expansion_radius_m=expansion_radius_m, straighten=straighten)
+    recovered = recover(grid, trajectory, config)
+    visited = visited_cells(grid.geometry, trajectory)
+    # No visited cell becomes an obstacle, nor anything but accessible.
+    assert (recovered.states[visited] == CellState.ACCESSIBLE).all()
+    np.testing.assert_array_equal(recovered.coverage.visited, visited)
+    # Passable space stays free, hence keeps its connections.
+    room_cells = ndimage.distance_transform_edt(~(grid.occupied & ~visited))
+    fits = room_cells > config.robot_radius_m / grid.geometry.resolution_m
+    passable = cleaned(grid, visited, config).reached & ((grid.free & fits) | visited)
+    still = np.isin(recovered.states, (CellState.ACCESSIBLE, CellState.EXPANSION))
+    assert not np.any(passable & ~still)
+    before, _ = ndimage.label(passable)
+    after, _ = ndimage.label(still)
+    for label in range(1, before.max() + 1):
+        assert len(np.unique(after[before == label])) == 1
+    # Heights exist exactly on obstacles, and changes are counted.
+    assert ((recovered.heights_m > 0) == recovered.obstacle).all()
+    assert 0 <= recovered.changed_cells <= grid.probability.size
+
+
+def test_specks_go_walls_stay_and_pinholes_close():
+    rows = [
+        "####################",
+        "#..................#",
+        "#..................#",
+        "#......#...........#",
+        "#..................#",
+        "#...................",
+        "#..................#",
+        "#..................#",
+        "####################",
+    ]
+    recovered = recover(grid_of(rows), path((0.2, 0.2), (0.7, 0.2)), RecoveryConfig())
+    states = recovered.states[::-1]
+    assert states[3, 7] == CellState.ACCESSIBLE
+    assert states[5, 19] == CellState.OBSTACLE
+    assert (states[0] == CellState.OBSTACLE).all()
+    assert (states[1:-1, 1:-1] == CellState.ACCESSIBLE).all()
+
+
+def test_unseen_inside_of_a_block_is_never_accessible():
+    rows = ["." * 30] * 8 + ["." * 8 + "#" * 12 + "." * 10]
+    rows += ["." * 8 + "#" + " " * 10 + "#" + "." * 10] * 6
+    rows += ["." * 8 + "#" * 12 + "." * 10] + ["." * 30] * 8
+    recovered = recover(grid_of(rows), path((0.1, 0.1), (1.4, 0.1)), RecoveryConfig())
+    block = recovered.states[8:16, 8:20]
+    assert not (block == CellState.ACCESSIBLE).any()
+    assert (recovered.states[:8] == CellState.ACCESSIBLE).all()
+
+
+def test_free_space_behind_a_wall_is_enclosed():
+    rows = ["." * 10 + "#" + "." * 10] * 12
+    recovered = recover(grid_of(rows), path((0.1, 0.1), (0.4, 0.4)), RecoveryConfig())
+    assert (recovered.states[:, :10] == CellState.ACCESSIBLE).all()
+    assert (recovered.states[:, 11:] == CellState.ENCLOSED).all()
+
+
+def test_expansion_radius_is_rounded_up_to_cells():
+    rows = ["." * 12 + "#" * 3] * 9
+    config = RecoveryConfig(expansion_radius_m=0.06)
+    recovered = recover(grid_of(rows), path((0.1, 0.1), (0.2, 0.2)), config)
+    assert (recovered.states[:, 10:12] == CellState.EXPANSION).all()
+    assert (recovered.states[:, :10] == CellState.ACCESSIBLE).all()
+
+
+def test_thin_curved_wall_survives_straightening():
+    values = np.zeros((80, 80), dtype=np.float32)
+    angle = np.linspace(0.2, 1.3, 400)
+    values[(60 * np.sin(angle)).astype(int), (60 * np.cos(angle)).astype(int)] = 1.0
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.05, 80, 80), values)
+    recovered = recover(grid, path((0.3, 0.3), (3.8, 3.8)), RecoveryConfig(speck_cells=0))
+    near = ndimage.distance_transform_edt(~recovered.obstacle)
+    visited = visited_cells(grid.geometry, path((0.3, 0.3), (3.8, 3.8)))
+    assert near[(values > 0) & ~ndimage.binary_dilation(visited, iterations=3)].max() <= 1.5
+
+
+def test_footprint_is_the_disc_around_the_path():
+    rows = ["." * 40] * 30
+    recovered = recover(grid_of(rows), path((0.5, 0.75), (1.5, 0.75)), RecoveryConfig())
+    centers = recovered.geometry.centers()
+    inside = np.hypot(np.maximum(np.abs(centers[..., 0] - 1.0) - 0.5, 0.0), centers[..., 1] - 0.75)
+    clear = np.abs(inside - 0.18) > 0.03
+    np.testing.assert_array_equal(recovered.coverage.footprint[clear], (inside < 0.18)[clear])
+
+
+def test_returns_are_gathered_without_moving_their_mean():
+    rng = np.random.default_rng(0)
+    points = rng.normal(0.0, 1.0, (5000, 2))
+    returns = gathered(points, 0.1)
+    assert returns.weights.sum() == 5000
+    np.testing.assert_allclose(
+        np.average(returns.points, axis=0, weights=returns.weights), points.mean(axis=0)
+    )
+    assert not len(gathered(np.zeros((0, 2)), 0.1).points)
+
+
+def test_known_sizes_are_those_of_the_paper():
+    assert known_sizes_of(WORLD) == ((1.3, 1.0, 1.5), (7.0, 3.5, 1.8))
+    assert with_sizes_of(WORLD, RecoveryConfig()).known_sizes == known_sizes_of(WORLD)
+    given_sizes = RecoveryConfig(known_sizes=((1.0, 1.0, 1.0),))
+    assert with_sizes_of(WORLD, given_sizes) is given_sizes
+
+
+def scanned_room(sigma_m, drift_m):
+    """Scans along the ring of the paper's room, cast here against the outlines of its solids."""
+    lidar = LidarConfig()
+    loop = np.array(
+        [[-4.25, -2.9], [4.4, -2.2], [3.75, -0.4], [3.75, 2.6], [-1.1, 2.15], [-4.25, 2.2]]
+    )
+    loop = np.concatenate([loop, loop[:1]])
+    stations = np.concatenate([np.linspace(a, b, 25, endpoint=False) for a, b in pairwise(loop)])
+    segments = [(WORLD.boundary_m, np.roll(WORLD.boundary_m, -1, axis=0))]
+    segments += [(s.corners_m, np.roll(s.corners_m, -1, axis=0)) for s in WORLD.solids]
+    starts = np.concatenate([a for a, _ in segments])
+    steps = np.concatenate([b for _, b in segments]) - starts
+    angles = -math.pi + np.arange(360) * math.tau / 360
+    beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    rng = np.random.default_rng(1)
+    scans = []
+    for station in stations:
+        cross = beams[:, None, 0] * steps[None, :, 1] - beams[:, None, 1] * steps[None, :, 0]
+        rel = starts - station
+        with np.errstate(divide="ignore", invalid="ignore"):
+            far = (rel[:, 0] * steps[:, 1] - rel[:, 1] * steps[:, 0]) / cross
+            share = rel[None, :, 0] * beams[:, None, 1] - rel[None, :, 1] * beams[:, None, 0]
+            share = share / cross
+        far = np.where((far > 0) & (share >= -1e-9) & (share <= 1 + 1e-9), far, np.inf)
+        ranges = far.min(axis=1) + rng.normal(0.0, sigma_m, 360)
+        scans.append(
+            LaserScan(
+                ranges_m=ranges.astype(np.float32),
+                angle_min_rad=-math.pi,
+                angle_increment_rad=math.tau / 360,
+                range_min_m=lidar.range_min_m,
+                range_max_m=lidar.range_max_m,
+            )
+        )
+    drift = drift_m * np.sin(np.linspace(0, math.tau, len(stations)))
+    poses = np.column_stack([stations + drift[:, None], np.zeros(len(stations))])
+    stamps = np.arange(len(stations)) * 2_000_000_000
+    return scans, Trajectory(stamps, poses)
+
+
+@pytest.mark.parametrize("resolution", [0.05, 0.1, 0.25])
+def test_the_papers_room_is_recovered(resolution):
+    scans, trajectory = scanned_room(sigma_m=0.01, drift_m=0.005)
+    truth = truth_map(WORLD, resolution)
+    config = with_sizes_of(WORLD, RecoveryConfig())
+    recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=truth.geometry)
+    heights = sorted(s.height_m for s in recovered.solids if math.isfinite(s.height_m))
+    assert heights == [1.5, 1.5, 1.5, 1.8]
+    score = radio_accuracy(
+        truth.reachable,
+        theoretical_radio_map(WORLD, truth.geometry, RadioConfig()),
+        recovered,
+        radio_map(recovered, WORLD.access_points, RadioConfig()),
+    )
+    assert score.accuracy > 0.98
+    assert score.false_accessible < 0.01
+    assert score.coverage_observed > 0.98
+
+
+def test_walls_are_placed_within_millimetres():
+    scans, trajectory = scanned_room(sigma_m=0.01, drift_m=0.0)
+    geometry = GridGeometry.covering(*WORLD.extent_m(), 0.05)
+    recovered = recover_scans(
+        scans,
+        trajectory,
+        MappingConfig(),
+        with_sizes_of(WORLD, RecoveryConfig()),
+        geometry=geometry,
+    )
+    ring = next(s for s in recovered.solids if s.height_m == 1.8)
+    low, high = ring.corners_m.min(axis=0), ring.corners_m.max(axis=0)
+    np.testing.assert_allclose([*low, *high], [-3.5, -1.75, 3.5, 1.75], atol=0.005)
+
+
+def test_without_known_sizes_heights_are_the_default():
+    scans, trajectory = scanned_room(sigma_m=0.01, drift_m=0.0)
+    geometry = GridGeometry.covering(*WORLD.extent_m(), 0.1)
+    config = RecoveryConfig(default_height_m=1.2)
+    recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
+    assert recovered.height_source == "default"
+    assert {s.height_m for s in recovered.solids} == {1.2}
