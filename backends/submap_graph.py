@@ -156,6 +156,7 @@ class SubmapGraph:
         return self._settled.graph, weights
 
     def _begin_node(self, k: int) -> None:
+        self._settled = None
         if not self._nodes:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
             return

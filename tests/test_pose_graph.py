@@ -126,6 +126,15 @@ def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) 
     assert abs(error[2]) < 0.01
 
 
+def test_results_can_be_asked_for_on_the_way(lap: Drive) -> None:
+    """A closed loop asks for the map so far again and again, with and without new closures."""
+    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    for count, reading in enumerate(lap[0], start=1):
+        backend.update(reading)
+        if count % 45 == 0:
+            assert len(backend.result().trajectory) == count
+
+
 def test_injected_false_closures_change_little() -> None:
     readings, truth = drive(laps=3)
     backend = run(readings)
