@@ -168,6 +168,7 @@ class SubmapGraph:
         edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
         self._edges.append(edge)
         self._reach.add(edge)
+        self._settled = None
 
     def _accumulated(self, k: int) -> Floats:
         """Covariance of keyframe k as seen from the anchor one node earlier, in k's body frame."""

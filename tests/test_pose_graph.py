@@ -115,6 +115,20 @@ def test_snapshot_resumes_to_the_same_bytes(lap: Drive, finished: PoseGraphBacke
     assert resumed.result().trajectory.poses.tobytes() == expected.tobytes()
 
 
+def test_result_may_be_asked_for_at_any_time(lap: Drive) -> None:
+    readings, truth = lap
+    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    for count, reading in enumerate(readings, start=1):
+        backend.update(reading)
+        if count % 150 == 1:
+            result = backend.result()
+            assert len(result.trajectory) == count
+            last = result.trajectory.poses[-1]
+            assert np.allclose(backend.map_from_robot().as_array(), last, atol=0.02)
+    poses = backend.result().trajectory.poses
+    assert rmse_m(from_start(poses, truth[0]), truth) < 0.015
+
+
 def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) -> None:
     _, truth = lap
     assert PoseGraphBackend(RunConfig(), np.random.default_rng(0)).map_from_robot() == Pose2()
