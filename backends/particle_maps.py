@@ -144,7 +144,7 @@ class ParticleMaps:
 
     def _grow(self, tiles: int) -> None:
         capacity = len(self.cells)
-        wanted = min(max(capacity + tiles, capacity + capacity // 2), self.max_tiles)
+        wanted = min(max(capacity + tiles, capacity + capacity // 4), self.max_tiles)
         if wanted < capacity + tiles:
             raise BadInput(
                 f"particle maps would need more than {self.max_tiles * _TILE_BYTES / 1e6:.0f} MB;"
