@@ -98,10 +98,13 @@ class Outline:
     fitted: Mask
 
 
+_NO_RETURNS = Returns(np.zeros((0, 2)), np.zeros(0))
+
+
 def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
     """Reduce end points (N, 2) [m] to their mean per cell, which keeps lines through them."""
     if not len(end_points_m):
-        return Returns(np.zeros((0, 2)), np.zeros(0))
+        return _NO_RETURNS
     cells = np.floor(end_points_m / resolution_m).astype(np.int64)
     low = cells.min(axis=0)
     width = int(cells[:, 1].max() - low[1]) + 1
@@ -132,9 +135,9 @@ def straightened(
     for outline in outlines_m:
         corners = simplified_m(outline, _SIMPLIFY_CELLS * resolution_m)
         ends = np.roll(corners, -1, axis=0)
-        rings.append(
-            [_fit(a, b, returns, resolution_m) for a, b in zip(corners, ends, strict=True)]
-        )
+        # Nothing is fitted to what is smaller than the shortest wall.
+        near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else _NO_RETURNS
+        rings.append([_fit(a, b, near, resolution_m) for a, b in zip(corners, ends, strict=True)])
     main_rad = main_direction_rad([wall for ring in rings for wall in ring])
     return [_closed(_joined(ring, returns, resolution_m), main_rad, resolution_m) for ring in rings]
 
