@@ -33,7 +33,7 @@ _STUCK_READINGS: Final = 8
 _BACK_OFF_READINGS: Final = 10
 _BACK_OFF_M_S: Final = -0.1
 _BEAT_READINGS: Final = 100
-_MAX_IDLE: Final = 30
+_MAX_ASKS: Final = 50
 _STILL_M: Final = 0.05
 _STILL_READINGS: Final = 100
 _MAX_STILL: Final = 6
@@ -135,7 +135,7 @@ class ClosedLoop:
         self._next_rebuild = _REBUILD_READINGS
         self._last_rebuild = 0
         self._moved = False
-        self._stuck = self._backing = self._idle = 0
+        self._stuck = self._backing = 0
         self._going_home = False
         self._still_at, self._still = start, 0
         self.finished: Finished | None = None
@@ -266,20 +266,24 @@ class ClosedLoop:
                 self._finish(goal, coverage)
             return
         self._leg, self._leg_age_s = goal, 0.0
-        self._idle = self._idle + 1 if len(goal.points_m) < 2 else 0
-        if self._idle > _MAX_IDLE:
-            self.finished = Finished("no way to what is left")
-        elif len(goal.points_m) < 2:
-            self.follower.stop()
+        if len(goal.points_m) < 2:
+            self._leg = Leg(np.empty((0, 2)), more=False)
+            if not go_on:
+                self.follower.stop()
         elif go_on:
             self.follower.extend(goal.points_m)
         else:
             self.follower.follow(goal.points_m)
 
     def _goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Ask until there is a way to drive, for a goal may turn out to have none."""
         if self._going_home:
             return Finished("everything is known, back at the start")
-        return self._explorer.next_goal(coverage, pose)
+        for _ in range(_MAX_ASKS):
+            goal = self._explorer.next_goal(coverage, pose)
+            if isinstance(goal, Finished) or len(goal.points_m) > 1:
+                return goal
+        return Leg(np.empty((0, 2)), more=False)
 
     def _finish(self, goal: Finished, coverage: CoverageGrid) -> None:
         """End here, or after one more look at the corrected map, or back at the start."""

@@ -113,8 +113,8 @@ def ggmr_path(
         codes, coverage.moves, start[0] * cols + start[1], facing, limit
     )
     cells = np.stack(np.divmod(flat, cols), axis=-1)
-    steps = np.diff(cells, axis=0)
-    turns = int(np.any(steps[1:] != steps[:-1], axis=1).sum()) if len(steps) > 1 else 0
+    steps = np.diff(flat)
+    turns = int(np.count_nonzero(steps[1:] != steps[:-1]))
     counts = GgmrCounts(int(tally[0]), int(tally[1]), turns, int(tally[2]))
     return GgmrPath(cells, facings, counts, bool(complete))
 

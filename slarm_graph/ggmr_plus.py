@@ -37,7 +37,10 @@ from slarm_graph.lanes import Part, coverable, split_into_parts
 from slarm_graph.planning import distances_from, reachable, sees, shortcut
 
 _TRACKING_M: Final = 0.01
-_MIN_PART_M2: Final = 0.03
+_MIN_PART_M2: Final = 0.02
+_WORTH_S_M2: Final = 100.0
+_NEWS_M2: Final = 0.5
+_FIRST_REACH: Final = 64.0
 _MIN_WIDTH_M: Final = 0.05
 _ARC_WIDTHS_M: Final = (0.16, 0.6)
 _MAX_TRIES: Final = 4
@@ -57,6 +60,8 @@ class GgmrPlus:
         self._config = config
         self._goal: Literal["observed", "footprint"] = config.goal
         self._tries: Counter[tuple[int, int]] = Counter()
+        self._parts: list[Part] = []
+        self._planned_on: Mask | None = None
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Cover the next part of what is known to be free, or else look at the unknown."""
@@ -64,27 +69,46 @@ class GgmrPlus:
         start = driving_cell(driving, pose.x, pose.y)
         if start is None:
             return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
-        near = reachable(driving.moves, start)
         if self._goal == "footprint":
-            leg = self._cover(driving, near, start, pose)
+            leg = self._cover(driving, start, pose)
             if leg is not None:
                 return leg
+        near = reachable(driving.moves, start)
         leg = look_at_unknown(driving, near, pose)
         return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
-    def _cover(
-        self, driving: DrivingGrid, near: Mask, start: tuple[int, int], pose: Pose2
-    ) -> Leg | None:
-        parts = parts_to_cover(driving, near, self._config.driving.robot_radius_m)
-        away = distances_from(driving.moves, start)
-        while parts:
-            choice = _best_start(parts, away, driving, pose, self._config)
+    def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
+        """Go over the next part; plan anew where much was learnt, and once more at the end."""
+        if not self._parts or self._has_learnt(driving):
+            self._plan(driving, start)
+        fresh = self._planned_on is driving.observed
+        leg = self._next_part(driving, start, pose)
+        if leg is None and not fresh:
+            self._plan(driving, start)
+            leg = self._next_part(driving, start, pose)
+        return leg
+
+    def _plan(self, driving: DrivingGrid, start: tuple[int, int]) -> None:
+        near = reachable(driving.moves, start)
+        self._parts = parts_to_cover(driving, near, self._config.driving.robot_radius_m)
+        self._planned_on = driving.observed
+
+    def _has_learnt(self, driving: DrivingGrid) -> bool:
+        """Whether enough floor was seen since the last plan to make another."""
+        if self._planned_on is None or self._planned_on.shape != driving.observed.shape:
+            return True
+        news = int(np.sum(driving.observed & ~self._planned_on))
+        return news * driving.geometry.resolution_m**2 > _NEWS_M2
+
+    def _next_part(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
+        while self._parts:
+            choice = _best_start(self._parts, driving, start, pose, self._config)
             if choice is None:
                 return None
+            self._parts.remove(choice.part)
             way = _way_over(choice, driving, pose)
             if len(way) > 1 and self._is_worth_a_try(choice, driving):
                 return Leg(way)
-            parts.remove(choice.part)
         return None
 
     def _is_worth_a_try(self, choice: _Start, driving: DrivingGrid) -> bool:
@@ -107,6 +131,12 @@ class _Start:
         lane = self.part.lanes[-1 if self.last_lane_first else 0]
         return np.asarray(lane[-1 if self.backwards else 0])
 
+    def heading(self) -> float:
+        """Direction of the first lane [rad]."""
+        lane = self.part.lanes[-1 if self.last_lane_first else 0]
+        begin, end = (lane[-1], lane[0]) if self.backwards else (lane[0], lane[-1])
+        return math.atan2(end[1] - begin[1], end[0] - begin[0])
+
 
 def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Part]:
     """Parts of the free floor that the body could pass over and has not."""
@@ -123,23 +153,34 @@ def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Pa
 
 
 def _best_start(
-    parts: list[Part], away: Floats, driving: DrivingGrid, pose: Pose2, config: ExploreConfig
+    parts: list[Part],
+    driving: DrivingGrid,
+    start: tuple[int, int],
+    pose: Pose2,
+    config: ExploreConfig,
 ) -> _Start | None:
-    """Take the part whose nearest corner costs the least time, small remnants first."""
-    best, least = None, math.inf
-    cell_m = driving.geometry.resolution_m
-    for part in parts:
-        for last in (False, True):
-            for backwards in (False, True):
-                lane = part.lanes[-1 if last else 0]
-                entry, after = (lane[-1], lane[0]) if backwards else (lane[0], lane[-1])
-                away_m = away[int(entry[1]), int(entry[0])] * cell_m
-                heading = math.atan2(after[1] - entry[1], after[0] - entry[0])
-                turn = abs(wrap_angle(heading - pose.theta)) / config.driving.turn_rate_rad_s
-                cost_s = away_m / config.driving.speed_m_s + turn
-                if cost_s < least:
-                    best, least = _Start(part, last, backwards), cost_s
-    return best
+    """Take the part, and the corner of it, that costs the least time to begin.
+
+    A remnant is worth a way in proportion to its area.
+    """
+    corners = [(last, back) for last in (False, True) for back in (False, True)]
+    starts = [_Start(part, *corner) for part in parts for corner in corners]
+    entries = np.array([s.entry() for s in starts]).astype(np.int64)
+    turn_rad = np.array([abs(wrap_angle(s.heading() - pose.theta)) for s in starts])
+    turn_s = turn_rad / config.driving.turn_rate_rad_s
+    cell_m2 = driving.geometry.resolution_m**2
+    worth_s = _WORTH_S_M2 * cell_m2 * np.array([s.part.area_cells for s in starts])
+    per_cell_s = driving.geometry.resolution_m / config.driving.speed_m_s
+    limit = _FIRST_REACH
+    while True:
+        # No farther than what could still be the best.
+        away = distances_from(driving.moves, start, limit)[entries[:, 1], entries[:, 0]]
+        cost_s = away * per_cell_s + turn_s
+        cost_s[cost_s > worth_s] = np.inf
+        least = int(np.argmin(cost_s))
+        if cost_s[least] <= limit * per_cell_s or limit > driving.passable.size:
+            return starts[least] if np.isfinite(cost_s[least]) else None
+        limit *= 4.0
 
 
 def _way_over(start: _Start, driving: DrivingGrid, pose: Pose2) -> Floats:

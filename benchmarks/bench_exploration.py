@@ -1,0 +1,189 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Drive time and footprint coverage of all explorers in all worlds, in one run.
+
+    python benchmarks/bench_exploration.py [--worlds A,B] [--explorers A,B] [--backend NAME]
+
+Everybody drives the same simulated robot with the same follower through a world that it does not
+know. Footprint is the share of the truly reachable floor that the body passed over. `ggmr+ there`
+is when `ggmr+` had passed over as much as the other did in the end, and `saved` is what it saved.
+`--backend truth` tells the robot where it is, so that only the explorers differ.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from itertools import product
+from multiprocessing import get_context
+
+import numpy as np
+
+from slarm_graph import backends, explorers
+from slarm_graph.backend import SlamBackend, SlamResult, silent
+from slarm_graph.closed_loop import Exploration, explore
+from slarm_graph.config import ExploreConfig, RunConfig
+from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.live_map import mark_swept
+from slarm_graph.readings import Reading
+from slarm_graph.trajectory import Trajectory
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import WorldMap
+from slarm_graph.world_files import load_world, shipped_worlds
+
+OURS = "ggmr+"
+LATTICE_M = 0.05
+
+
+class TruthBackend:
+    """Knows where the robot is; makes no map of its own."""
+
+    def __init__(self, world: SimulatedWorld) -> None:
+        self._world = world
+        self._stamps_ns: list[int] = []
+        self._poses: list[Floats] = []
+
+    def update(self, reading: Reading) -> None:
+        """Note the true pose."""
+        self._stamps_ns.append(reading.stamp_ns)
+        self._poses.append(self._world.truth().as_array())
+
+    def map_from_robot(self) -> Pose2:
+        """Return the true pose."""
+        return self._world.truth()
+
+    def result(self) -> SlamResult:
+        """Return the true trajectory."""
+        nothing = np.full((1, 1), np.nan, dtype=np.float32)
+        trajectory = Trajectory(np.array(self._stamps_ns), np.array(self._poses))
+        return SlamResult(trajectory, OccupancyGrid(GridGeometry(0, 0, 1, 1, 1), nothing))
+
+    def snapshot(self) -> bytes:
+        """There is nothing to keep."""
+        return b""
+
+    def restore(self, state: bytes) -> None:
+        """There is nothing to restore."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """One explorer in one world."""
+
+    world: str
+    explorer: str
+    time_s: float
+    path_m: float
+    turns: int
+    collisions: int
+    reason: str
+    at_s: Floats
+    footprint: Floats
+
+
+def drive(world_name: str, explorer: str, backend: str, resolution_m: float, seed: int) -> Drive:
+    """Explore a world and follow how the footprint grows."""
+    world = load_world(world_name)
+    config = RunConfig(
+        seed=seed, explore=ExploreConfig(explorer=explorer, resolution_m=resolution_m)
+    )
+    for_world, for_backend = np.random.default_rng(seed).spawn(2)
+    simulated = SimulatedWorld(world, config.simulation, for_world)
+    slam: SlamBackend = (
+        TruthBackend(simulated)
+        if backend == "truth"
+        else backends.make(backend, config, for_backend, silent)
+    )
+    out = explore(
+        simulated,
+        slam,
+        explorers.make(config.explore),
+        config.explore,
+        extent_m=world.extent_m(),
+        start=world.start,
+    )
+    at_s, footprint = footprint_over_time(world, out)
+    r = out.report
+    return Drive(
+        world_name,
+        explorer,
+        r.drive_time_s,
+        r.path_length_m,
+        r.turns,
+        r.collisions,
+        out.finished.reason,
+        at_s,
+        footprint,
+    )
+
+
+def footprint_over_time(world: WorldMap, out: Exploration) -> tuple[Floats, Floats]:
+    """Share of the reachable floor passed over (K,) at times (K,) [s], every five seconds."""
+    truth = truth_map(world, LATTICE_M)
+    g, swept = truth.geometry, np.zeros(truth.blocked.shape, dtype=np.bool_)
+    way = (out.truth.poses[:, :2] - (g.origin_x_m, g.origin_y_m)) / LATTICE_M
+    stamps_s = (out.truth.stamps_ns - out.truth.stamps_ns[0]) * 1e-9
+    at_s, share = [], []
+    for first in range(0, len(way) - 1, 50):
+        piece = way[first : first + 51]
+        mark_swept(swept, piece, ExploreConfig().driving.robot_radius_m / LATTICE_M)
+        at_s.append(stamps_s[first + len(piece) - 1])
+        share.append(swept[truth.reachable].mean())
+    return np.array(at_s), np.array(share)
+
+
+def reached_s(ours: Drive, footprint: float) -> float:
+    """When a drive had passed over a share of the floor; inf if never."""
+    there = np.flatnonzero(ours.footprint >= footprint)
+    return float(ours.at_s[there[0]]) if len(there) else float("inf")
+
+
+def main() -> None:
+    """Print one table per world, and the mean saving over the best baseline."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--worlds", default=",".join(shipped_worlds()))
+    parser.add_argument("--explorers", default=",".join(explorers.EXPLORERS))
+    parser.add_argument("--backend", default="pose_graph")
+    parser.add_argument("--resolution", type=float, default=0.25)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count())
+    given = parser.parse_args()
+    settings = list(product(given.worlds.split(","), given.explorers.split(",")))
+    savings = []
+    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
+        rest = (given.backend, given.resolution, given.seed)
+        pending = [pool.submit(drive, *setting, *rest) for setting in settings]
+        drives: list[Drive] = []
+        for done in pending:
+            drives.append(done.result())
+            if len(drives) == len(given.explorers.split(",")):
+                savings.append(show(drives))
+                drives = []
+    print(f"\nmean saving over the best baseline: {100 * np.nanmean(savings):.1f} %")
+
+
+def show(drives: list[Drive]) -> float:
+    """Print the explorers of one world; returns our saving over the best of the others."""
+    ours = next((d for d in drives if d.explorer == OURS), None)
+    print(f"\n{drives[0].world}", flush=True)
+    print("explorer       drive [s]  path [m]  turns  hits  footprint  ggmr+ there [s]  saved")
+    savings = []
+    for d in drives:
+        there_s = reached_s(ours, d.footprint[-1]) if ours else float("nan")
+        saved = 1.0 - there_s / d.time_s
+        if d.explorer != OURS and d.footprint[-1] > 0.5:
+            savings.append(saved)
+        print(
+            f"{d.explorer:14s}{d.time_s:10.0f}{d.path_m:10.0f}{d.turns:7d}{d.collisions:6d}"
+            f"{100 * d.footprint[-1]:10.1f} %{there_s:16.0f}{100 * saved:7.1f} %   {d.reason}",
+            flush=True,
+        )
+    return min(savings, default=float("nan"))
+
+
+if __name__ == "__main__":
+    main()
