@@ -30,9 +30,12 @@ _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
 _FINE_GRIDS = 64
 _QUERY_RANGE_M = 12.0
+_QUERY_POINTS = 250
 _LONG_AGO = -1_000_000
 _WIDEN = 1.2
 _WIDEST = 4.0
+_PATIENCE = 1.5
+_MOST_PATIENCE = 16.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,7 +147,8 @@ class LoopCloser:
             self._last_match = k
             for e in np.flatnonzero(sure)[: self._config.candidates]:
                 done.append(self._at_prediction(k, int(e), expected, keyframes, submaps))
-        if not sure.all() and k - self._last_search >= self._config.search_every:
+        patience = min(_PATIENCE**self._fruitless, _MOST_PATIENCE)
+        if not sure.all() and k - self._last_search >= self._config.search_every * patience:
             self._last_search = k
             self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
         return done
@@ -185,7 +189,8 @@ class LoopCloser:
         if not tries:
             return
         query = self._query(k, keyframes)
-        # The longer nothing is found where it should be, the less the expectation is worth.
+        # The longer nothing is found where it should be, the less the expectation is worth, and
+        # the rarer a search is.
         wide = 3.0 * min(_WIDEN**self._fruitless, _WIDEST)
         self._fruitless += 1
         for e in tries:
@@ -276,7 +281,8 @@ class LoopCloser:
         points = points[np.hypot(points[:, 0], points[:, 1]) < _QUERY_RANGE_M]
         cells = np.floor(points / self._config.search_resolution_m).astype(np.int64)
         _, first = np.unique(cells, axis=0, return_index=True)
-        return np.ascontiguousarray(points[np.sort(first)])
+        thinned = points[np.sort(first)]
+        return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
 def _itself(grid: LikelihoodGrid) -> LikelihoodGrid:

@@ -100,7 +100,7 @@ class LoopClosureConfig(Stage):
     query_keyframes: int = Field(default=8, ge=1)
     """Latest keyframes whose points are searched for together."""
     window_m: float = Field(default=12.0, gt=0)
-    window_rad: float = Field(default=0.8, gt=0)
+    window_rad: float = Field(default=3.15, gt=0)
     """Largest search window to either side; within it the uncertainty decides."""
     sure_m: float = Field(default=0.2, gt=0)
     sure_rad: float = Field(default=0.07, gt=0)
