@@ -83,7 +83,7 @@ class FrontendConfig(Stage):
 class LoopClosureConfig(Stage):
     """Finding old places again."""
 
-    candidates: int = Field(default=2, ge=0)
+    candidates: int = Field(default=1, ge=0)
     """Old submaps compared with a keyframe where the graph is sure of its place."""
     match_every: int = Field(default=4, ge=1)
     """Keyframes between two that are compared so."""
