@@ -87,16 +87,16 @@ class GridGeometry:
     def contains(self, cells: ArrayLike) -> Mask:
         """Which of the cells (..., 2) lie on the grid."""
         c = np.asarray(cells)
-        inside = (c >= 0) & (c < np.array(self.shape))
-        return np.asarray(inside.all(axis=-1))
+        rows, cols = c[..., 0], c[..., 1]
+        return np.asarray((rows >= 0) & (rows < self.rows) & (cols >= 0) & (cols < self.cols))
 
     def sample(self, layer: NDArray[Scalar], points: ArrayLike, outside: float) -> NDArray[Scalar]:
         """Look a layer (rows, cols) up at points (..., 2) [m]; `outside` where there is no cell."""
         cells = self.cell_of(points)
+        rows, cols = cells[..., 0], cells[..., 1]
         inside = self.contains(cells)
-        safe = np.where(inside[..., None], cells, 0)
-        values = layer[safe[..., 0], safe[..., 1]]
-        values[~inside] = outside
+        values = np.full(rows.shape, outside, dtype=layer.dtype)
+        values[inside] = layer[rows[inside], cols[inside]]
         return values
 
 

@@ -43,8 +43,8 @@ def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
     if len(kept) < 3:
         return outline_m
     # The image library works in single precision: take the exact corner that is meant.
-    apart = np.abs(kept[:, 0, None, :] - outline_m.astype(np.float32)[None]).sum(axis=-1)
-    return np.asarray(outline_m[apart.argmin(axis=1)])
+    exact = dict(zip(map(tuple, outline_m.astype(np.float32)), outline_m, strict=True))
+    return np.array([exact[tuple(corner)] for corner in kept[:, 0]])
 
 
 def inside_outlines(geometry: GridGeometry, polygons_m: Sequence[Floats]) -> Mask:

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
@@ -46,10 +47,23 @@ class Returns:
         Mean of a cell's returns [m].
     weights : (M,) float64
         How many there were.
+    tree : cKDTree
+        Of the points.
     """
 
     points: Floats
     weights: Floats
+    tree: cKDTree
+
+    @staticmethod
+    def of(points: Floats, weights: Floats) -> Returns:
+        """Index returns by place."""
+        return Returns(points, weights, cKDTree(points))
+
+    def around(self, center: Floats, radius_m: float) -> tuple[Floats, Floats]:
+        """Points (K, 2) and weights (K,) within a radius of a place."""
+        near = self.tree.query_ball_point(center, radius_m, return_sorted=True)
+        return self.points[near], self.weights[near]
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +112,7 @@ class Outline:
     fitted: Mask
 
 
-_NO_RETURNS = Returns(np.zeros((0, 2)), np.zeros(0))
+_NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
 
 
 def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
@@ -111,7 +125,7 @@ def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
     keys = (cells[:, 0] - low[0]) * width + cells[:, 1] - low[1]
     _, index, counts = np.unique(keys, return_inverse=True, return_counts=True)
     sums = [np.bincount(index, weights=end_points_m[:, axis]) for axis in range(2)]
-    return Returns(np.stack(sums, axis=1) / counts[:, None], counts.astype(np.float64))
+    return Returns.of(np.stack(sums, axis=1) / counts[:, None], counts.astype(np.float64))
 
 
 def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> Returns:
@@ -124,7 +138,7 @@ def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> R
         half = 0.5 * geometry.resolution_m * np.array([right, up])
         points.append(geometry.center_of(np.argwhere(occupied & neighbour)) + half)
     sides = np.concatenate(points)
-    return Returns(sides, np.ones(len(sides)))
+    return Returns.of(sides, np.ones(len(sides)))
 
 
 def straightened(
@@ -167,11 +181,11 @@ def _fit(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> W
     trim = min(_END_CELLS * resolution_m, 0.25 * length)
     if length < max(_SHORTEST_M, 3 * resolution_m):
         return wall
-    rel = returns.points - start
-    s = rel @ along
-    off = wall.off_m(returns.points)
-    near = (s > trim) & (s < length - trim) & (np.abs(off) <= _BAND_CELLS * resolution_m)
-    points, weights = returns.points[near], returns.weights[near]
+    band_m = _BAND_CELLS * resolution_m
+    points, weights = returns.around(0.5 * (start + end), math.hypot(0.5 * length, band_m))
+    s = (points - start) @ along
+    near = (s > trim) & (s < length - trim) & (np.abs(wall.off_m(points)) <= band_m)
+    points, weights = points[near], weights[near]
     covered = len(np.unique((s[near] / resolution_m).astype(np.int64)))
     if covered < max(3.0, _COVERED_SHARE * (length - 2 * trim) / resolution_m):
         return wall
