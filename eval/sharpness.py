@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,7 @@ from slarm_graph.geometry import Floats
 
 _MIN_NEIGHBOURS = 8
 _LONGER_THAN_WIDE = 2.0
+_MAX_POINTS = 250_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +58,7 @@ def sharpness(
     """
     if not len(points_m):
         return Sharpness(float("nan"), float("nan"), float("nan"), 0)
+    points_m = points_m[:: math.ceil(len(points_m) / _MAX_POINTS)]
     tree = cKDTree(points_m)
     covariances = [
         np.cov(points_m[near], rowvar=False)

@@ -13,12 +13,13 @@ from dataclasses import dataclass, field
 from types import FrameType
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.backend import SlamBackend
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Pose2
 from slarm_graph.progress import Progress
-from slarm_graph.readings import Reading, Source
+from slarm_graph.readings import LaserScan, Reading, Source
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
 
@@ -63,6 +64,12 @@ class Intake:
         if not known.any():
             return None
         return Trajectory(np.array(self.stamps_ns, dtype=np.int64)[known], poses[known])
+
+
+def scans_at(source: Source, stamps_ns: NDArray[np.int64]) -> list[LaserScan]:
+    """Read a source again for the scans at given stamps, as a result needs them."""
+    wanted = set(stamps_ns.tolist())
+    return [reading.scan for reading in source if reading.stamp_ns in wanted]
 
 
 SaveState = Callable[[SlamBackend, Intake], None]

@@ -11,9 +11,11 @@ import numpy as np
 from slarm_graph import backends
 from slarm_graph.checkpoint import load_checkpoint, save_checkpoint
 from slarm_graph.eval.assessment import assess, read_references
+from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.frontends.sources import open_source
-from slarm_graph.intake import Saver, feed
+from slarm_graph.intake import Saver, feed, scans_at
 from slarm_graph.job import Job, Run
+from slarm_graph.mapping import end_points_m
 from slarm_graph.outputs import save_geographic, save_radio, save_readings, save_slam
 from slarm_graph.progress import Progress
 from slarm_graph.radio import radio_map
@@ -55,7 +57,9 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_slam(folder, slam)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
-        geographic = recover(slam.grid, slam.trajectory, config.recovery)
+        scans = scans_at(source, slam.trajectory.stamps_ns)
+        ends = end_points_m(scans, slam.trajectory, config.mapping)
+        geographic = recover(slam.grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic)
     # geographic map -> radio map
     with folder.stage("radio map", progress):
@@ -65,6 +69,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         metrics = assess(slam.trajectory, references, intake.robot_from_laser)
+        metrics += sharpness_metrics(sharpness(ends))
         title = f"{job.paths[0].name}, {config.backend}"
         done = Run(title, config, source, intake, slam, geographic, radio, metrics)
         save_report(folder, done, references)
