@@ -28,7 +28,7 @@ from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.config import GmappingConfig, RunConfig
 from slarm_graph.errors import RunFailed
-from slarm_graph.frontends.tracker import ScanTracker, TrackedScan
+from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory

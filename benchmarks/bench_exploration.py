@@ -21,19 +21,20 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from slarm_graph import backends, explorers
+from slarm_graph import backends
 from slarm_graph.backend import SlamBackend, SlamResult, silent
-from slarm_graph.closed_loop import Exploration, explore
 from slarm_graph.config import ExploreConfig, RunConfig
-from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.exploration import explorers
+from slarm_graph.exploration.closed_loop import Exploration, explore
+from slarm_graph.exploration.live_map import mark_swept
+from slarm_graph.files.worlds import load_world, shipped_worlds
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.live_map import mark_swept
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
-from slarm_graph.world_files import load_world, shipped_worlds
 
 OURS = "ggmr+"
 LATTICE_M = 0.05

@@ -22,15 +22,15 @@ from scipy.spatial import cKDTree
 
 from slarm_graph.config import FrontendConfig, SourceConfig
 from slarm_graph.eval.relations import read_relations
-from slarm_graph.frontends.matcher import (
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.scans.matcher import (
     CorrelativeMatcher,
     IcpMatcher,
     LikelihoodMatcher,
     ScanMatcher,
 )
-from slarm_graph.frontends.scan_filter import points_for_matching
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.tracker import ScanTracker
+from slarm_graph.frontends.scans.scan_filter import points_for_matching
+from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2, transform_points
 from slarm_graph.readings import Reading
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.config import GmappingConfig, RunConfig, SimulationConfig
-from slarm_graph.frontends.tracker import ScanTracker, TrackedScan
-from slarm_graph.frontends.world_recording import SourceFromWorld
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.readings import Reading
-from slarm_graph.world_files import load_world
 
 PARTICLES = (1, 3, 10, 30, 100, 300)
 ROUNDS = 3

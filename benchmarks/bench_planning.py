@@ -19,13 +19,19 @@ from collections.abc import Callable
 import numpy as np
 
 from slarm_graph.config import ExploreConfig
-from slarm_graph.explorer import CoverageGrid, Leg, coverage_grid, driving_grid, known_coverage
+from slarm_graph.exploration.explorer import (
+    CoverageGrid,
+    Leg,
+    coverage_grid,
+    driving_grid,
+    known_coverage,
+)
+from slarm_graph.exploration.ggmr import ggmr_path
+from slarm_graph.exploration.ggmr_plus import GgmrPlus
+from slarm_graph.exploration.live_map import mark_swept
+from slarm_graph.exploration.planning import clearance_m
 from slarm_graph.geometry import Pose2
-from slarm_graph.ggmr import ggmr_path
-from slarm_graph.ggmr_plus import GgmrPlus
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.live_map import mark_swept
-from slarm_graph.planning import clearance_m
 
 SIZES = (10_000, 30_000, 100_000, 300_000, 1_000_000, 4_000_000)
 CELL_M = 0.05

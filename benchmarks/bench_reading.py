@@ -21,7 +21,7 @@ from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
 from slarm_graph.config import SourceConfig
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.sources import open_source
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROUNDS = 5

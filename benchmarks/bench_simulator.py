@@ -20,10 +20,10 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from slarm_graph.config import SimulationConfig
-from slarm_graph.frontends.simulator import SimulatedWorld, visible_segments
+from slarm_graph.files.worlds import load_world, shipped_worlds
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld, visible_segments
 from slarm_graph.geometry import Floats
 from slarm_graph.world import DriveCommand, WorldMap
-from slarm_graph.world_files import load_world, shipped_worlds
 
 ROUNDS = 5
 

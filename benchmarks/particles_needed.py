@@ -19,11 +19,11 @@ import numpy as np
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.config import GmappingConfig, ProposalConfig, RunConfig, SimulationConfig
 from slarm_graph.eval.trajectory_accuracy import fit_rigid
-from slarm_graph.frontends.world_recording import SourceFromWorld
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.geometry import Floats
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
-from slarm_graph.world_files import load_world
 
 PARTICLES = {True: (1, 3, 10, 30, 100), False: (1, 3, 10, 30, 100, 300, 1000)}
 NAMES = {True: "improved proposal, eq. (7)-(10)", False: "motion model, eq. (6)"}

@@ -28,7 +28,7 @@ import numpy as np
 from slarm_graph import backends
 from slarm_graph.config import RunConfig, SourceConfig
 from slarm_graph.eval.relations import read_relations, relation_errors
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geometry import between, compose
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory

@@ -16,9 +16,9 @@ from slarm_graph.eval.relations import (
     relation_metrics,
 )
 from slarm_graph.eval.trajectory_accuracy import align, trajectory_metrics
+from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
-from slarm_graph.trajectory_files import read_trajectory
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.path_loss import smallest_blocking_gap_db
+from slarm_graph.radio.path_loss import smallest_blocking_gap_db
 from slarm_graph.radio_words import RadioMap
 
 

@@ -14,7 +14,7 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 from plotly.offline import get_plotlyjs
 
-from slarm_graph.map_files import png_bytes
+from slarm_graph.files.maps import png_bytes
 
 Cell = float | int | str | None
 

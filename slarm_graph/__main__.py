@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import sys
 
-from slarm_graph.cli import main
+from slarm_graph.app.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from slarm_graph.frontends.messages import MULTI_ECHO, TF_TYPES
+from slarm_graph.frontends.recordings.messages import MULTI_ECHO, TF_TYPES
 
 KINDS = ["bag", "db3", "mcap"]
 ENCODINGS = ["ros1", "cdr little", "cdr big"]

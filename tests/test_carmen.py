@@ -13,7 +13,7 @@ import pytest
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.readings import Reading, Source
 
 

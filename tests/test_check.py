@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from ros_bags import IDENTITY, Recorded, Writer, maker_of, write_recording
 
 from slarm_graph.config import SourceConfig
-from slarm_graph.frontends.check import check
-from slarm_graph.frontends.findings import Diagnosis, Finding
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.check import check
+from slarm_graph.frontends.recordings.findings import Diagnosis, Finding
+from slarm_graph.frontends.recordings.sources import open_source
 
 T0 = 1000.0
 

@@ -17,10 +17,10 @@ import pytest
 import yaml
 from ros_bags import maker_of, write_recording
 
-from slarm_graph.cli import main
+from slarm_graph.app.cli import main
 from slarm_graph.config import RunConfig
-from slarm_graph.config_files import load_config
-from slarm_graph.trajectory_files import read_trajectory
+from slarm_graph.files.configs import load_config
+from slarm_graph.files.trajectories import read_trajectory
 
 CONTRACT = {
     *("run.json", "config.yaml", "trajectory.tum", "odometry.tum", "map.pgm", "map.yaml"),
@@ -260,7 +260,7 @@ def test_interrupt_keeps_partial_results_and_resume_ends_the_same(tmp_path: Path
         "take = B.update\n"
         "def update(self, reading):\n    take(self, reading)\n    time.sleep(0.1)\n"
         "B.update = update\n"
-        "from slarm_graph.cli import main; sys.exit(main(sys.argv[1:]))"
+        "from slarm_graph.app.cli import main; sys.exit(main(sys.argv[1:]))"
     )
     command = [sys.executable, "-c", slow, "run", str(bag), "-b", "odometry", "--ap", "0", "0", "2"]
     options = ["--out", str(tmp_path), "--name", "part", "--set", "checkpoint.every_s=0.3"]

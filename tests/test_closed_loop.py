@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from slarm_graph.backend import SlamResult
-from slarm_graph.closed_loop import Exploration, explore
 from slarm_graph.config import DrivingConfig, ExploreConfig, SimulationConfig
-from slarm_graph.drive_report import count_turns, revisit_share
-from slarm_graph.explorers import EXPLORERS, make
-from slarm_graph.frontends.simulator import SimulatedWorld
+from slarm_graph.exploration.closed_loop import Exploration, explore
+from slarm_graph.exploration.drive_report import count_turns, revisit_share
+from slarm_graph.exploration.explorers import EXPLORERS, make
+from slarm_graph.exploration.live_map import LiveMap
+from slarm_graph.exploration.path_follower import PathFollower, free_ahead_m
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.live_map import LiveMap
-from slarm_graph.path_follower import PathFollower, free_ahead_m
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map

@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 from test_cli import room_bag, run
 
-from slarm_graph.compare import carry_out, compare
+from slarm_graph.app.compare import carry_out, compare
+from slarm_graph.app.trials import Source, Trial, find_sources, trials
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome, comparison_html, run_rows, spread, summary_rows
-from slarm_graph.trials import Source, Trial, find_sources, trials
 
 
 def outcomes() -> list[Outcome]:

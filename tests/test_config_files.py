@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from slarm_graph.config import RunConfig
-from slarm_graph.config_files import config_differences, config_yaml, load_config
 from slarm_graph.errors import BadInput
+from slarm_graph.files.configs import config_differences, config_yaml, load_config
 
 
 @pytest.mark.parametrize("comments", [True, False])

@@ -14,9 +14,9 @@ from rosbags.highlevel import AnyReader
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.convert import convert
-from slarm_graph.frontends.ros_writing import GROUND_TRUTH_TOPIC, write_readings
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.convert import convert
+from slarm_graph.frontends.recordings.ros_writing import GROUND_TRUTH_TOPIC, write_readings
+from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import LaserScan, Reading
 

@@ -12,7 +12,7 @@ import pytest
 
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import BadInput
-from slarm_graph.g2o import read_g2o, write_g2o
+from slarm_graph.files.g2o import read_g2o, write_g2o
 from slarm_graph.geometry import Pose2
 
 

@@ -29,13 +29,13 @@ from slarm_graph.config import (
 from slarm_graph.errors import RunFailed
 from slarm_graph.eval.relations import read_relations, relation_errors
 from slarm_graph.eval.trajectory_accuracy import fit_rigid
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.world_recording import SourceFromWorld, tour
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, tour
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.mapping import render
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
-from slarm_graph.world_files import load_world
 
 NOISELESS = SimulationConfig(
     lidar=LidarConfig(sigma_m=0.0),

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Imports go one way: core <- frontends <- backends; eval sees the core only."""
+"""Imports go one way: core <- frontends <- backends; eval sees the core; app puts all together."""
 
 from __future__ import annotations
 
@@ -11,51 +11,33 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FLOW = {
-    "pipeline",
-    "execution",
-    "job",
-    "run_report",
-    "compare",
-    "trials",
-    "doctor",
-    "reproduce",
-    "reproduce_trial",
-    "exploration",
-    "__main__",
-}
-"""Modules of the core folder that put the rooms together; the command line (`cli*`) is one too."""
 
 MAY_IMPORT = {
     "core": {"core"},
     "frontends": {"core", "frontends"},
     "backends": {"core", "frontends", "backends"},
     "eval": {"core", "eval"},
-    "flow": {"core", "frontends", "backends", "eval", "flow"},
+    "app": {"core", "frontends", "backends", "eval", "app"},
 }
 
 
-def is_flow(stem: str) -> bool:
-    return stem in FLOW or stem.startswith("cli")
-
-
-def files() -> Iterator[tuple[str, Path]]:
-    for path in (ROOT / "slarm_graph").glob("*.py"):
-        yield "flow" if is_flow(path.stem) else "core", path
-    for room in ("frontends", "backends", "eval"):
-        for path in (ROOT / room).rglob("*.py"):
-            yield room, path
-
-
 def room_of(module: str) -> str | None:
+    """Return the room of an imported module; None for those of others."""
     parts = module.split(".")
     if parts[0] != "slarm_graph":
         return None
-    if len(parts) == 1:
-        return "core"
-    if parts[1] in ("frontends", "backends", "eval"):
-        return parts[1]
-    return "flow" if is_flow(parts[1]) else "core"
+    return parts[1] if len(parts) > 1 and parts[1] in MAY_IMPORT else "core"
+
+
+def files() -> Iterator[tuple[str, Path]]:
+    for room in ("frontends", "backends", "eval"):
+        yield from ((room, path) for path in (ROOT / room).rglob("*.py"))
+    for path in (ROOT / "slarm_graph").rglob("*.py"):
+        inside = path.relative_to(ROOT / "slarm_graph").parts[0]
+        if inside == "__main__.py":
+            yield "app", path
+        elif inside not in ("frontends", "backends", "eval"):
+            yield "app" if inside == "app" else "core", path
 
 
 def imported(path: Path) -> Iterator[str]:

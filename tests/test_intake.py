@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
+from slarm_graph.app.intake import Intake, Saver, feed
+from slarm_graph.app.progress import Quiet
+from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.backends.odometry import OdometryBackend
-from slarm_graph.checkpoint import load_checkpoint, save_checkpoint
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geometry import Pose2
-from slarm_graph.intake import Intake, Saver, feed
-from slarm_graph.progress import Quiet
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
-from slarm_graph.run_folder import create_run_folder
-from slarm_graph.trajectory_files import tum_text
 
 
 class Circle:

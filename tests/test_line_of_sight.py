@@ -11,8 +11,8 @@ import pytest
 
 from slarm_graph.convex import convex_pieces, is_convex
 from slarm_graph.grid import GridGeometry
-from slarm_graph.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
 from slarm_graph.polygons import signed_area_m2
+from slarm_graph.radio.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
 from slarm_graph.world import Solid
 
 HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]

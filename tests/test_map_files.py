@@ -16,8 +16,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files.maps import map_yaml, pgm_bytes, read_map, trinary_image
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.map_files import map_yaml, pgm_bytes, read_map, trinary_image
 
 
 def nav2_cells(path: Path) -> tuple[NDArray[np.int8], list[float], float]:

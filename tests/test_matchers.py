@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from test_scan_matching import room_points
 
-from slarm_graph.frontends.matcher import (
+from slarm_graph.frontends.scans.matcher import (
     CorrelativeMatcher,
     IcpMatcher,
     LikelihoodMatcher,

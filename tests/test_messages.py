@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from ros_bags import ENCODINGS, LIMITS, Writer
 
-from slarm_graph.frontends.messages import (
+from slarm_graph.frontends.recordings.messages import (
     decode,
     read_multi_echo,
     read_odometry,
     read_scans,
     read_transforms,
 )
-from slarm_graph.frontends.packed import Malformed, pack
+from slarm_graph.frontends.recordings.packed import Malformed, pack
 
 
 def packed(writer: Writer, messages: list[object]):

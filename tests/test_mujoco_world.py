@@ -12,12 +12,12 @@ import pytest
 
 from slarm_graph.config import LidarConfig, SimulationConfig, WheelConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.random_worlds import random_world
-from slarm_graph.frontends.simulator import SimulatedWorld
-from slarm_graph.frontends.worlds import make_world
+from slarm_graph.files.worlds import load_world, shipped_worlds
+from slarm_graph.frontends.simulation.random_worlds import random_world
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.world import DriveCommand, World, WorldMap
-from slarm_graph.world_files import load_world, shipped_worlds
 
 EVEN_WHEELS = WheelConfig(left_slip=0.0, right_slip=0.0, wheel_base_error=0.0)
 SHARP = LidarConfig(sigma_m=0.0, x_m=0.05, y_m=-0.03, yaw_rad=0.4)

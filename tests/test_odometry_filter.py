@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.odometry_filter import (
+from slarm_graph.frontends.scans.odometry_filter import (
     OdometryFilter,
     odometry_covariance,
     squared_sigmas,

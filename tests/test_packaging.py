@@ -58,7 +58,7 @@ def test_constraints_are_plain_pins_of_every_dependency() -> None:
 
 def test_help_imports_nothing_heavy() -> None:
     code = (
-        "import sys; from slarm_graph.cli import main; main(['--help']);"
+        "import sys; from slarm_graph.app.cli import main; main(['--help']);"
         f"print([m for m in {HEAVY!r} if m in sys.modules])"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

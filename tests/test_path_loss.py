@@ -12,7 +12,7 @@ import pytest
 from tr3gpp import tr38901
 
 from slarm_graph.errors import BadInput
-from slarm_graph.path_loss import (
+from slarm_graph.radio.path_loss import (
     SCENARIOS,
     Clutter,
     los_probability,

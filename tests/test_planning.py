@@ -14,9 +14,8 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from slarm_graph.explorer import drivable, driving_grid, way_between
-from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.planning import (
+from slarm_graph.exploration.explorer import drivable, driving_grid, way_between
+from slarm_graph.exploration.planning import (
     DELTA_COL,
     DELTA_ROW,
     clearance_m,
@@ -28,6 +27,7 @@ from slarm_graph.planning import (
     sees,
     shortest_path,
 )
+from slarm_graph.grid import GridGeometry, Mask
 
 seeds = st.integers(0, 2**32 - 1)
 

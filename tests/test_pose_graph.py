@@ -17,12 +17,12 @@ from slarm_graph.config import LidarConfig, RunConfig, SimulationConfig, SourceC
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import RunFailed
 from slarm_graph.eval.relations import read_relations, relation_errors
-from slarm_graph.frontends.simulator import SimulatedWorld
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.world_recording import tour
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.frontends.simulation.world_recording import tour
 from slarm_graph.geometry import Floats, Pose2, between, compose, invert
 from slarm_graph.readings import LaserScan, Reading
-from slarm_graph.world_files import load_world
 
 Drive = tuple[list[Reading], Floats]
 

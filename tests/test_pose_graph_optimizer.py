@@ -19,7 +19,7 @@ from slarm_graph.backends.pose_graph_optimizer import (
     optimize_gnc,
 )
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.g2o import read_g2o
+from slarm_graph.files.g2o import read_g2o
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
 
 TIGHT = np.diag([0.02**2, 0.02**2, 0.01**2])

@@ -9,8 +9,8 @@ import re
 
 import pytest
 
-from slarm_graph import progress as module
-from slarm_graph.progress import Bar, Lines, Quiet, shown
+from slarm_graph.app import progress as module
+from slarm_graph.app.progress import Bar, Lines, Quiet, shown
 
 
 class Clock:

@@ -12,10 +12,10 @@ import pytest
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.radio_accuracy import cell_weights, radio_accuracy
+from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio import radio_map, theoretical_radio_map
-from slarm_graph.world_files import load_world
+from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 
 CONFIG = RadioConfig()
 WORLD = load_world("paper_room")

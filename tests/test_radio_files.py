@@ -13,14 +13,14 @@ import xarray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio_files import (
+from slarm_graph.radio.files import (
     read_radio_netcdf,
     read_radio_npz,
     write_radio_csv,
     write_radio_netcdf,
     write_radio_npz,
 )
-from slarm_graph.radio_pictures import write_radio_png
+from slarm_graph.radio.pictures import write_radio_png
 from slarm_graph.radio_words import AccessPoint, RadioMap
 
 

@@ -12,7 +12,7 @@ import pytest
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.relations import read_relations
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geometry import between, compose
 from slarm_graph.readings import Source
 from slarm_graph.trajectory import Trajectory

@@ -15,17 +15,17 @@ from scipy import ndimage
 
 from slarm_graph.config import LidarConfig, MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.eval.radio_accuracy import radio_accuracy
+from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.grid_cleaning import cleaned, visited_cells
-from slarm_graph.obstacles import known_sizes_of
-from slarm_graph.radio import radio_map, theoretical_radio_map
+from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery import recover, recover_scans, with_sizes_of
+from slarm_graph.recovery.grid_cleaning import cleaned, visited_cells
+from slarm_graph.recovery.obstacles import known_sizes_of
+from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
+from slarm_graph.recovery.walls import gathered
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
-from slarm_graph.walls import gathered
-from slarm_graph.world_files import load_world
 
 WORLD = load_world("paper_room")
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from slarm_graph.app.progress import Quiet
+from slarm_graph.app.run_folder import create_run_folder, open_run_folder, read_record
 from slarm_graph.errors import BadInput
-from slarm_graph.progress import Quiet
-from slarm_graph.run_folder import create_run_folder, open_run_folder, read_record
 
 
 def test_a_new_folder_is_recorded_as_running_and_is_the_latest(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from slarm_graph.config import FrontendConfig
-from slarm_graph.frontends.scan_filter import points_for_matching
+from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import LaserScan
 

@@ -11,23 +11,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slarm_graph.frontends.correlative import (
+from slarm_graph.frontends.scans.correlative import (
     SearchPyramid,
     build_pyramid,
     search,
     search_every_pose,
     window_of,
 )
-from slarm_graph.frontends.gauss_newton import refine, wall_tangents
-from slarm_graph.frontends.icp import line_normals
-from slarm_graph.frontends.likelihood_grid import (
+from slarm_graph.frontends.scans.gauss_newton import refine, wall_tangents
+from slarm_graph.frontends.scans.icp import line_normals
+from slarm_graph.frontends.scans.likelihood_grid import (
     LikelihoodGrid,
     add_segments,
     build_likelihood_grid,
     interpolate,
     scan_segments,
 )
-from slarm_graph.frontends.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
 

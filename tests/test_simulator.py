@@ -11,13 +11,13 @@ import pytest
 
 from slarm_graph.config import LidarConfig, SimulationConfig, WheelConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.random_worlds import random_world
-from slarm_graph.frontends.segment_grid import build_segment_grid, cast_rays, is_near
-from slarm_graph.frontends.simulator import SimulatedWorld, visible_segments
+from slarm_graph.files.worlds import load_world, world_from_yaml
+from slarm_graph.frontends.simulation.random_worlds import random_world
+from slarm_graph.frontends.simulation.segment_grid import build_segment_grid, cast_rays, is_near
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld, visible_segments
 from slarm_graph.geometry import Pose2, compose, transform_points
 from slarm_graph.polygons import contains, edges_m
 from slarm_graph.world import DriveCommand, WorldMap
-from slarm_graph.world_files import load_world, world_from_yaml
 
 EXACT_WHEELS = WheelConfig(
     wheel_base_error=0.0, left_slip=0.0, right_slip=0.0, random_slip_m_per_sqrt_m=0.0

@@ -16,7 +16,7 @@ from ros_bags import IDENTITY, KINDS, Recorded, maker_of, write_recording
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.sources import open_source
+from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.readings import Reading, Source
 
 T0 = 1000.0

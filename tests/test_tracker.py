@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import FrontendConfig, LidarConfig, SimulationConfig, SourceConfig
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.tracker import ScanTracker, TrackedScan
-from slarm_graph.frontends.world_recording import SourceFromWorld, waypoints
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.world import WorldMap
-from slarm_graph.world_files import load_world
 
 Spoil = Callable[[int, Reading], Reading]
 

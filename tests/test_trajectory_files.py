@@ -13,9 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files.trajectories import read_trajectory, tum_text
 from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
 from slarm_graph.trajectory import Trajectory
-from slarm_graph.trajectory_files import read_trajectory, tum_text
 
 STAMP_NS = 1_700_000_000_123_456_789
 
@@ -87,7 +87,7 @@ def test_reads_kitti_with_a_second_between_poses(tmp_path: Path) -> None:
 def test_sorts_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     line = "{} {} 0 0 0 0 0 1\n"
     text = "".join(line.format(stamp, stamp) for stamp in (3, 1, 2, 2))
-    logger = "slarm_graph.trajectory_files"
+    logger = "slarm_graph.files.trajectories"
     with caplog.at_level("WARNING", logger):
         path = read_trajectory(written(tmp_path, text))
     assert path.poses[:, 0].tolist() == [1, 2, 3]

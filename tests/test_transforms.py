@@ -14,11 +14,17 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.messages import StampedTransforms
-from slarm_graph.frontends.mounting import mounting_in_plane
-from slarm_graph.frontends.rotations import interpolate, matrices, quaternion_of, slerp, yaws
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.transforms import TransformTree, parse_static
+from slarm_graph.frontends.recordings.messages import StampedTransforms
+from slarm_graph.frontends.recordings.mounting import mounting_in_plane
+from slarm_graph.frontends.recordings.rotations import (
+    interpolate,
+    matrices,
+    quaternion_of,
+    slerp,
+    yaws,
+)
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.recordings.transforms import TransformTree, parse_static
 
 ANY_GAP = 10**18
 

@@ -9,10 +9,10 @@ import pytest
 from matplotlib.path import Path as Outline
 
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.random_worlds import random_world
+from slarm_graph.files.worlds import load_world, world_from_yaml
+from slarm_graph.frontends.simulation.random_worlds import random_world
 from slarm_graph.polygons import contains
 from slarm_graph.truth_map import truth_map
-from slarm_graph.world_files import load_world, world_from_yaml
 
 DELTAS_M = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25)
 

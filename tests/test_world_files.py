@@ -11,18 +11,18 @@ import pytest
 
 from slarm_graph.config import SimulationConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.random_worlds import random_world
-from slarm_graph.frontends.simulator import SimulatedWorld
-from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.polygons import is_simple, signed_area_m2
-from slarm_graph.world import WorldMap
-from slarm_graph.world_files import (
+from slarm_graph.files.worlds import (
     load_world,
     save_world,
     shipped_worlds,
     world_from_yaml,
     world_to_yaml,
 )
+from slarm_graph.frontends.simulation.random_worlds import random_world
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.polygons import is_simple, signed_area_m2
+from slarm_graph.world import WorldMap
 from slarm_graph.world_from_map import merged_rectangles, world_from_map
 
 HEAD = "name: w\nceiling_m: 3.0\nboundary_m: [[0, 0], [6, 0], [6, 4], [0, 4]]\n"

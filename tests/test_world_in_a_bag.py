@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import LidarConfig, MappingConfig, SimulationConfig, SourceConfig
-from slarm_graph.frontends.ros_writing import write_readings
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.world_recording import SourceFromWorld
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.recordings.ros_writing import write_readings
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import render
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import WorldMap
-from slarm_graph.world_files import load_world
 
 CELL_M = 0.05
 

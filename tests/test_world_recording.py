@@ -13,20 +13,20 @@ from scipy.spatial import cKDTree
 
 from slarm_graph.config import LidarConfig, SimulationConfig, SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.convert import convert
-from slarm_graph.frontends.random_worlds import random_world
-from slarm_graph.frontends.sources import open_source
-from slarm_graph.frontends.tour import tour_waypoints_m
-from slarm_graph.frontends.world_recording import SourceFromWorld, commands, waypoints
-from slarm_graph.truth_map import truth_map
-from slarm_graph.world import DriveCommand
-from slarm_graph.world_files import (
+from slarm_graph.files.worlds import (
     is_world_file,
     load_world,
     save_world,
     shipped_worlds,
     world_from_yaml,
 )
+from slarm_graph.frontends.recordings.convert import convert
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.simulation.random_worlds import random_world
+from slarm_graph.frontends.simulation.tour import tour_waypoints_m
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, commands, waypoints
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import DriveCommand
 
 
 def test_a_source_can_be_read_again() -> None:

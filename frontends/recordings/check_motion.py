@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with odometry, tf and the inertial sensor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slarm_graph.frontends.recordings.check_time import check_order, check_stamps
+from slarm_graph.frontends.recordings.findings import Finding, counted
+from slarm_graph.frontends.recordings.messages import StampedTransforms
+from slarm_graph.frontends.recordings.odometry import path_from_messages
+from slarm_graph.frontends.recordings.packed import Cursor
+from slarm_graph.frontends.recordings.rotations import usable_quaternions
+from slarm_graph.frontends.recordings.transforms import TransformTree
+from slarm_graph.geometry import Floats, between
+
+IMU = "sensor_msgs/msg/Imu"
+
+_FASTEST_M_S = 5.0
+_FASTEST_RAD_S = 10.0
+_LEAST_STEP_S = 0.1
+
+
+def check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:
+    """Look at an odometry topic."""
+    if len(messages) == 0:
+        return [Finding("warning", where, "has no messages")]
+    found = check_stamps(where, messages.stamp_ns, messages.record_ns)
+    found += _check_poses(where, messages)
+    if any(not child for _, child in messages.edges):
+        told = "child_frame_id is empty: the robot's frame is guessed"
+        found.append(Finding("note", where, told, "set --set source.robot_frame=..."))
+    path, _ = path_from_messages(messages)
+    if path.never_moves():
+        told = "the pose never changes"
+        found.append(Finding("warning", where, told, "wheel encoders connected? else --odom none"))
+    if len(path) > 1:
+        steps = np.abs(between(path.poses[:-1], path.poses[1:]))
+        seconds = np.maximum(np.diff(path.stamp_ns) * 1e-9, _LEAST_STEP_S)
+        leaps = (np.hypot(steps[:, 0], steps[:, 1]) > _FASTEST_M_S * seconds) | (
+            steps[:, 2] > _FASTEST_RAD_S * seconds
+        )
+        found += counted(
+            "warning", where, f"{{count}} leaps faster than {_FASTEST_M_S:g} m/s", leaps,
+            path.stamp_ns[1:], "odometry was reset, or corrected by another SLAM",
+        )  # fmt: skip
+    return found
+
+
+def _check_poses(where: str, messages: StampedTransforms) -> list[Finding]:
+    usable, _ = usable_quaternions(messages.quaternions)
+    finite = np.isfinite(messages.translations_m).all(axis=1)
+    bad = ~(usable & finite)
+    return counted(
+        "error" if bad.all() else "warning", where,
+        "{count} of {total} poses are invalid (not finite, or not a unit quaternion)", bad,
+        messages.stamp_ns, "they are not used" if not bad.all() else "use --odom none",
+    )  # fmt: skip
+
+
+def check_tf(moving: StampedTransforms, fixed: StampedTransforms) -> list[Finding]:
+    """Look at all transforms."""
+    found = _check_poses("tf", moving) + _check_poses("tf_static", fixed)
+    tree = TransformTree([moving], [fixed])
+    for parent, child in tree.pairs():
+        if parent == "map":
+            told = f"{parent} -> {child} is almost always the output of another SLAM"
+            found.append(Finding("note", "tf", told, "it is ignored"))
+    for child in sorted({child for _, child in tree.pairs()}):
+        parents = sorted(parent for parent, other in tree.pairs() if other == child)
+        if len(parents) > 1:
+            told = f"{child} has several parents: {', '.join(parents)}"
+            found.append(
+                Finding("warning", "tf", told, "a frame has one parent (REP-105); stop one of them")
+            )
+    for parent, child in tree.pairs():
+        if not tree.edge((parent, child)).is_static:
+            found += _check_edge(f"tf {parent} -> {child}", moving, (parent, child))
+    return found
+
+
+def _check_edge(where: str, moving: StampedTransforms, pair: tuple[str, str]) -> list[Finding]:
+    if pair not in moving.edges:
+        return []
+    return check_order(where, moving.stamp_ns[moving.edge == moving.edges.index(pair)])
+
+
+def read_accelerations(cursor: Cursor) -> Floats:
+    """Decode sensor_msgs/Imu: linear accelerations (N, 3) [m/s^2]."""
+    cursor.column("u4", 2 if cursor.cdr else 3)
+    cursor.strings()
+    return np.asarray(cursor.column("f8", 37), np.float64)[:, 25:28]
+
+
+def check_imu(where: str, accelerations: Floats) -> list[Finding]:
+    """Check that gravity is in the accelerations, in m/s^2 (cartographer's rule)."""
+    norms = np.linalg.norm(accelerations, axis=1)
+    if len(norms) == 0:
+        return []
+    usual = float(np.median(norms))
+    if 9.5 <= usual <= 10.5 and np.all((norms > 3.0) & (norms < 30.0)):
+        return []
+    told = f"|acceleration| is {norms.min():.2f} ... {norms.max():.2f}, usually {usual:.2f} m/s^2"
+    return [
+        Finding("note", where, told, "9.5 ... 10.5 is expected with gravity; the IMU is not used")
+    ]

@@ -1,0 +1,82 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What may be wrong with the stamps of a topic."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slarm_graph.frontends.recordings.clock import disorder, listed, segments
+from slarm_graph.frontends.recordings.findings import Finding, counted
+from slarm_graph.frontends.recordings.packed import Ints
+
+_SKEW_WARNING_S = 0.1
+_OTHER_CLOCK_S = 0.5
+_GAP_PERIODS = 3.0
+_LEAST_GAP_NS = 100_000_000
+
+
+def check_stamps(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
+    """Look at header stamps (N,) [ns] in recorded order, and at the times of recording (N,)."""
+    if not stamps.any():
+        advice = "the time of recording is used; better let the driver set header.stamp"
+        return [Finding("warning", where, "all stamps are 0", advice, len(stamps))]
+    found = counted(
+        "warning", where, "{count} of {total} stamps are 0", stamps == 0, record_ns,
+        "these messages are not used",
+    )  # fmt: skip
+    set_rows = stamps != 0
+    found += check_order(where, stamps[set_rows])
+    found += _check_gaps(where, stamps[set_rows])
+    return found + _check_skew(where, stamps[set_rows], record_ns[set_rows])
+
+
+def check_order(where: str, stamps: Ints) -> list[Finding]:
+    """Look for clocks that jump back, late messages and repeated stamps."""
+    parts = segments(stamps)
+    if len(parts) > 1:
+        told = f"the clock jumps back {len(parts) - 1} times: {listed(stamps)}"
+        first = int(stamps[parts[1][0]])
+        return [Finding("error", where, told, "choose with --segment", len(parts) - 1, first)]
+    found: list[Finding] = []
+    late = disorder(stamps)
+    if late.late:
+        told = f"{late.late} of {len(stamps)} out of order, at most {late.worst_ns * 1e-6:.0f} ms"
+        first = int(stamps[np.argmax(np.maximum.accumulate(stamps) != stamps)])
+        found.append(Finding("note", where, told, "they are sorted", late.late, first))
+    ordered = np.sort(stamps)
+    again = np.concatenate([[False], np.diff(ordered) == 0])
+    return found + counted(
+        "warning", where, "{count} of {total} repeat the stamp before", again, ordered,
+        "only the first of them is used; two drivers on one topic, or a merged recording?",
+    )  # fmt: skip
+
+
+def _check_gaps(where: str, stamps: Ints) -> list[Finding]:
+    steps = np.diff(np.sort(stamps))
+    if len(steps) < 3:
+        return []
+    usual, slow = (float(value) for value in np.quantile(steps, (0.5, 0.95)))
+    limit_ns = round(max(_GAP_PERIODS * usual, 2.0 * slow, _LEAST_GAP_NS))
+    long = np.concatenate([[False], steps > limit_ns])
+    worst = f"longest {steps.max() * 1e-9:.2f} s, usual {usual * 1e-9:.3f} s"
+    return counted(
+        "warning", where, f"{{count}} gaps ({worst})", long, np.sort(stamps),
+        "lost messages: record less, or on a faster disk",
+    )  # fmt: skip
+
+
+def _check_skew(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
+    if len(stamps) < 2:
+        return []
+    skew = (record_ns - stamps) * 1e-9
+    usual = float(np.median(skew))
+    found: list[Finding] = []
+    if abs(usual) > _OTHER_CLOCK_S:
+        told = f"stamps are {usual:.3f} s behind the time of recording: another clock"
+        found.append(Finding("note", where, told, "only header stamps are used", len(stamps)))
+    return found + counted(
+        "note", where, f"{{count}} of {{total}} recorded more than {_SKEW_WARNING_S} s off beat",
+        np.abs(skew - usual) > _SKEW_WARNING_S, stamps,
+        "a loaded machine or network; header stamps are used, so only wrong stamps matter",
+    )  # fmt: skip

@@ -1,0 +1,264 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Put the scans and the odometry of a recording together into readings in time order."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config import SourceConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.clock import choose_segment, disorder, seconds, silences
+from slarm_graph.frontends.recordings.mounting import Mounting
+from slarm_graph.frontends.recordings.odometry import OdometryPath
+from slarm_graph.frontends.recordings.packed import Ints
+from slarm_graph.frontends.recordings.ranges import (
+    clean_ranges,
+    count_returns,
+    describe_emptiness,
+    range_limits,
+)
+from slarm_graph.frontends.recordings.scan_table import (
+    Fates,
+    ScanTable,
+    beam_angles,
+    beam_period_s,
+    time_into_scan_ns,
+)
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
+
+MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
+"""Where the laser of a frame sits at some stamps; None where that is unknown."""
+
+_MAX_UNUSED_SHARE = 0.5
+_NOTICED_UNUSED_SHARE = 0.05
+_MAX_EMPTY_SHARE = 0.9
+
+
+class RecordedSource:
+    """Readings of a recording; everything is decided when it is built, before the first one.
+
+    Parameters
+    ----------
+    table : ScanTable
+    odometry : OdometryPath or None
+        None when there is none, or when it was logged with the scans.
+    mounting_at : MountingAt
+    config : SourceConfig
+    topic, description : str
+        For messages.
+    notices : sequence of str
+        What is already known.
+
+    Raises
+    ------
+    BadInput
+        When most scans cannot be used; the message says why.
+    """
+
+    def __init__(
+        self,
+        table: ScanTable,
+        odometry: OdometryPath | None,
+        mounting_at: MountingAt,
+        *,
+        config: SourceConfig,
+        topic: str,
+        description: str,
+        notices: Sequence[str] = (),
+    ) -> None:
+        self._table, self._config, self._topic = table, config, topic
+        self._notices = list(notices)
+        self._fates = Fates(len(table))
+        self._stamps = self._choose_stamps()
+        rows = self._in_time_order()
+        self._ranges, self._limits = self._clean(rows)
+        self._mountings = self._place(rows, mounting_at)
+        self._rows = rows[self._fates.used[rows]]
+        self._judge()
+        self._poses, self._known = self._odometry_at(odometry)
+        self._info = SourceInfo(description, len(self._rows), tuple(self._notices))
+
+    def info(self) -> SourceInfo:
+        """Describe the source."""
+        return self._info
+
+    def scan_statuses(self) -> tuple[ScanStatus, ...]:
+        """Return every recorded scan with its fate, in time order."""
+        order, reasons = np.argsort(self._stamps, kind="stable"), self._fates.reasons
+        return tuple(
+            ScanStatus(stamp, reasons.get(row, ""))
+            for stamp, row in zip(self._stamps[order].tolist(), order.tolist(), strict=True)
+        )
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def __iter__(self) -> Iterator[Reading]:
+        """Yield readings, strictly increasing in stamp."""
+        rows, table = self._rows, self._table
+        # Columns of plain numbers: one list per scan would keep the garbage collector busy.
+        for row, stamp, block, line, start, step, sweep, low, high, x, y, theta, known in zip(
+            rows.tolist(),
+            self._stamps[rows].tolist(),
+            table.block[rows].tolist(),
+            table.line[rows].tolist(),
+            *self._limits[rows].T.tolist(),
+            *self._poses.T.tolist(),
+            self._known.tolist(),
+            strict=True,
+        ):
+            mounting = self._mountings[row]
+            scan = LaserScan(
+                self._ranges[block][line],
+                mounting.angle_sign * start,
+                mounting.angle_sign * step,
+                low,
+                high,
+                mounting.robot_from_laser,
+                sweep,
+            )
+            yield Reading(stamp, scan, Pose2(x, y, theta) if known else None)
+
+    def _choose_stamps(self) -> Ints:
+        """Header stamps of the first beam, or record times when the sensor never set its clock."""
+        stamps = self._table.stamp_ns
+        if len(stamps) and not stamps.any():
+            self._notices.append(
+                f"all {len(stamps)} stamps in {self._topic} are 0: using the time of recording"
+            )
+            return self._table.record_ns
+        self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
+        share = {"first": 0.0, "middle": 0.5, "last": 1.0}[self._config.stamp_at]
+        return stamps - self._table.flat([time_into_scan_ns(b, share) for b in self._table.blocks])
+
+    def _in_time_order(self) -> Ints:
+        """Return the rows still in use, sorted by stamp, each stamp once."""
+        rows = np.flatnonzero(self._fates.used)
+        start, stop = choose_segment(self._stamps[rows], self._config.segment, "scan")
+        elsewhere = f"not in segment {self._config.segment}"
+        self._fates.drop(np.concatenate([rows[:start], rows[stop:]]), elsewhere)
+        rows = rows[start:stop]
+        self._notices += disorder(self._stamps[rows]).describe("scans")
+        rows = rows[np.argsort(self._stamps[rows], kind="stable")]
+        steps = np.diff(self._stamps[rows])
+        for number in np.flatnonzero(steps == 0).tolist():
+            first, second = rows[number : number + 2].tolist()
+            self._fates.drop([second], self._repetition(first, second))
+        self._notices += silences(self._stamps[rows], steps)
+        if self._table.repeats(rows):
+            self._notices.append("warning: the scan data never change; is the laser driver stuck?")
+        return rows[self._fates.used[rows]]
+
+    def _repetition(self, first: int, second: int) -> str:
+        one, other = self._table.recorded(first), self._table.recorded(second)
+        same = np.array_equal(one, other, equal_nan=True)
+        return "duplicate of the scan before" if same else "same stamp as another scan"
+
+    def _clean(self, rows: Ints) -> tuple[list[NDArray[np.float32]], Floats]:
+        """Apply REP-117; scans without limits or without returns are left out.
+
+        Returns
+        -------
+        ranges : list of (B_k, beams) float32, one per block
+        limits : (N, 5)
+            angle_min, angle_increment, time between beams, range_min, range_max.
+        """
+        blocks = self._table.blocks
+        recorded = np.concatenate([np.zeros((0, 2)), *(block.limits[:, 5:7] for block in blocks)])
+        parts = np.split(
+            range_limits(recorded, self._config, self._topic),
+            np.cumsum([len(block) for block in blocks])[:-1],
+        )
+        ranges = [
+            clean_ranges(block.ranges_m, part, clear_on_inf=self._config.clear_on_inf)
+            for block, part in zip(blocks, parts, strict=True)
+        ]
+        limits = self._table.flat(
+            [
+                np.column_stack([beam_angles(block), beam_period_s(block), part])
+                for block, part in zip(blocks, parts, strict=True)
+            ]
+        )
+        returns = self._table.flat([count_returns(part) for part in ranges])
+        self._fates.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
+        self._fates.drop(rows[np.isnan(limits[rows, 1])], "no angle between beams")
+        self._drop_empty(rows, rows[returns[rows] == 0])
+        return ranges, limits
+
+    def _drop_empty(self, rows: Ints, empty: Ints) -> None:
+        for row in empty.tolist():
+            holds = describe_emptiness(self._table.recorded(row))
+            self._fates.drop([row], f"no valid beam ({holds})")
+        if len(empty) > _MAX_EMPTY_SHARE * len(rows):
+            first = int(empty[0])
+            raise BadInput(
+                f"{self._topic}: {len(empty)} of {len(rows)} scans have no return; first: scan "
+                f"t={seconds(self._stamps[first])}: {self._fates.reasons[first]}"
+            )
+
+    def _place(self, rows: Ints, mounting_at: MountingAt) -> list[Mounting]:
+        """Find where the laser sat at every scan; one unknown frame among others is no reason."""
+        mountings = [Mounting()] * len(self._table)
+        refused: list[BadInput] = []
+        frames = {name: rows[np.isin(rows, some)] for name, some in self._table.frames().items()}
+        frames = {name: some for name, some in frames.items() if some.size}
+        for frame, some in frames.items():
+            try:
+                found = mounting_at(frame, self._stamps[some])
+            except BadInput as error:
+                refused.append(error)
+                self._fates.drop(some, str(error))
+                continue
+            for row, mounting in zip(some.tolist(), found, strict=True):
+                if mounting is None:
+                    self._fates.drop([row], f"no transform from {frame} at its stamp")
+                else:
+                    mountings[row] = mounting
+            self._notices += next((m.describe(frame) for m in found if m is not None), [])
+        if refused and len(refused) == len(frames):
+            raise refused[0]
+        return mountings
+
+    def _odometry_at(self, odometry: OdometryPath | None) -> tuple[Floats, NDArray[np.bool_]]:
+        """Poses (M, 3) of the used scans, and which of them are known, (M,)."""
+        stamps = self._stamps[self._rows]
+        logged = [b.odom_from_robot for b in self._table.blocks if b.odom_from_robot is not None]
+        wanted = self._config.odom != "none"
+        if odometry is None and wanted and len(logged) == len(self._table.blocks):
+            poses = self._table.flat(logged)[self._rows]
+            return poses, np.asarray(np.isfinite(poses).all(axis=1))
+        if odometry is None:
+            return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
+        gap_s = self._config.max_odom_gap_s or odometry.usual_gap_s()
+        poses, known = odometry.at(stamps, gap_s)
+        if len(known) and not known.any():
+            self._notices.append(
+                f"the odometry ({odometry.span()}) does not overlap the scans "
+                f"({seconds(stamps[0])} to {seconds(stamps[-1])}): using scan matching only"
+            )
+        elif not known.all():
+            self._notices.append(
+                f"{np.count_nonzero(~known)} of {len(known)} scans lie outside the odometry or in "
+                f"silences of it longer than {gap_s:.2g} s, first at "
+                f"{seconds(stamps[np.argmin(known)])}: scan matching only there"
+            )
+        return poses, known
+
+    def _judge(self) -> None:
+        """Count what is not used; too much of it is bad input."""
+        counts = self._fates.counts()
+        elsewhere = sum(n for reason, n in counts.items() if reason.startswith("not in segment"))
+        total = len(self._table) - elsewhere
+        unused = sum(counts.values()) - elsewhere
+        if not counts:
+            return
+        told = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
+        text = f"{unused + elsewhere} of {len(self._table)} scans not used: {told}"
+        if unused > _MAX_UNUSED_SHARE * total:
+            raise BadInput(f"{self._topic}: {text}")
+        self._notices.append(f"warning: {text}" if unused > _NOTICED_UNUSED_SHARE * total else text)

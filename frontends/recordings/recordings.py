@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings as topics of serialized messages; ROS 1 bags, no ROS needed."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.packed import Packed
+from slarm_graph.frontends.recordings.ros1_file import Ros1File, UnreadableChunk
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A named stream of messages of one type.
+
+    Parameters
+    ----------
+    name, msgtype : str
+        The type spelled as in ROS 2, `pkg/msg/Type`.
+    count : int
+    rate_hz : float
+        Mean rate over the time it was recorded; 0 when that is unknown.
+    """
+
+    name: str
+    msgtype: str
+    count: int
+    rate_hz: float = 0.0
+
+
+class Recording(Protocol):
+    """What every kind of ROS recording offers."""
+
+    description: str
+    cdr: bool
+    topics: tuple[Topic, ...]
+    notices: tuple[str, ...]
+
+    def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
+        """Yield the messages of the topics in batches, each topic's in recorded order."""
+        ...
+
+
+class Ros1Recording:
+    """One or several ROS 1 bags, put together in the order of their record times."""
+
+    cdr = False
+
+    def __init__(self, paths: Sequence[Path]) -> None:
+        self.description = f"ROS 1 bag {', '.join(path.name for path in paths)}"
+        self._files = sorted((_open_ros1(path) for path in paths), key=_first_record_ns)
+        self.notices = tuple(
+            f"{file.path.name} {file.damage}; what could be read before that is used"
+            for file in self._files
+            if file.damage
+        )
+        self.topics = self._merged_topics()
+
+    def _merged_topics(self) -> tuple[Topic, ...]:
+        found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}
+        for file in self._files:
+            counts = file.counts()
+            for number, connection in file.connections.items():
+                span = file.span_ns([number])
+                entry = found.setdefault((connection.topic, connection.msgtype), [])
+                if span is not None:
+                    entry.append((counts[number], span))
+        return tuple(
+            Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
+            for (name, msgtype), parts in sorted(found.items())
+        )
+
+    def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
+        """Yield the messages of the topics in batches, in file order."""
+        wanted = {(topic.name, topic.msgtype): topic for topic in topics}
+        for file in self._files:
+            numbers = {
+                number: wanted[c.topic, c.msgtype]
+                for number, c in file.connections.items()
+                if (c.topic, c.msgtype) in wanted
+            }
+            try:
+                for number, packed in file.read(numbers):
+                    yield numbers[number], packed
+            except UnreadableChunk as error:
+                raise BadInput(f"{file.path}: {error}") from None
+
+
+def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:
+    """Mean rate of (count, (first, last record time [ns])) of several files."""
+    if not parts:
+        return 0.0
+    span_ns = max(last for _, (_, last) in parts) - min(first for _, (first, _) in parts)
+    count = sum(count for count, _ in parts)
+    return (count - 1) / (span_ns * 1e-9) if span_ns > 0 else 0.0
+
+
+def _open_ros1(path: Path) -> Ros1File:
+    try:
+        file = Ros1File(path)
+    except (KeyError, ValueError, IndexError, struct.error) as error:
+        raise BadInput(f"{path} is damaged: {reason_of(error)}") from error
+    if not file.connections:
+        state = f" ({file.damage})" if file.damage else ""
+        raise BadInput(f"{path} holds no messages{state}")
+    return file
+
+
+def _first_record_ns(file: Ros1File) -> int:
+    span = file.span_ns(list(file.connections))
+    return span[0] if span else 0
+
+
+def first_bytes(path: Path, count: int = 16) -> bytes:
+    """Return the beginning of a file."""
+    with path.open("rb") as file:
+        return file.read(count)
+
+
+def reason_of(error: Exception) -> str:
+    """What an exception says, or what it is."""
+    return str(error).strip() or type(error).__name__

@@ -1,0 +1,377 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Correlative scan matching: the best pose in a whole window, wherever the guess was.
+
+The window is a lattice of angles and whole-cell offsets (Olson 2009). Branch and bound over blocks
+of both (Hess et al. 2016, there over offsets only) finds the very pose that trying all would find:
+a block of 2^h angles x 2^h x 2^h offsets is bounded by the grid's maximum over everything its
+points can reach.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid
+from slarm_graph.geometry import Floats, Pose2
+
+Bytes = NDArray[np.uint8]
+Integers = NDArray[np.int64]
+
+_FULL = 255
+_STACK = 256
+
+
+@dataclass(frozen=True, slots=True)
+class SearchPyramid:
+    """A likelihood grid prepared for searching; prepare once per map, share between threads.
+
+    Parameters
+    ----------
+    origin_x_m, origin_y_m, resolution_m : float
+        As of the grid: centre of cell (0, 0) and cell side [m].
+    max_radius_m : float
+        Points farther from the robot are left out of a search; sets the angular step.
+    cells : (M,) uint8
+        All levels one after another, 255 for likelihood 1.
+    layout : (levels, 5) int64
+        Per level: where it starts in `cells`, rows, cols, stride in cells, cells of padding
+        before the grid's first.
+    """
+
+    origin_x_m: float
+    origin_y_m: float
+    resolution_m: float
+    max_radius_m: float
+    cells: Bytes
+    layout: Integers
+
+    @property
+    def step_rad(self) -> float:
+        """Angle at which the farthest point moves by one cell [rad]."""
+        return self.resolution_m / self.max_radius_m
+
+
+@dataclass(frozen=True, slots=True)
+class SearchHit:
+    """The best lattice pose of a window.
+
+    Parameters
+    ----------
+    grid_from_robot : Pose2
+    score : float
+        Mean likelihood of the points there, 0 to 1.
+    visited : int
+        Blocks and poses scored on the way.
+    """
+
+    grid_from_robot: Pose2
+    score: float
+    visited: int
+
+
+def build_pyramid(
+    grid: LikelihoodGrid, *, max_radius_m: float = 15.0, levels: int = 7
+) -> SearchPyramid:
+    """Prepare a likelihood grid for `search`.
+
+    Parameters
+    ----------
+    grid : LikelihoodGrid
+    max_radius_m : float
+        Points beyond are left out of a search [m].
+    levels : int
+        The largest block spans 2^(levels - 1) cells and angles.
+    """
+    base = np.rint(np.clip(grid.values, 0.0, 1.0) * _FULL).astype(np.uint8)
+    parts, layout, start = [base.ravel()], [(0, *base.shape, 1, 0)], base.size
+    for level in range(1, levels):
+        stride = max(1, 2 ** (level - 2))
+        window = 2 ** (level + 1) + stride - 1
+        padding = -(-window // stride) * stride
+        coarse = _block_maxima(base, window, stride, padding)
+        parts.append(coarse.ravel())
+        layout.append((start, *coarse.shape, stride, padding))
+        start += coarse.size
+    return SearchPyramid(
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        max_radius_m,
+        np.concatenate(parts),
+        np.array(layout, dtype=np.int64),
+    )
+
+
+def search(
+    pyramid: SearchPyramid,
+    points: Floats,
+    center: Pose2,
+    *,
+    reach_m: float,
+    reach_rad: float = math.pi,
+    min_score: float = 0.0,
+) -> SearchHit | None:
+    """Find the best pose in a window, exactly.
+
+    Parameters
+    ----------
+    pyramid : SearchPyramid
+    points : (K, 2) float64
+        Returns in the robot's frame [m].
+    center : Pose2
+        `grid_from_robot` in the middle of the window.
+    reach_m, reach_rad : float
+        Half the window's sides [m] and half its angle [rad]; pi searches the whole circle.
+    min_score : float
+        Poses with a lower mean likelihood are not worth finding; the higher, the faster.
+
+    Returns
+    -------
+    SearchHit or None
+        None when nothing in the window is better than `min_score`.
+    """
+    near = points[np.hypot(points[:, 0], points[:, 1]) <= pyramid.max_radius_m]
+    if not len(near):
+        return None
+    cells, turns = window_of(pyramid, reach_m, reach_rad)
+    k, i, j, total, visited = _branch_and_bound(
+        pyramid.cells,
+        pyramid.layout,
+        (np.array([center.x, center.y]) - [pyramid.origin_x_m, pyramid.origin_y_m])
+        / pyramid.resolution_m,
+        near / pyramid.resolution_m,
+        center.theta,
+        pyramid.step_rad,
+        cells,
+        turns,
+        math.floor(min_score * _FULL * len(near)),
+    )
+    if total < 0:
+        return None
+    pose = Pose2(
+        center.x + i * pyramid.resolution_m,
+        center.y + j * pyramid.resolution_m,
+        center.theta + k * pyramid.step_rad,
+    )
+    return SearchHit(pose, total / (_FULL * len(near)), visited)
+
+
+def window_of(pyramid: SearchPyramid, reach_m: float, reach_rad: float) -> tuple[int, int]:
+    """Half the window in cells and in angular steps."""
+    turns = math.ceil(min(reach_rad, math.pi) / pyramid.step_rad)
+    return math.ceil(reach_m / pyramid.resolution_m), turns
+
+
+@njit(cache=True, nogil=True)
+def _block_maxima(base: Bytes, window: int, stride: int, padding: int) -> Bytes:
+    """Maximum over `window` x `window` cells from every `stride`-th cell, -padding the first."""
+    rows, cols = base.shape
+    out_rows = (rows + padding - 1) // stride + 1
+    out_cols = (cols + padding - 1) // stride + 1
+    across = np.zeros((rows, out_cols), dtype=np.uint8)
+    for r in range(rows):
+        _run_maxima(base[r], window, stride, padding, across[r])
+    out = np.zeros((out_rows, out_cols), dtype=np.uint8)
+    for r in range(out_rows):
+        low = r * stride - padding
+        for source in range(max(low, 0), min(low + window, rows)):
+            for c in range(out_cols):
+                out[r, c] = max(out[r, c], across[source, c])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def _run_maxima(line: Bytes, window: int, stride: int, padding: int, out: Bytes) -> None:
+    """Fill `out` with maxima of runs of one row."""
+    for k in range(len(out)):
+        low = k * stride - padding
+        best = np.uint8(0)
+        for source in range(max(low, 0), min(low + window, len(line))):
+            best = max(best, line[source])
+        out[k] = best
+
+
+@njit(cache=True, nogil=True)
+def _score_offsets(
+    cells: Bytes,
+    layout: Integers,
+    level: int,
+    center: Floats,
+    points: Floats,
+    angle: float,
+    i0: int,
+    j0: int,
+    sums: Integers,
+) -> None:
+    """Bound (or, at level 0, score) the 2 x 2 blocks from offset (i0, j0) on, at one angle."""
+    start, rows, cols = layout[level, 0], layout[level, 1], layout[level, 2]
+    stride, padding = layout[level, 3], layout[level, 4]
+    shift = 0
+    while (1 << shift) < stride:
+        shift += 1
+    block = 1 << level
+    back = block >> 1
+    c, s = math.cos(angle), math.sin(angle)
+    base_x = center[0] + 0.5
+    base_y = center[1] + 0.5
+    sums[:] = 0
+    for p in range(len(points)):
+        x = math.floor(base_x + c * points[p, 0] - s * points[p, 1]) + i0 - back + padding
+        y = math.floor(base_y + s * points[p, 0] + c * points[p, 1]) + j0 - back + padding
+        col0, col1 = x >> shift, (x + block) >> shift
+        row0, row1 = y >> shift, (y + block) >> shift
+        if row0 >= 0 and row0 < rows:
+            if col0 >= 0 and col0 < cols:
+                sums[0] += cells[start + row0 * cols + col0]
+            if col1 >= 0 and col1 < cols:
+                sums[1] += cells[start + row0 * cols + col1]
+        if row1 >= 0 and row1 < rows:
+            if col0 >= 0 and col0 < cols:
+                sums[2] += cells[start + row1 * cols + col0]
+            if col1 >= 0 and col1 < cols:
+                sums[3] += cells[start + row1 * cols + col1]
+
+
+@njit(cache=True, nogil=True)
+def _branch_and_bound(
+    cells: Bytes,
+    layout: Integers,
+    center: Floats,
+    points: Floats,
+    heading: float,
+    step: float,
+    reach: int,
+    turns: int,
+    floor: int,
+) -> tuple[int, int, int, int, int]:
+    """Depth first, best bound first; returns angle and offset steps, sum, blocks scored."""
+    top = 0
+    while top + 1 < len(layout) and (1 << top) < 2 * turns + 1 and (1 << top) < 2 * reach + 1:
+        top += 1
+    size = 1 << top
+    per_angle = (2 * reach) // (2 * size) + 1
+    angles = (2 * turns) // size + 1
+    roots = np.empty((4 * angles * per_angle * per_angle, 4), dtype=np.int64)
+    sums = np.zeros(4, dtype=np.int64)
+    count = 0
+    for a in range(angles):
+        k = -turns + a * size
+        angle = heading + (k + 0.5 * (size - 1)) * step
+        for q in range(per_angle):
+            for p in range(per_angle):
+                i, j = -reach + 2 * p * size, -reach + 2 * q * size
+                _score_offsets(cells, layout, top, center, points, angle, i, j, sums)
+                count = _admit(roots, count, sums, floor, k, i, j, size, reach)
+    visited = 4 * angles * per_angle * per_angle
+    best = np.array([0, 0, 0, -1], dtype=np.int64)
+    lowest = floor
+    order = np.argsort(-roots[:count, 3], kind="mergesort")
+    stack = np.empty((_STACK, 5), dtype=np.int64)
+    children = np.empty((8, 4), dtype=np.int64)
+    for r in order:
+        if roots[r, 3] <= lowest:
+            break
+        stack[0, :4] = roots[r]
+        stack[0, 4] = top
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            k, i, j, bound, level = stack[depth]
+            if bound <= lowest:
+                continue
+            if level == 0:
+                lowest = bound
+                best[:] = stack[depth, :4]
+                continue
+            half = 1 << (level - 1)
+            found = 0
+            for side in range(2):
+                k_child = k + side * half
+                if k_child > turns:
+                    continue
+                angle = heading + (k_child + 0.5 * (half - 1)) * step
+                _score_offsets(cells, layout, level - 1, center, points, angle, i, j, sums)
+                visited += 4
+                found = _admit(children, found, sums, lowest, k_child, i, j, half, reach)
+            for child in np.argsort(children[:found, 3], kind="mergesort"):
+                stack[depth, :4] = children[child]
+                stack[depth, 4] = level - 1
+                depth += 1
+    return best[0], best[1], best[2], best[3], visited
+
+
+@njit(cache=True, nogil=True)
+def _admit(
+    nodes: Integers,
+    count: int,
+    sums: Integers,
+    lowest: int,
+    k: int,
+    i: int,
+    j: int,
+    size: int,
+    reach: int,
+) -> int:
+    """Append those of four neighbouring blocks that can still win."""
+    for b in range(4):
+        i_block, j_block = i + (b & 1) * size, j + (b >> 1) * size
+        if sums[b] > lowest and i_block <= reach and j_block <= reach:
+            nodes[count, 0] = k
+            nodes[count, 1] = i_block
+            nodes[count, 2] = j_block
+            nodes[count, 3] = sums[b]
+            count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def search_every_pose(
+    values: Bytes | Grid,
+    center: Floats,
+    points: Floats,
+    heading: float,
+    step: float,
+    reach: int,
+    turns: int,
+) -> tuple[int, int, int, float]:
+    """Score every pose of a lattice: the oracle of `search`, and quick for small windows.
+
+    Parameters
+    ----------
+    values : (rows, cols) uint8 or float32
+        The pyramid's lowest level, or a likelihood grid as it is.
+    center, points : (2,) and (K, 2) float64
+        In cells: the window's middle from cell (0, 0), and the returns.
+    heading, step : float
+        Middle angle and angular step [rad].
+    reach, turns : int
+        Half the window in cells and in angular steps.
+
+    Returns
+    -------
+    angle step, column offset, row offset, sum of values
+    """
+    rows, cols = values.shape
+    width = 2 * reach + 1
+    sums = np.empty((width, width))
+    best_k, best_i, best_j, best = 0, 0, 0, -1.0
+    for k in range(-turns, turns + 1):
+        c, s = math.cos(heading + k * step), math.sin(heading + k * step)
+        sums[:] = 0.0
+        for p in range(len(points)):
+            col = math.floor(center[0] + 0.5 + c * points[p, 0] - s * points[p, 1])
+            row = math.floor(center[1] + 0.5 + s * points[p, 0] + c * points[p, 1])
+            for j in range(max(-reach, -row), min(reach, rows - 1 - row) + 1):
+                for i in range(max(-reach, -col), min(reach, cols - 1 - col) + 1):
+                    sums[j + reach, i + reach] += values[row + j, col + i]
+        for j in range(width):
+            for i in range(width):
+                if sums[j, i] > best:
+                    best_k, best_i, best_j, best = k, i - reach, j - reach, sums[j, i]
+    return best_k, best_i, best_j, best

@@ -1,0 +1,277 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Gauss-Newton refinement of a scan on a smooth likelihood grid, with a prior on the pose.
+
+With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 1 - L is
+Welsch's robust cost of d / sigma: near points count as in point-to-line ICP, far ones not at all.
+
+Of the gradient only the part across the scan's own wall is used where the scan shows a straight
+one: along a wall nothing can be told, and where an old view of it ended says nothing at all.
+
+Its curvature is taken in two ways. On the way, as that of the residual sqrt(2 (1 - L)), which makes
+long steps. For the last of the way and for the covariance, as L / sigma^2 across the wall, whose
+direction the gradient shows: true also on the ridge itself, where the first one vanishes.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.scans.likelihood_grid import interpolate
+from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.geometry import Floats
+
+_FLOOR = 0.02
+_FLAT = 0.03
+_LONG_STEPS = 6
+_REACH_M = 0.2
+_NEAR_GAP_M = 0.5
+_STRAIGHT = 0.8
+_VERY_STRAIGHT = 0.97
+_NEAR_SIGMAS = 0.2
+_NEAR_RAD = 0.01
+_CONVERGED_M = 2e-4
+_CONVERGED_RAD = 1e-4
+
+
+@njit(cache=True, nogil=True)
+def refine(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    start: Floats,
+    prior: Floats,
+    prior_information: Floats,
+    point_information: float,
+    max_iterations: int,
+    sigma: float = 0.04,
+) -> tuple[Floats, Floats, float, int, int]:
+    """Align points (K, 2), in the robot's frame and in beam order, with the grid.
+
+    Parameters
+    ----------
+    start, prior : (3,) float64
+        Initial and expected `grid_from_robot` [m, m, rad].
+    prior_information : (3, 3) float64
+        Inverse covariance of the prior in its own body frame.
+    point_information : float
+        Weight that turns the robust costs into honest negative log likelihoods: the ratio of
+        `sigma` squared to a return's variance.
+    sigma : float
+        The fall-off the grid was built with [m].
+
+    Returns
+    -------
+    pose : (3,), data_information : (3, 3) in the body frame, score : mean likelihood 0 to 1,
+    inliers : points with likelihood above a half, iterations : int
+    """
+    pose = start.copy()
+    used = 0
+    h = np.zeros((3, 3))
+    g = np.zeros(3)
+    score, inliers = 0.0, 0
+    long_steps = True
+    tangents = wall_tangents(points)
+    for iteration in range(max_iterations):
+        used = iteration + 1
+        score, inliers = _normal_equations(
+            values, origin_x, origin_y, resolution, points, tangents, pose, sigma, long_steps, h, g
+        )
+        a = h * point_information
+        b = g * point_information
+        _add_prior(a, b, pose, prior, prior_information)
+        for k in range(3):
+            a[k, k] += 1e-6 * a[k, k] + 1e-9
+        step = invert3(a) @ b
+        length = math.hypot(step[0], step[1])
+        limit = min(1.0, 3.0 * resolution / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
+        step *= limit
+        c, s = math.cos(pose[2]), math.sin(pose[2])
+        pose[0] += c * step[0] - s * step[1]
+        pose[1] += s * step[0] + c * step[1]
+        pose[2] += step[2]
+        if long_steps:
+            is_near = length < _NEAR_SIGMAS * sigma and abs(step[2]) < _NEAR_RAD
+            long_steps = not is_near and used < _LONG_STEPS
+        elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
+            break
+    score, inliers = _normal_equations(
+        values, origin_x, origin_y, resolution, points, tangents, pose, sigma, False, h, g
+    )
+    return pose, h * point_information, score, inliers, used
+
+
+@njit(cache=True, nogil=True)
+def wall_tangents(points: Floats) -> Floats:
+    """Unit vectors (K, 2) along straight walls at points (K, 2) in beam order; elsewhere zero.
+
+    A point is on a straight wall when the ways to it and from it agree; near neighbours must agree
+    roughly, as noise turns short ways, far ones (a wall seen at a grazing angle) closely.
+    """
+    tangents = np.zeros_like(points)
+    for i in range(len(points)):
+        before = _along(points, i, -1)
+        after = _along(points, i, 1)
+        if before == i and after == i:
+            continue
+        if before == i:
+            before, middle, after = i, after, _along(points, after, 1)
+        elif after == i:
+            before, middle, after = _along(points, before, -1), before, i
+        else:
+            middle = i
+        ux, uy = points[middle, 0] - points[before, 0], points[middle, 1] - points[before, 1]
+        vx, vy = points[after, 0] - points[middle, 0], points[after, 1] - points[middle, 1]
+        u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+        if u == 0.0 or v == 0.0:
+            continue
+        agreement = (ux * vx + uy * vy) / (u * v)
+        if agreement > (_STRAIGHT if max(u, v) < _NEAR_GAP_M else _VERY_STRAIGHT):
+            dx, dy = ux + vx, uy + vy
+            length = math.hypot(dx, dy)
+            tangents[i, 0] = dx / length
+            tangents[i, 1] = dy / length
+    return tangents
+
+
+@njit(cache=True, nogil=True)
+def _along(points: Floats, i: int, direction: int) -> int:
+    """Walk along the beam order until far enough away for a direction; stop before a gap."""
+    k = i
+    while 0 <= k + direction < len(points):
+        n = k + direction
+        dx, dy = points[n, 0] - points[k, 0], points[n, 1] - points[k, 1]
+        if k != i and dx * dx + dy * dy > _NEAR_GAP_M**2:
+            break
+        k = n
+        dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+        if dx * dx + dy * dy > _REACH_M**2:
+            break
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _normal_equations(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    tangents: Floats,
+    pose: Floats,
+    sigma: float,
+    long_steps: bool,
+    h: Floats,
+    g: Floats,
+) -> tuple[float, int]:
+    """Fill the body-frame Hessian `h` and descent direction `g`; return score and inliers."""
+    h[:] = 0.0
+    g[:] = 0.0
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total, inliers = 0.0, 0
+    precision = 1.0 / (sigma * sigma)
+    for i in range(len(points)):
+        px, py = points[i, 0], points[i, 1]
+        x = pose[0] + c * px - s * py
+        y = pose[1] + s * px + c * py
+        value, gx, gy = interpolate(values, origin_x, origin_y, resolution, x, y)
+        if value <= 0.0:
+            continue
+        total += value
+        if value > 0.5:
+            inliers += 1
+        jx = c * gx + s * gy
+        jy = -s * gx + c * gy
+        along = jx * tangents[i, 0] + jy * tangents[i, 1]
+        jx -= along * tangents[i, 0]
+        jy -= along * tangents[i, 1]
+        jt = px * jy - py * jx
+        if long_steps:
+            weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
+        else:
+            weight = value * precision / (gx * gx + gy * gy + _FLAT * _FLAT * precision)
+        g[0] += jx
+        g[1] += jy
+        g[2] += jt
+        h[0, 0] += weight * jx * jx
+        h[0, 1] += weight * jx * jy
+        h[0, 2] += weight * jx * jt
+        h[1, 1] += weight * jy * jy
+        h[1, 2] += weight * jy * jt
+        h[2, 2] += weight * jt * jt
+    h[1, 0] = h[0, 1]
+    h[2, 0] = h[0, 2]
+    h[2, 1] = h[1, 2]
+    return total / max(len(points), 1), inliers
+
+
+@njit(cache=True, nogil=True)
+def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: Floats) -> None:
+    """Add the pull of the prior, linearised at the pose."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    dx, dy = prior[0] - pose[0], prior[1] - pose[1]
+    turn = prior[2] - pose[2]
+    turn -= 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
+    away = np.array([c * dx + s * dy, -s * dx + c * dy, turn])
+    for r in range(3):
+        for k in range(3):
+            a[r, k] += information[r, k]
+            b[r] += information[r, k] * away[k]
+
+
+@njit(cache=True, nogil=True)
+def refine_motion(
+    values: NDArray[np.float32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    base: Floats,
+    motion: Floats,
+    covariance: Floats,
+    start: Floats,
+    point_information: float,
+    max_iterations: int,
+    sigma: float,
+) -> tuple[Floats, Floats, float, int, int, float, float]:
+    """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
+
+    Returns
+    -------
+    pose : (3,), covariance : (3, 3) of pose given grid and prior, score, inliers, iterations,
+    surprise : squared sigmas between prior and pose, shift : distance plus angle between them
+    """
+    c, s = math.cos(base[2]), math.sin(base[2])
+    prior = np.array(
+        [
+            base[0] + c * motion[0] - s * motion[1],
+            base[1] + s * motion[0] + c * motion[1],
+            base[2] + motion[2],
+        ]
+    )
+    information = invert3(covariance)
+    pose, data, score, inliers, used = refine(
+        values,
+        origin_x,
+        origin_y,
+        resolution,
+        points,
+        start if len(start) else prior,
+        prior,
+        information,
+        point_information,
+        max_iterations,
+        sigma,
+    )
+    pull = np.zeros(3)
+    _add_prior(np.zeros((3, 3)), pull, pose, prior, information)
+    away = covariance @ pull
+    surprise = float(pull @ away)
+    shift = math.hypot(away[0], away[1]) + abs(away[2])
+    return pose, invert3(data + information), score, inliers, used, surprise, shift

@@ -1,0 +1,293 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Loop closure in three stages: detect -> refine -> validate.
+
+Detect finds where a keyframe may lie in an old submap: where the graph is sure, that is the
+predicted pose itself; where it is not, a correlative search over a window as large as the
+uncertainty the path has gathered. Refine aligns the keyframe on the submap's likelihood grid.
+Validate asks for agreement with the submap, for a second, independent match by a later keyframe,
+and for both to tell the same story.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config import LoopClosureConfig, MatchingConfig
+from slarm_graph.frontends.scans.correlative import SearchPyramid, build_pyramid, search
+from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
+from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache
+from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+
+_POINT_INFORMATION = 0.3
+_LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
+_COARSE_GRIDS = 64
+_FINE_GRIDS = 64
+_QUERY_RANGE_M = 12.0
+_QUERY_POINTS = 250
+_LONG_AGO = -1_000_000
+_WIDEN = 1.2
+_WIDEST = 4.0
+_PATIENCE = 1.5
+_MOST_PATIENCE = 16.0
+
+
+@dataclass(frozen=True, slots=True)
+class Expectations:
+    """Where the graph expects a keyframe in old submaps, and how sure it is; nearest first.
+
+    Parameters
+    ----------
+    submap : (E,) int64
+    submap_from_keyframe : (E, 3) float64
+    sigma_m, sigma_rad : (E,) float64
+        Standard deviations of position and heading.
+    """
+
+    submap: NDArray[np.int64]
+    submap_from_keyframe: Floats
+    sigma_m: Floats
+    sigma_rad: Floats
+
+    @staticmethod
+    def none() -> Expectations:
+        """No old submap is within reach."""
+        empty = np.zeros(0)
+        return Expectations(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """A keyframe found again in an old submap.
+
+    Parameters
+    ----------
+    submap, keyframe : int
+    submap_from_keyframe : (3,) float64
+    information : (3, 3) float64
+        In the keyframe's body frame.
+    score : float
+        Mean agreement, 0 to 1.
+    searched : bool
+        Found by search in a window, not at the predicted pose.
+    reason : str
+        Why it was turned down; empty when it was accepted.
+    """
+
+    submap: int
+    keyframe: int
+    submap_from_keyframe: Floats
+    information: Floats
+    score: float
+    searched: bool
+    reason: str = ""
+
+
+class LoopCloser:
+    """Looks for old places, one keyframe at a time.
+
+    Parameters
+    ----------
+    config : LoopClosureConfig
+    matching : MatchingConfig
+    """
+
+    def __init__(self, config: LoopClosureConfig, matching: MatchingConfig) -> None:
+        self._config = config
+        self._matching = matching
+        coarse = matching.model_copy(
+            update={"resolution_m": config.search_resolution_m, "sigma_m": config.search_sigma_m}
+        )
+        self._fine = SubmapCache(matching, _FINE_GRIDS, _itself)
+        self._coarse = SubmapCache(coarse, _COARSE_GRIDS, _pyramid)
+        self._tentative: list[Closure] = []
+        self._last_match = self._last_search = _LONG_AGO
+        self._fruitless = 0
+        self._tried: dict[int, int] = {}
+
+    def is_due(self, keyframe: int) -> bool:
+        """Whether the keyframe is to be compared with old submaps."""
+        since = keyframe - max(self._last_match, self._last_search)
+        return since >= min(self._config.match_every, self._config.search_every) or bool(
+            self._tentative
+        )
+
+    def examine(
+        self,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+        expected: Expectations,
+    ) -> list[Closure]:
+        """Compare the newest keyframe with old submaps.
+
+        Parameters
+        ----------
+        keyframes, submaps : sequences
+            All so far.
+        expected : Expectations
+            Of the newest keyframe.
+
+        Returns
+        -------
+        list of Closure
+            Accepted ones have no reason; those turned down come with one.
+        """
+        k = len(keyframes) - 1
+        done = self._confirm(k, keyframes, submaps)
+        sure = (expected.sigma_m <= self._config.sure_m) & (
+            expected.sigma_rad <= self._config.sure_rad
+        )
+        if sure.any() and k - self._last_match >= self._config.match_every:
+            self._last_match = k
+            for e in np.flatnonzero(sure)[: self._config.candidates]:
+                done.append(self._at_prediction(k, int(e), expected, keyframes, submaps))
+        patience = min(_PATIENCE**self._fruitless, _MOST_PATIENCE)
+        if not sure.all() and k - self._last_search >= self._config.search_every * patience:
+            self._last_search = k
+            self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
+        return done
+
+    def _at_prediction(
+        self,
+        k: int,
+        e: int,
+        expected: Expectations,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> Closure:
+        """Refine where the graph expects the keyframe; earlier closures are the second opinion."""
+        predicted = expected.submap_from_keyframe[e]
+        found = self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
+        away = between(predicted, found.submap_from_keyframe)
+        reason = self._doubt(found)
+        if not reason and (
+            math.hypot(away[0], away[1]) > 3.0 * expected.sigma_m[e]
+            or abs(away[2]) > 3.0 * expected.sigma_rad[e]
+        ):
+            reason = "far from where earlier closures put it"
+        return replace(found, reason=reason)
+
+    def _search(
+        self,
+        k: int,
+        unsure: NDArray[np.int64],
+        expected: Expectations,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> None:
+        """Detect: best place of the last few keyframes' points in the nearest submaps' windows."""
+        retry = self._config.search_again
+        tries = [
+            e for e in unsure if k - self._tried.get(int(expected.submap[e]), _LONG_AGO) >= retry
+        ][: self._config.searches]
+        if not tries:
+            return
+        query = self._query(k, keyframes)
+        # The longer nothing is found where it should be, the less the expectation is worth, and
+        # the rarer a search is.
+        wide = 3.0 * min(_WIDEN**self._fruitless, _WIDEST)
+        self._fruitless += 1
+        for e in tries:
+            submap = int(expected.submap[e])
+            self._tried[submap] = k
+            hit = search(
+                self._coarse.of(submaps[submap], keyframes),
+                query,
+                Pose2.from_array(expected.submap_from_keyframe[e]),
+                reach_m=min(wide * float(expected.sigma_m[e]), self._config.window_m),
+                reach_rad=min(wide * float(expected.sigma_rad[e]), self._config.window_rad),
+                min_score=self._config.search_score,
+            )
+            if hit is None:
+                continue
+            found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
+            if not self._doubt(found):
+                self._tentative.append(replace(found, searched=True))
+
+    def _confirm(
+        self, k: int, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
+    ) -> list[Closure]:
+        """Validate: match a later keyframe where a first match says it must be."""
+        done: list[Closure] = []
+        kept: list[Closure] = []
+        for first in self._tentative:
+            if k - first.keyframe < self._config.confirm_after:
+                kept.append(first)
+                continue
+            moved = keyframes[first.keyframe].local_from_robot.between(
+                keyframes[k].local_from_robot
+            )
+            predicted = compose(first.submap_from_keyframe, moved.as_array())
+            second = self._refine(k, first.submap, predicted, keyframes, submaps)
+            away = between(predicted, second.submap_from_keyframe)
+            path_m = math.hypot(moved.x, moved.y)
+            reason = self._doubt(second)
+            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * path_m or abs(away[2]) > 0.035:
+                reason = "a second match disagrees"
+            if not reason:
+                self._fruitless = 0
+                done += [first, replace(second, searched=True)]
+            else:
+                done.append(replace(first, reason=f"not confirmed: {reason}"))
+        self._tentative = kept
+        return done
+
+    def _doubt(self, found: Closure) -> str:
+        """Say what is wrong with a match on its own; empty when nothing is."""
+        if found.score < self._config.min_score:
+            return f"score {found.score:.2f}"
+        weakest = np.linalg.eigvalsh(found.information[:2, :2])[0]
+        if weakest < 1.0 / self._config.max_sigma_m**2:
+            return "slides along a wall"
+        return ""
+
+    def _refine(
+        self,
+        k: int,
+        submap: int,
+        start: Floats,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> Closure:
+        grid = self._fine.of(submaps[submap], keyframes)
+        pose, information, score, _, _ = refine(
+            grid.values,
+            grid.origin_x_m,
+            grid.origin_y_m,
+            grid.resolution_m,
+            keyframes[k].points_m,
+            start,
+            start,
+            _LOOSE_INFORMATION,
+            _POINT_INFORMATION,
+            2 * self._matching.max_iterations,
+        )
+        return Closure(submap, k, pose, information, float(score), False)
+
+    def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
+        """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""
+        here = keyframes[k].local_from_robot
+        parts = [
+            transform_points(here.between(f.local_from_robot).as_array(), f.points_m)
+            for f in keyframes[max(0, k - self._config.query_keyframes + 1) : k + 1]
+        ]
+        points = np.concatenate(parts)
+        points = points[np.hypot(points[:, 0], points[:, 1]) < _QUERY_RANGE_M]
+        cells = np.floor(points / self._config.search_resolution_m).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        thinned = points[np.sort(first)]
+        return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
+
+
+def _itself(grid: LikelihoodGrid) -> LikelihoodGrid:
+    return grid
+
+
+def _pyramid(grid: LikelihoodGrid) -> SearchPyramid:
+    return build_pyramid(grid, max_radius_m=_QUERY_RANGE_M)

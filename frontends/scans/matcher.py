@@ -1,0 +1,200 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The seam of scan matching, and three matchers behind it.
+
+All take returns in beam order, each scan in its own robot's frame, and give back where the source
+is in the target's frame. A match that failed is falsy and says why.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from slarm_graph.config import MatchingConfig
+from slarm_graph.constraint import MatchResult
+from slarm_graph.frontends.scans.correlative import build_pyramid, search
+from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.icp import align, line_normals
+from slarm_graph.frontends.scans.likelihood_grid import (
+    LikelihoodGrid,
+    build_likelihood_grid,
+    scan_segments,
+)
+from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.geometry import Floats, Pose2
+
+_LOOSE = np.diag([11.0, 11.0, 11.0])
+_WEAK_M = 1.0
+_WEAK_RAD = 0.3
+_COARSE = 3.0
+
+
+class ScanMatcher(Protocol):
+    """Aligns one scan with another."""
+
+    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
+        """Align `source` (K, 2) with `target` (M, 2), returns in beam order [m], from a guess."""
+        ...
+
+
+class LikelihoodMatcher:
+    """Gauss-Newton on smooth likelihood grids, a coarse one first: precise, from nearby.
+
+    Parameters
+    ----------
+    config : MatchingConfig
+    """
+
+    def __init__(self, config: MatchingConfig | None = None) -> None:
+        self._config = config or MatchingConfig()
+
+    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
+        """Align two scans; see `ScanMatcher`."""
+        reason = _too_few(source, target, self._config)
+        if reason:
+            return MatchResult(target_from_source, reason=reason)
+        coarse = grid_of(target, self._config, _COARSE * self._config.sigma_m)
+        start = on_grid(coarse, source, target_from_source, self._config)
+        fine = grid_of(target, self._config, self._config.sigma_m)
+        return judged(on_grid(fine, source, start.target_from_source, self._config), self._config)
+
+
+class CorrelativeMatcher:
+    """Exact search of a window, then Gauss-Newton: finds its way from far off.
+
+    Parameters
+    ----------
+    config : MatchingConfig
+    reach_m, reach_rad : float
+        Half the window's sides [m] and angle [rad]; pi searches the whole circle.
+    """
+
+    def __init__(
+        self,
+        config: MatchingConfig | None = None,
+        *,
+        reach_m: float = 1.0,
+        reach_rad: float = 0.6,
+    ) -> None:
+        self._config = config or MatchingConfig()
+        self._reach_m = reach_m
+        self._reach_rad = reach_rad
+
+    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
+        """Align two scans; see `ScanMatcher`."""
+        reason = _too_few(source, target, self._config)
+        if reason:
+            return MatchResult(target_from_source, reason=reason)
+        coarse = self._config.model_copy(update={"resolution_m": 2.0 * self._config.resolution_m})
+        hit = search(
+            build_pyramid(grid_of(target, coarse, 2.0 * self._config.sigma_m)),
+            source,
+            target_from_source,
+            reach_m=self._reach_m,
+            reach_rad=self._reach_rad,
+            min_score=0.5 * self._config.min_score,
+        )
+        if hit is None:
+            return MatchResult(target_from_source, reason="nothing in the window fits")
+        grid = grid_of(target, self._config, self._config.sigma_m)
+        return judged(on_grid(grid, source, hit.grid_from_robot, self._config), self._config)
+
+
+class IcpMatcher:
+    """Point-to-line ICP.
+
+    Parameters
+    ----------
+    config : MatchingConfig
+    max_distance_m : float
+        Returns farther from their nearest neighbour are left out [m].
+    """
+
+    def __init__(
+        self, config: MatchingConfig | None = None, *, max_distance_m: float = 0.5
+    ) -> None:
+        self._config = config or MatchingConfig()
+        self._max_distance_m = max_distance_m
+
+    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
+        """Align two scans; see `ScanMatcher`."""
+        reason = _too_few(source, target, self._config)
+        if reason:
+            return MatchResult(target_from_source, reason=reason)
+        pose, information, score, inliers, iterations = align(
+            np.ascontiguousarray(source, dtype=np.float64),
+            np.ascontiguousarray(target, dtype=np.float64),
+            line_normals(target, self._config.max_gap_m),
+            target_from_source.as_array(),
+            self._max_distance_m,
+            self._config.point_sigma_m,
+            3 * self._config.max_iterations,
+        )
+        return judged(_result(pose, information, score, inliers, iterations), self._config)
+
+
+def grid_of(points: Floats, config: MatchingConfig, sigma_m: float) -> LikelihoodGrid:
+    """Likelihood grid of one scan's returns (K, 2) [m], in their own frame."""
+    segments = scan_segments(np.asarray(points, dtype=np.float64), np.zeros(3), config.max_gap_m)
+    return build_likelihood_grid(segments, resolution_m=config.resolution_m, sigma_m=sigma_m)
+
+
+def on_grid(
+    grid: LikelihoodGrid, points: Floats, start: Pose2, config: MatchingConfig
+) -> MatchResult:
+    """Refine a scan on a grid from a nearby pose, leaning on it but loosely."""
+    pose, information, score, inliers, iterations = refine(
+        grid.values,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        np.ascontiguousarray(points, dtype=np.float64),
+        start.as_array(),
+        start.as_array(),
+        _LOOSE,
+        (grid.sigma_m / config.point_sigma_m) ** 2,
+        2 * config.max_iterations,
+        grid.sigma_m,
+    )
+    return _result(pose, information, score, inliers, iterations)
+
+
+def judged(match: MatchResult, config: MatchingConfig) -> MatchResult:
+    """Pass a match on, or turn it into a failure with its reason."""
+    if match.score < config.min_score:
+        return _refused(match, f"score {match.score:.2f} is too low")
+    sigma = np.sqrt(np.diag(match.covariance))
+    if max(sigma[0], sigma[1]) > _WEAK_M or sigma[2] > _WEAK_RAD:
+        return _refused(match, "the scans do not fix the pose")
+    return match
+
+
+def _result(
+    pose: Floats, information: Floats, score: float, inliers: int, iterations: int
+) -> MatchResult:
+    floor = np.diag([1e-6, 1e-6, 1e-6])
+    covariance = np.asarray(invert3(information + floor))
+    return MatchResult(Pose2.from_array(pose), covariance, score, inliers, iterations)
+
+
+def _refused(match: MatchResult, reason: str) -> MatchResult:
+    return MatchResult(
+        match.target_from_source,
+        match.covariance,
+        match.score,
+        match.inliers,
+        match.iterations,
+        reason,
+    )
+
+
+def _too_few(source: Floats, target: Floats, config: MatchingConfig) -> str:
+    for name, points in (("source", source), ("target", target)):
+        if len(points) < config.min_points:
+            return f"{name} has only {len(points)} returns"
+        if not math.isfinite(float(np.sum(points))):
+            return f"{name} has returns that are not finite"
+    return ""

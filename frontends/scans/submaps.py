@@ -1,0 +1,148 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Keyframes, and the likelihood grids of runs of them that other scans are matched against."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.config import MatchingConfig
+from slarm_graph.frontends.scans.likelihood_grid import (
+    LikelihoodGrid,
+    build_likelihood_grid,
+    scan_segments,
+)
+from slarm_graph.geometry import Floats, Pose2, between, transform_points
+
+Prepared = TypeVar("Prepared")
+
+_VIEW_RANGE_M = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Keyframe:
+    """A scan that the graph has a pose for.
+
+    Parameters
+    ----------
+    scan : int
+        Index among all scans.
+    points_m : (K, 2) float64
+        Returns in the robot's frame [m].
+    local_from_robot : Pose2
+        From the tracker.
+    covariance : (3, 3) float64
+        Of the motion since the keyframe before, in this keyframe's body frame.
+    view_center_m : (2,) float64
+        Middle of what it sees nearby, in the robot's frame [m].
+    """
+
+    scan: int
+    points_m: Floats
+    local_from_robot: Pose2
+    covariance: Floats
+    view_center_m: Floats
+
+
+def view_center(points: Floats) -> Floats:
+    """Middle (2,) [m] of the points (K, 2) within 8 m; the robot itself where there are none."""
+    near = points[np.hypot(points[:, 0], points[:, 1]) < _VIEW_RANGE_M]
+    return np.asarray(near.mean(axis=0)) if len(near) else np.zeros(2)
+
+
+@dataclass(frozen=True, slots=True)
+class Submap:
+    """A run of keyframes held rigid, in the frame of one of them.
+
+    Parameters
+    ----------
+    first, last : int
+        Keyframes first <= k < last.
+    anchor : int
+        Keyframe whose robot frame is the submap's frame.
+    center_m : (2,) float64
+        Middle of what its keyframes see, in the anchor's frame [m].
+    """
+
+    first: int
+    last: int
+    anchor: int
+    center_m: Floats
+
+
+def make_submap(keyframes: Sequence[Keyframe], first: int, last: int, anchor: int) -> Submap:
+    """Describe the run of keyframes first <= k < last."""
+    members = keyframes[first:last]
+    poses = np.array([m.local_from_robot.as_array() for m in members])
+    relative = between(keyframes[anchor].local_from_robot.as_array(), poses)
+    centers = np.array(
+        [transform_points(p, m.view_center_m) for p, m in zip(relative, members, strict=True)]
+    )
+    return Submap(first, last, anchor, centers.mean(axis=0))
+
+
+def likelihood_of(
+    points: Sequence[Floats], poses: Floats, matching: MatchingConfig
+) -> LikelihoodGrid:
+    """Likelihood grid of scans (each (K, 2) [m] in the robot's frame) at poses (M, 3)."""
+    offsets = np.cumsum([0, *(len(p) for p in points)])
+    segments = _segments(np.concatenate(points), offsets, poses, matching.max_gap_m)
+    return build_likelihood_grid(
+        segments, resolution_m=matching.resolution_m, sigma_m=matching.sigma_m
+    )
+
+
+class SubmapCache(Generic[Prepared]):
+    """Submaps prepared for matching when first asked for; only the latest used are kept.
+
+    Parameters
+    ----------
+    matching : MatchingConfig
+    capacity : int
+    prepare : callable
+        What to make of a submap's likelihood grid.
+    """
+
+    def __init__(
+        self,
+        matching: MatchingConfig,
+        capacity: int,
+        prepare: Callable[[LikelihoodGrid], Prepared],
+    ) -> None:
+        self._matching = matching
+        self._capacity = capacity
+        self._prepare = prepare
+        self._kept: OrderedDict[int, Prepared] = OrderedDict()
+
+    def of(self, submap: Submap, keyframes: Sequence[Keyframe]) -> Prepared:
+        """Return the prepared submap, in its anchor's frame."""
+        prepared = self._kept.pop(submap.anchor, None)
+        if prepared is None:
+            members = keyframes[submap.first : submap.last]
+            anchor = keyframes[submap.anchor].local_from_robot.as_array()
+            poses = between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
+            grid = likelihood_of([m.points_m for m in members], poses, self._matching)
+            prepared = self._prepare(grid)
+        self._kept[submap.anchor] = prepared
+        while len(self._kept) > self._capacity:
+            self._kept.popitem(last=False)
+        return prepared
+
+
+@njit(cache=True, nogil=True)
+def _segments(points: Floats, offsets: NDArray[np.int64], poses: Floats, max_gap: float) -> Floats:
+    """Segments (S, 4) of all scans in the common frame."""
+    out = np.empty((len(points), 4))
+    count = 0
+    for k in range(len(poses)):
+        part = scan_segments(points[offsets[k] : offsets[k + 1]], poses[k], max_gap)
+        out[count : count + len(part)] = part
+        count += len(part)
+    return out[:count]

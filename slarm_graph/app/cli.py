@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `slarm`: options to jobs, results to the terminal, failures to exit codes.
+
+Everything heavy is imported inside the commands, so that `slarm --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from slarm_graph import __version__
+from slarm_graph.app import cli_compare, cli_eval, cli_run, cli_tools
+from slarm_graph.errors import BadInput, RunFailed
+
+OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+
+app = typer.Typer(
+    name="slarm",
+    help="Simultaneous localization and radio mapping: a recording or a simulated world goes in;"
+    " a trajectory, a geographic map, a radio map and a report come out.",
+    epilog="Start with:  slarm demo   or   slarm run your.bag --ap X Y Z",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+cli_run.add_to(app)
+cli_compare.add_to(app)
+cli_eval.add_to(app)
+cli_tools.add_to(app)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        print(f"slarm-graph {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def root(
+    version: Annotated[
+        bool,
+        typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of a failure; anywhere on the line.")
+    ] = False,
+) -> None:
+    """Take the options that every command has."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code: 0, 1, 2 or 130."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    debug = "--debug" in given
+    _show_warnings()
+    if arguments is None:
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        code = app(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
+    except (KeyboardInterrupt, typer.Abort):
+        return _tell("interrupted", INTERRUPTED, debug)
+    except BadInput as error:
+        return _tell(str(error), BAD_INPUT, debug)
+    except RunFailed as error:
+        return _tell(str(error), FAILED, debug)
+    except Exception as error:
+        if hasattr(error, "format_message"):  # a usage error of typer's
+            return _tell(error.format_message(), BAD_INPUT, debug)
+        return _tell(f"{type(error).__name__}: {error}", FAILED, debug)
+    return code if isinstance(code, int) else OK
+
+
+def _tell(problem: str, code: int, debug: bool) -> int:
+    """Print one line for a problem, or all there is to know of it."""
+    if debug and code != INTERRUPTED:
+        logging.getLogger(__name__).exception("")
+        import traceback
+
+        traceback.print_exc()
+    if problem:
+        print(f"slarm: {' '.join(problem.split())}", file=sys.stderr)
+    return code
+
+
+def _joined_points(arguments: Sequence[str]) -> list[str]:
+    """Join `--ap X Y Z` to one value: typer has no repeated options of several numbers."""
+    joined: list[str] = []
+    rest = list(arguments)
+    while rest:
+        word = rest.pop(0)
+        joined.append(word)
+        if word in cli_run.POINT_OPTIONS:
+            numbers: list[str] = []
+            while rest and len(numbers) < 3 and _is_number(rest[0]):
+                numbers.append(rest.pop(0))
+            if len(numbers) == 3:
+                joined[-1] = f"{word}={' '.join(numbers)}"
+            elif numbers or not rest:
+                raise BadInput(f"{word} needs three numbers X Y Z [m], got {len(numbers)}")
+    return joined
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+class _Warnings(logging.Handler):
+    """Shows the package's warnings as plain lines; failures are told by `main`."""
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Print one line."""
+        if record.levelno == logging.WARNING:
+            print(f"slarm: {record.getMessage()}", file=sys.stderr)
+
+
+def _show_warnings() -> None:
+    logger = logging.getLogger("slarm_graph")
+    if not any(isinstance(handler, _Warnings) for handler in logger.handlers):
+        logger.addHandler(_Warnings(logging.WARNING))
+    logger.propagate = False

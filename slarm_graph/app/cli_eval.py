@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that measure files from anywhere: eval trajectory, relations, map, radio."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.geometry import Pose2
+    from slarm_graph.grid import OccupancyGrid
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, as in metrics.json.")]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    group = typer.Typer(help="Measure files from anywhere against a reference.")
+    group.command("trajectory")(trajectory_command)
+    group.command("relations")(relations_command)
+    group.command("map")(map_command)
+    group.command("radio")(radio_command)
+    app.add_typer(group, name="eval", no_args_is_help=True)
+
+
+def trajectory_command(
+    reference: Annotated[Path, typer.Argument(metavar="REF", help="True trajectory.")],
+    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory to measure.")],
+    align: Annotated[
+        Literal["se2", "origin", "none"], typer.Option(help="How EST is laid onto REF.")
+    ] = "se2",
+    n_to_align: Annotated[
+        int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
+    ] = None,
+    assoc: Annotated[
+        Literal["interpolate", "nearest", "evo"],
+        typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
+    ] = "interpolate",
+    t_max_diff: Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")] = 0.01,
+    t_offset: Annotated[float, typer.Option(help="Added to the stamps of EST, in s.")] = 0.0,
+    delta: Annotated[float, typer.Option(help="Step of the RPE.")] = 1.0,
+    delta_unit: Annotated[Literal["frames", "m"], typer.Option(help="Unit of it.")] = "frames",
+    as_json: Json = False,
+) -> None:
+    """ATE and RPE of a trajectory: TUM, KITTI or EuRoC files."""
+    from slarm_graph.app.cli_output import show_metrics, show_notices
+    from slarm_graph.eval.association import AssociationMethod, associate
+    from slarm_graph.eval.trajectory_accuracy import AlignmentMethod, trajectory_metrics
+    from slarm_graph.files.trajectories import read_trajectory
+
+    method = AssociationMethod("nearest" if assoc == "evo" else assoc)
+    pairs = associate(
+        read_trajectory(reference),
+        read_trajectory(estimate),
+        method=method,
+        max_difference_s=t_max_diff,
+        offset_s=t_offset,
+    )
+    show_notices([pairs.warning] if pairs.warning else [])
+    metrics = trajectory_metrics(pairs, AlignmentMethod(align), n_to_align, delta, delta_unit)
+    show_metrics(metrics, title=f"reference {reference}, estimate {estimate}", as_json=as_json)
+
+
+def relations_command(
+    relations: Annotated[Path, typer.Argument(metavar="FILE", help="True relative poses.")],
+    estimate: Annotated[
+        Path, typer.Argument(metavar="EST", help="Trajectory file, or a run folder.")
+    ],
+    at: Annotated[
+        Literal["laser", "robot"],
+        typer.Option(help="The part of the robot that the relations are about."),
+    ] = "laser",
+    laser: Annotated[
+        str | None,
+        typer.Option(
+            metavar="'X Y YAW'",
+            help="Laser on the robot in m and rad; else as recorded in EST's run folder.",
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Error over true relative poses (Kuemmerle et al. 2009)."""
+    from slarm_graph.app.cli_output import show_metrics
+    from slarm_graph.eval.relations import read_relations, relation_errors, relation_metrics
+    from slarm_graph.files.trajectories import read_trajectory
+
+    path = estimate / "trajectory.tum" if estimate.is_dir() else estimate
+    truth, trajectory = read_relations(relations), read_trajectory(path)
+    part = _laser_pose(laser, path) if at == "laser" else None
+    errors = relation_errors(truth, trajectory, part)
+    title = f"reference {relations}, estimate {path}"
+    show_metrics(relation_metrics(errors), title=title, as_json=as_json)
+
+
+def _laser_pose(given: str | None, trajectory: Path) -> Pose2:
+    """Return `robot_from_laser` as given, as recorded by the run, or where the robot is."""
+    from slarm_graph.app.cli_output import show_notices
+    from slarm_graph.app.run_folder import read_record
+    from slarm_graph.geometry import Pose2
+
+    if given is not None:
+        try:
+            x, y, yaw = (float(word) for word in given.replace(",", " ").split())
+        except ValueError:
+            raise BadInput(f"--laser {given}: expected three numbers X Y YAW") from None
+        return Pose2(x, y, yaw)
+    try:
+        recorded = read_record(trajectory.parent).get("robot_from_laser")
+    except BadInput:
+        recorded = None
+    if isinstance(recorded, list) and len(recorded) == 3:
+        return Pose2(*recorded)
+    show_notices([f"no run.json beside {trajectory}: laser taken to be at the robot's origin"])
+    return Pose2()
+
+
+def map_command(
+    reference: Annotated[Path, typer.Argument(metavar="REF", help="True map (YAML).")],
+    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Map to measure (YAML).")],
+    align: Annotated[
+        Literal["none", "se2"], typer.Option(help="Lay walls onto walls before comparing.")
+    ] = "none",
+    tolerance: Annotated[float, typer.Option(help="Of precision and recall, in m.")] = 0.1,
+    difference: Annotated[
+        Path | None, typer.Option(metavar="PNG", help="Write a picture of the differences.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Cell accuracy, IoU, precision, recall and wall distance of an occupancy map."""
+    from slarm_graph.app.cli_output import show_metrics
+    from slarm_graph.eval.map_accuracy import map_accuracy, map_metrics
+    from slarm_graph.eval.map_alignment import align_maps
+    from slarm_graph.files.maps import read_map
+
+    ref, est = read_map(reference), read_map(estimate)
+    motion = align_maps(ref, est) if align == "se2" else None
+    result = map_accuracy(ref, est, reference_from_estimate=motion, tolerance_m=tolerance)
+    if difference is not None:
+        _write_difference(difference, ref, est, motion)
+    title = f"reference {reference}, estimate {estimate}"
+    if motion is not None:
+        title += f", aligned by ({motion.x:.3f} m, {motion.y:.3f} m, {motion.theta:.4f} rad)"
+    show_metrics(map_metrics(result), title=title, as_json=as_json)
+
+
+def _write_difference(
+    path: Path, reference: OccupancyGrid, estimate: OccupancyGrid, motion: Pose2 | None
+) -> None:
+    from slarm_graph.eval.map_accuracy import difference_image
+    from slarm_graph.files.maps import png_bytes
+
+    try:
+        path.write_bytes(png_bytes(difference_image(reference, estimate, motion)))
+    except OSError as error:
+        raise BadInput(f"cannot write {path}: {error.strerror}") from None
+
+
+def radio_command(
+    reference: Annotated[
+        str, typer.Argument(metavar="REF", help="True radio_map.npz, or a world (YAML or name).")
+    ],
+    estimate: Annotated[
+        Path, typer.Argument(metavar="EST", help="Run folder, or a radio_map.npz.")
+    ],
+    tolerance: Annotated[float, typer.Option(help="Of the gain, in dB.")] = 1.0,
+    access_point: Annotated[int, typer.Option(min=1, help="Which one, counted from 1.")] = 1,
+    as_json: Json = False,
+) -> None:
+    """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map."""
+    from slarm_graph.app.cli_output import show_metrics, show_notices
+    from slarm_graph.eval.radio_accuracy import radio_accuracy
+    from slarm_graph.radio.references import (
+        geographic_of,
+        has_coverage,
+        read_estimate,
+        reference_for,
+    )
+
+    radio, folder = read_estimate(estimate)
+    accessible, truth, extent_m = reference_for(reference, radio)
+    for name, points in (("REF", truth.access_points), ("EST", radio.access_points)):
+        if access_point > len(points):
+            raise BadInput(f"--access-point {access_point}: {name} has {len(points)}")
+    result = radio_accuracy(
+        accessible,
+        truth,
+        geographic_of(radio, folder),
+        radio,
+        tolerance_db=tolerance,
+        access_point=access_point - 1,
+        extent_m=extent_m,
+    )
+    show_notices(result.warnings)
+    metrics = result.metrics()
+    if not has_coverage(folder):
+        show_notices([f"no coverage.npz in {folder}: where there is a gain counts as accessible"])
+        unknown = ("coverage_observed", "coverage_visited", "coverage_footprint")
+        metrics = tuple(m for m in metrics if m.name not in unknown)
+    show_metrics(metrics, title=f"reference {reference}, estimate {estimate}", as_json=as_json)

@@ -1,0 +1,213 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands that run the whole flow once: run a recording, explore a world."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, cast
+
+import typer
+
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.app.job import Job, Run
+    from slarm_graph.app.run_folder import RunFolder
+    from slarm_graph.config import RunConfig
+    from slarm_graph.radio_words import AccessPoint
+
+POINT_OPTIONS = ("--ap",)
+
+_INTERRUPTED, _FAILED = 130, 1
+
+Backend = Annotated[
+    str | None, typer.Option("--backend", "-b", help="SLAM backend; `slarm backends` lists them.")
+]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for run folders.")]
+Name = Annotated[str | None, typer.Option("--name", help="Name of the run folder in it.")]
+AccessPoints = Annotated[
+    list[str] | None,
+    typer.Option("--ap", metavar="X Y Z", help="Access point in the map, in m; repeatable."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.")]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", "-c", help="YAML with any of the keys of `slarm config`.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="One key, such as mapping.resolution_m=0.1."),
+]
+Odom = Annotated[
+    str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
+]
+Scan = Annotated[str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")]
+GroundTruth = Annotated[
+    Path | None, typer.Option("--ground-truth", help="True trajectory: TUM, KITTI or EuRoC.")
+]
+RelationsFile = Annotated[
+    Path | None, typer.Option("--relations", help="True relative poses (Freiburg benchmark).")
+]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    app.command("run")(run_command)
+    app.command("explore")(explore_command)
+
+
+def run_command(
+    sources: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="SOURCE...",
+            help="A recording: .bag (several count as one), ROS 2 folder, metadata.yaml, .mcap,"
+            " .db3, or CARMEN .clf/.log[.gz].",
+        ),
+    ] = None,
+    backend: Backend = None,
+    ap: AccessPoints = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    relations: RelationsFile = None,
+    ground_truth: GroundTruth = None,
+    odom: Odom = None,
+    scan: Scan = None,
+    segment: Annotated[
+        int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")
+    ] = None,
+    static_tf: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."
+        ),
+    ] = None,
+    seed: Seed = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    resume: Annotated[
+        Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
+    ] = None,
+) -> int:
+    """Turn a recording into a trajectory, maps, a radio map and a report."""
+    overrides = [
+        *(settings or ()),
+        *_set("backend", backend),
+        *_set("seed", seed),
+        *_set("source.odom", odom),
+        *_set("source.scan_topic", scan),
+        *_set("source.segment", segment),
+        *_set("source.static_tf", static_tf or None),
+    ]
+    if resume is not None:
+        return _resume(resume, config, overrides)
+    if not sources:
+        raise BadInput("no recording given: slarm run SOURCE, or slarm demo for a simulated one")
+    from slarm_graph.app.job import Job
+    from slarm_graph.app.run_folder import create_run_folder
+    from slarm_graph.files.configs import load_config
+    from slarm_graph.frontends.recordings.sources import existing_paths
+
+    resolved = load_config(config, overrides)
+    points = access_points(ap or (), resolved)
+    job = Job(tuple(existing_paths(sources)), resolved, points, ground_truth, relations)
+    return _execute(job, create_run_folder(out, name))
+
+
+def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:
+    """Build access points AP1, AP2, ... from texts `X Y Z` [m]."""
+    from slarm_graph.radio_words import AccessPoint
+
+    points = []
+    for number, text in enumerate(given, start=1):
+        try:
+            x, y, z = (float(word) for word in text.replace(",", " ").split())
+        except ValueError:
+            raise BadInput(f"--ap {text}: expected three numbers X Y Z [m]") from None
+        radio = config.radio
+        points.append(AccessPoint(f"AP{number}", x, y, z, radio.power_dbm, radio.frequency_hz))
+    return tuple(points)
+
+
+def _set(key: str, value: object) -> list[str]:
+    """Return an option as an override of the configuration; JSON is YAML."""
+    return [] if value is None else [f"{key}={json.dumps(value)}"]
+
+
+def _resume(path: Path, config: Path | None, overrides: Sequence[str]) -> int:
+    from slarm_graph.app.execution import resumed_job
+    from slarm_graph.app.run_folder import open_run_folder
+
+    job = resumed_job(path, config, overrides)
+    return _execute(job, open_run_folder(path))
+
+
+def _execute(job: Job, folder: RunFolder) -> int:
+    from slarm_graph.app.execution import execute
+    from slarm_graph.app.progress import shown
+
+    with shown() as progress:
+        run = execute(job, folder, progress)
+    return _finish(run, folder)
+
+
+def explore_command(
+    world: Annotated[
+        str, typer.Option(help="YAML file of a world, or one that comes along.")
+    ] = "paper_room",
+    backend: Backend = None,
+    explorer: Annotated[str | None, typer.Option(help="Who decides where to drive.")] = None,
+    resolution: Annotated[
+        float | None, typer.Option(help="Side of the maps' cells, in m (the paper's delta).")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Of the robot, in m/s.")] = None,
+    seed: Seed = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Let a simulated robot explore a world, and measure the maps against the truth."""
+    from slarm_graph.app.execution import execute_exploration
+    from slarm_graph.app.progress import shown
+    from slarm_graph.app.run_folder import create_run_folder
+    from slarm_graph.files.configs import load_config
+    from slarm_graph.files.worlds import load_world
+
+    overrides = [
+        *(settings or ()),
+        *_set("backend", backend),
+        *_set("seed", seed),
+        *_set("explore.explorer", explorer),
+        *_set("explore.resolution_m", resolution),
+        *_set("explore.driving.speed_m_s", speed),
+    ]
+    resolved, found = load_config(config, overrides), load_world(world)
+    folder = create_run_folder(out, name)
+    with shown() as progress:
+        run = execute_exploration(found, resolved, folder, progress)
+    return _finish(run, folder)
+
+
+def _finish(run: Run, folder: RunFolder) -> int:
+    """Show a run and turn how it ended into an exit code."""
+    _show(run, folder)
+    if not run.intake.problem:
+        return 0
+    print(f"slarm: {run.intake.problem}; partial results are in {folder.path}", file=sys.stderr)
+    if (folder.path / "checkpoint").is_dir():
+        print(f"slarm: go on with: slarm run --resume {folder.path}", file=sys.stderr)
+    return _INTERRUPTED if run.intake.interrupted else _FAILED
+
+
+def _show(run: Run, folder: RunFolder) -> None:
+    from slarm_graph.app.cli_output import show_metrics, show_notices, show_scans
+
+    show_notices((*run.source.info().notices, *run.slam.notices))
+    show_scans(run.source.scan_statuses())
+    show_metrics(run.metrics, title=run.title)
+    seconds = cast(float, folder.record()["wall_s"])
+    print(f"{len(run.intake.stamps_ns)} scans in {seconds:.1f} s -> {folder.path}/report.html")

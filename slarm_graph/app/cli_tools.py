@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Commands around the flow: radio, check, convert, config, backends, doctor."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slarm_graph.app.cli_run import AccessPoints, ConfigFile, Name, Out, Settings, access_points
+
+
+def add_to(app: typer.Typer) -> None:
+    """Register the commands."""
+    app.command("radio")(radio_command)
+    app.command("check")(check_command)
+    app.command("convert")(convert_command)
+    app.command("config")(config_command)
+    app.command("backends")(backends_command)
+    app.command("doctor")(doctor_command)
+
+
+def radio_command(
+    map_file: Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")],
+    ap: AccessPoints = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> None:
+    """Make the radio map over any map_server map, taken as it is."""
+    from slarm_graph.app.outputs import save_radio
+    from slarm_graph.app.run_folder import create_run_folder
+    from slarm_graph.files.configs import config_yaml, load_config
+    from slarm_graph.files.maps import read_map
+    from slarm_graph.geographic import as_geographic
+    from slarm_graph.radio.radio_map import radio_map
+
+    resolved = load_config(config, settings or ())
+    points = access_points(ap or (), resolved)
+    geographic = as_geographic(read_map(map_file), resolved.recovery.default_height_m)
+    radio = radio_map(geographic, points, resolved.radio)
+    folder = create_run_folder(out, name)
+    folder.write_text("config.yaml", config_yaml(resolved))
+    save_radio(folder, radio)
+    folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
+    low, high = radio.gain_span_db()
+    print(
+        f"{len(points)} access points, expected gain {low:.1f} to {high:.1f} dB"
+        f" -> {folder.path}/radio_map.png"
+    )
+
+
+def check_command(
+    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> int:
+    """Diagnose a recording before running it; exit code 1 for warnings, 2 when it is unusable."""
+    from slarm_graph.files.configs import load_config
+    from slarm_graph.frontends.recordings.check import check
+
+    diagnosis = check(sources, load_config(config, settings or ()).source)
+    print(json.dumps(diagnosis.as_json(), indent=2) if as_json else diagnosis.text())
+    return diagnosis.exit_code
+
+
+def convert_command(
+    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
+    destination: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DEST",
+            help="Its ending says into what: .bag, .mcap, .db3, .clf or .log (also .gz), any other"
+            " name a ROS 2 folder.",
+        ),
+    ],
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace DEST.")] = False,
+    config: ConfigFile = None,
+    settings: Settings = None,
+) -> None:
+    """Convert between ROS 1 bag, ROS 2 bag and CARMEN log."""
+    from slarm_graph.files.configs import load_config
+    from slarm_graph.frontends.recordings.convert import convert
+
+    resolved = load_config(config, settings or ())
+    print(convert(sources, destination, resolved.source, overwrite=overwrite))
+
+
+def config_command(config: ConfigFile = None, settings: Settings = None) -> None:
+    """Print the configuration as YAML, defaults and what is given, with explanations."""
+    from slarm_graph.files.configs import config_yaml, load_config
+
+    print(config_yaml(load_config(config, settings or ()), comments=True), end="")
+
+
+def backends_command() -> None:
+    """List the SLAM backends and whether they can be used."""
+    from slarm_graph import backends
+    from slarm_graph.app.cli_output import show_table
+
+    rows = [(s.name, s.problem or "ready", s.summary) for s in backends.statuses()]
+    show_table(("backend", "status", "what it is"), rows)
+
+
+def doctor_command() -> int:
+    """Test the environment: versions, the parts that break, where results would go."""
+    from slarm_graph.app.cli_output import show_table
+    from slarm_graph.app.doctor import examine
+
+    findings = examine(Path.cwd())
+    rows = [(f.name, "ok" if f.ok else "PROBLEM", f.detail) for f in findings]
+    show_table(("what", "state", "detail"), rows)
+    return 0 if all(finding.ok for finding in findings) else 1

@@ -1,0 +1,149 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Backend comparison: every source with every backend and seed, each in a process of its own.
+
+A run that fails, even one that takes its process down, leaves the others alone. The same trials
+run on a cluster when a dask scheduler is given; the folder must be visible from all its workers.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from pathlib import Path
+
+from slarm_graph.app.progress import Progress, Quiet
+from slarm_graph.app.run_folder import RECORD
+from slarm_graph.app.trials import Trial
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.comparison import Outcome
+
+_BEAT_S = 1.0
+_RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
+
+
+def carry_out(trial: Trial) -> Outcome:
+    """Run a trial in a process of its own and read what it left."""
+    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
+    done = subprocess.run(
+        trial.command(), capture_output=True, text=True, env=environment, check=False
+    )
+    said = done.stderr.strip().splitlines()
+    problem = said[-1].removeprefix("slarm: ") if said and done.returncode else ""
+    return read_outcome(trial, problem or f"exit code {done.returncode}")
+
+
+def read_outcome(trial: Trial, problem: str = "") -> Outcome:
+    """Read a finished trial's record and metrics.
+
+    Parameters
+    ----------
+    trial : Trial
+    problem : str
+        What its process said last, for when it left no record.
+    """
+    try:
+        record = json.loads((trial.folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        record = {"status": "failed", "problem": problem}
+    status = record["status"] if record["status"] != "running" else "failed"
+    figures = {name: float(record[name]) for name in _RECORDED if name in record}
+    return Outcome(
+        Path(trial.source.place).name,
+        trial.backend,
+        trial.seed,
+        status,
+        "" if status == "ok" else record.get("problem") or problem,
+        trial.folder.name,
+        figures | _metrics(trial.folder / "metrics.json"),
+    )
+
+
+def _metrics(path: Path) -> dict[str, float]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return {name: m["value"] for name, m in content.items() if m["value"] is not None}
+
+
+def compare(
+    planned: Sequence[Trial],
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    tell: Callable[[Outcome], None] = lambda _outcome: None,
+    progress: Progress | None = None,
+) -> tuple[Outcome, ...]:
+    """Carry out all trials and return their outcomes in the order of the plan.
+
+    Parameters
+    ----------
+    planned : sequence of Trial
+    workers : int, optional
+        Processes at a time; the number of cores when left out.
+    scheduler : str, optional
+        Address of a dask scheduler, such as `tcp://host:8786`; local processes when left out.
+    tell : callable
+        Told every outcome as it comes in.
+    progress : Progress, optional
+    """
+    workers = workers or os.cpu_count() or 1
+    run = _on_cluster(scheduler) if scheduler else _locally(workers, progress or Quiet())
+    outcomes: dict[Trial, Outcome] = {}
+    for trial, outcome in run(planned):
+        outcomes[trial] = outcome
+        tell(outcome)
+    return tuple(outcomes[trial] for trial in planned)
+
+
+Runner = Callable[[Sequence[Trial]], Iterator[tuple[Trial, Outcome]]]
+
+
+def _as_they_end(
+    futures: dict[Future[Outcome], Trial], progress: Progress
+) -> Iterator[tuple[Trial, Outcome]]:
+    """Yield outcomes as trials end, with a sign of life in between."""
+    progress.start("runs", len(futures))
+    waiting = set(futures)
+    while waiting:
+        ended, waiting = wait(waiting, _BEAT_S, FIRST_COMPLETED)
+        progress.say("")
+        for future in ended:
+            progress.advance()
+            yield futures[future], future.result()
+
+
+def _locally(workers: int, progress: Progress) -> Runner:
+    def run(planned: Sequence[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+        with ThreadPoolExecutor(workers) as pool:
+            futures = {pool.submit(carry_out, trial): trial for trial in planned}
+            try:
+                yield from _as_they_end(futures, progress)
+            except KeyboardInterrupt:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+
+    return run
+
+
+def _on_cluster(address: str) -> Runner:
+    def run(planned: Sequence[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+        from distributed import Client
+        from distributed import as_completed as as_completed_on_cluster
+
+        try:
+            client = Client(address, timeout="10s")  # type: ignore[no-untyped-call]
+        except OSError as error:
+            raise BadInput(f"--scheduler {address}: no dask scheduler answers ({error})") from None
+        with client:
+            futures = {client.submit(carry_out, t, pure=False): t for t in planned}
+            for future in as_completed_on_cluster(futures):  # type: ignore[no-untyped-call]
+                trial = futures[future]
+                failure = future.exception()
+                yield trial, (read_outcome(trial, str(failure)) if failure else future.result())
+
+    return run

@@ -1,0 +1,166 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The flow in a world: drive until everything is known, then maps, radio map, truth, report."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from slarm_graph import backends
+from slarm_graph.app.driven_world import DrivenWorld
+from slarm_graph.app.intake import stop_on_signal
+from slarm_graph.app.job import Run
+from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
+from slarm_graph.app.progress import Progress
+from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.app.run_report import save_report
+from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.config import RunConfig
+from slarm_graph.eval.assessment import References, assess
+from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.radio_accuracy import radio_accuracy
+from slarm_graph.exploration import explorers
+from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
+from slarm_graph.frontends.simulation.worlds import make_world
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import GridGeometry
+from slarm_graph.mapping import render
+from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
+from slarm_graph.radio_words import RadioMap
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import WorldMap
+
+_FINE_M = 0.02
+"""Lattice of `accuracy_area`, on which different resolutions can be compared."""
+
+
+def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress) -> Run:
+    """Let a robot find a world out; every file is in the world's frame, by the known start.
+
+    Parameters
+    ----------
+    world : WorldMap
+    config : RunConfig
+    folder : RunFolder
+    progress : Progress
+
+    Raises
+    ------
+    BadInput, RunFailed
+        When there is nothing to show for it.
+    """
+    for_world, for_backend = np.random.default_rng(config.seed).spawn(2)
+    # world -> readings -> SLAM backend -> where to drive next, until everything is known
+    with folder.stage("exploration", progress):
+        simulated = make_world(world, config.simulation, for_world)
+        driven = DrivenWorld(simulated, f"simulated world {world.name}", progress)
+        backend = backends.make(config.backend, config, for_backend, progress.say)
+        drive = _drive(driven, backend, world, config)
+        save_readings(folder, driven.intake, driven.scan_statuses())
+    # trajectory -> occupancy grid
+    with folder.stage("map", progress):
+        slam = _in_world(drive, config)
+        save_slam(folder, slam)
+    # occupancy grid -> geographic map (GGMR)
+    with folder.stage("recovery", progress):
+        geographic = recover_scans(
+            drive.scans,
+            slam.trajectory,
+            config.mapping,
+            with_sizes_of(world, config.recovery),
+            geometry=GridGeometry.covering(*world.extent_m(), config.explore.resolution_m),
+        )
+        save_geographic(folder, geographic)
+    # geographic map -> radio map
+    with folder.stage("radio map", progress):
+        radio = radio_map(geographic, world.access_points, config.radio)
+        save_radio(folder, radio)
+    # truth -> accuracy and report
+    with folder.stage("report", progress):
+        truth = References(ground_truth=drive.truth)
+        metrics = (
+            *accuracy_metrics(world, geographic, radio, config),
+            *_drive_metrics(drive),
+            *assess(slam.trajectory, truth, Pose2())[1:],
+        )
+        title = f"{world.name}, {config.backend}, {config.explore.explorer}"
+        run = Run(title, config, driven, driven.intake, slam, geographic, radio, metrics)
+        save_report(folder, run, truth)
+    return run
+
+
+def _drive(
+    driven: DrivenWorld, backend: SlamBackend, world: WorldMap, config: RunConfig
+) -> Exploration:
+    """Close the loop until the explorer has finished, or the user wishes to stop."""
+    explorer = explorers.make(config.explore)
+    loop = ClosedLoop(
+        driven,
+        backend,
+        explorer,
+        config.explore,
+        extent_m=world.extent_m(),
+        start=world.start,
+    )
+    with stop_on_signal() as stop:
+        while loop.step():
+            if stop:
+                driven.intake.interrupted = True
+                driven.intake.problem = f"interrupted after {loop.readings} scans"
+                break
+    return loop.outcome()
+
+
+def _in_world(drive: Exploration, config: RunConfig) -> SlamResult:
+    """Return the backend's result in the world's frame, mapped at the wanted resolution."""
+    mapping = config.mapping.model_copy(update={"resolution_m": config.explore.resolution_m})
+    grid = render(drive.scans, drive.trajectory, mapping)
+    return replace(
+        drive.slam,
+        trajectory=drive.trajectory,
+        grid=grid,
+        notices=(*drive.slam.notices, f"exploration ended: {drive.finished.reason}"),
+    )
+
+
+def accuracy_metrics(
+    world: WorldMap, geographic: GeographicMap, radio: RadioMap, config: RunConfig
+) -> tuple[Metric, ...]:
+    """Compare recovered maps with the truth: at the same resolution, and on a fine lattice."""
+    same = _accuracy(world, geographic, radio, config, config.explore.resolution_m)
+    fine = {m.name: m for m in _accuracy(world, geographic, radio, config, _FINE_M)}
+    area = replace(fine["accuracy"], name="accuracy_area", note=f"on a lattice of {_FINE_M:g} m")
+    return (same[0], area, *same[1:])
+
+
+def _accuracy(
+    world: WorldMap,
+    geographic: GeographicMap,
+    radio: RadioMap,
+    config: RunConfig,
+    resolution_m: float,
+) -> tuple[Metric, ...]:
+    truth = truth_map(world, resolution_m)
+    return radio_accuracy(
+        truth.reachable,
+        theoretical_radio_map(world, truth.geometry, config.radio),
+        geographic,
+        radio,
+        tolerance_db=config.radio.gain_tolerance_db,
+        extent_m=world.extent_m(),
+    ).metrics()
+
+
+def _drive_metrics(drive: Exploration) -> tuple[Metric, ...]:
+    report = drive.report
+    return (
+        Metric("path_length_m", report.path_length_m, "m", "as driven"),
+        Metric("turns", float(report.turns), "", "of 45 degrees and more"),
+        Metric("revisit_share", report.revisit_share, "", "of the cells entered"),
+        Metric("drive_time_s", report.drive_time_s, "s", "simulated"),
+        Metric("collisions", float(report.collisions), "", "contacts with the true world"),
+    )

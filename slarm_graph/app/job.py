@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A job and what came of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from slarm_graph.app.intake import Intake
+from slarm_graph.backend import SlamResult
+from slarm_graph.config import RunConfig
+from slarm_graph.eval.metrics import Metric
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.radio.radio_map import radio_notices
+from slarm_graph.radio_words import AccessPoint, RadioMap
+from slarm_graph.readings import Source
+
+
+@dataclass(frozen=True, slots=True)
+class Job:
+    """What to make of a recording.
+
+    Parameters
+    ----------
+    paths : tuple of Path
+        The recording; several ROS 1 bags count as one.
+    config : RunConfig
+    access_points : tuple of AccessPoint
+        In the map, whose origin is the robot's first pose. Without any there is no radio map.
+    ground_truth, relations : Path or None
+        Files with what is known to be true.
+    """
+
+    paths: tuple[Path, ...]
+    config: RunConfig
+    access_points: tuple[AccessPoint, ...] = ()
+    ground_truth: Path | None = None
+    relations: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """What came of a job.
+
+    Parameters
+    ----------
+    title : str
+        What was run, for headings.
+    config : RunConfig
+    source : Source
+        As it is after it was read.
+    intake : Intake
+        What went into the backend, and why it ended early if it did.
+    slam : SlamResult
+    geographic : GeographicMap
+    radio : RadioMap or None
+        None without an access point.
+    metrics : tuple of Metric
+    """
+
+    title: str
+    config: RunConfig
+    source: Source
+    intake: Intake
+    slam: SlamResult
+    geographic: GeographicMap
+    radio: RadioMap | None
+    metrics: tuple[Metric, ...]
+
+    def notices(self) -> tuple[str, ...]:
+        """Return what a user should know."""
+        problem = (self.intake.problem,) if self.intake.problem else ()
+        points = self.radio.access_points if self.radio else ()
+        radio = radio_notices(self.geographic.geometry, points, self.config.radio)
+        return (*problem, *self.source.info().notices, *self.slam.notices, *radio)

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The flow: recording -> readings -> SLAM -> geographic map -> radio map -> report."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+
+from slarm_graph import backends
+from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
+from slarm_graph.app.intake import Saver, feed, scans_at
+from slarm_graph.app.job import Job, Run
+from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
+from slarm_graph.app.progress import Progress
+from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.app.run_report import save_report
+from slarm_graph.eval.assessment import assess, read_references
+from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
+from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.mapping import end_points_m
+from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.recovery.recover import recover
+
+
+def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
+    """Do the whole job; every file is in the folder as soon as it is known.
+
+    Parameters
+    ----------
+    job : Job
+    folder : RunFolder
+        A checkpoint in it is continued.
+    progress : Progress
+
+    Raises
+    ------
+    BadInput, RunFailed
+        When there is nothing to show for it.
+    """
+    config, rng = job.config, np.random.default_rng(job.config.seed)
+    references = read_references(job.ground_truth, job.relations)
+    # recording -> readings
+    with folder.stage("reading", progress):
+        source = open_source(job.paths, config.source)
+    # readings -> SLAM backend
+    with folder.stage("slam", progress):
+        backend = backends.make(config.backend, config, rng, progress.say)
+        intake = load_checkpoint(folder.path, backend, rng)
+        save = partial(save_checkpoint, folder, rng)
+        feed(source, backend, intake, Saver(save, config.checkpoint.every_s), progress)
+        save_readings(folder, intake, source.scan_statuses())
+    # SLAM backend -> trajectory and occupancy grid
+    with folder.stage("optimisation and map", progress):
+        slam = backend.result()
+        save_slam(folder, slam)
+    # occupancy grid -> geographic map (GGMR)
+    with folder.stage("recovery", progress):
+        scans = scans_at(source, slam.trajectory.stamps_ns)
+        ends = end_points_m(scans, slam.trajectory, config.mapping)
+        geographic = recover(slam.grid, slam.trajectory, config.recovery, end_points=ends)
+        save_geographic(folder, geographic)
+    # geographic map -> radio map
+    with folder.stage("radio map", progress):
+        aps = job.access_points
+        radio = radio_map(geographic, aps, config.radio) if aps else None
+        save_radio(folder, radio)
+    # what is known to be true -> metrics and report
+    with folder.stage("report", progress):
+        metrics = assess(slam.trajectory, references, intake.robot_from_laser)
+        metrics += sharpness_metrics(sharpness(ends))
+        title = f"{job.paths[0].name}, {config.backend}"
+        done = Run(title, config, source, intake, slam, geographic, radio, metrics)
+        save_report(folder, done, references)
+    return done

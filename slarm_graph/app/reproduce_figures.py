@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Figures 3 to 5 of the paper, and its complexity, drawn from our numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from slarm_graph.app.reproduce_theory import Complexity
+from slarm_graph.radio.pictures import draw_gain
+from slarm_graph.radio_words import RadioMap
+
+_DPI: Final = 130
+_SPEED_STYLES: Final = ("-", "--", ":")
+_PANELS: Final = ("ours", "R_e = one cell", "hypothesis")
+_TITLES: Final = {
+    "ours": "Closed loop, R_e = 0",
+    "R_e = one cell": "Closed loop, the paper's R_e = one cell",
+    "hypothesis": "Hypotheses, without SLAM error",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """A line of figure 5: accuracy with standard deviation over resolutions."""
+
+    label: str
+    panel: str
+    resolution_m: Sequence[float]
+    accuracy: Sequence[float]
+    spread: Sequence[float]
+
+
+def save_gain_figure(path: Path, title: str, maps: Sequence[tuple[float, RadioMap]]) -> None:
+    """Draw gain maps side by side on one colour scale.
+
+    Parameters
+    ----------
+    path : Path
+    title : str
+    maps : sequence of (resolution [m], RadioMap)
+    """
+    if not maps:
+        return
+    gains = np.concatenate([m.channel_power_gain_db.ravel() for _, m in maps])
+    limits = (float(np.nanmin(gains)), float(np.nanmax(gains)))
+    figure = Figure(figsize=(5.2 * len(maps), 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(title)
+    for axes, (resolution_m, radio) in zip(
+        figure.subplots(1, len(maps), squeeze=False)[0], maps, strict=True
+    ):
+        draw_gain(axes, radio, 0, limits_db=limits)
+        axes.set_title(f"resolution {resolution_m:g} m")
+    figure.savefig(path, dpi=_DPI)
+
+
+def save_accuracy_figure(
+    path: Path, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
+) -> None:
+    """Draw accuracy over resolution: ours, ours with the paper's preset, hypotheses."""
+    figure = Figure(figsize=(15.0, 4.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle("Figure 5: accuracy of the radio map")
+    all_axes = figure.subplots(1, len(_PANELS), sharey=True)
+    for axes, panel in zip(all_axes, _PANELS, strict=True):
+        _draw_panel(axes, [c for c in curves if c.panel == panel], paper)
+        axes.set_title(_TITLES[panel])
+    all_axes[0].set_ylabel("accuracy [%]")
+    figure.savefig(path, dpi=_DPI)
+
+
+def save_complexity_figure(path: Path, table: Sequence[Complexity]) -> None:
+    """Draw what Algorithm 1 was counted to take beside the paper's bounds."""
+    figure = Figure(figsize=(11.0, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    left, right = figure.subplots(1, 2)
+    side = np.sqrt([row.cells for row in table])
+    left.loglog(side, [row.comparisons for row in table], "o-", label="comparisons, counted")
+    left.loglog(side, side**2, ":", color="0.5", label="N$^2$")
+    left.loglog(side, side**3, "--", color="0.5", label="N$^3$ (paper, best case)")
+    left.set_xlabel("N, side of the grid [cells]")
+    left.set_title("Algorithm 1, comparisons")
+    left.legend()
+    resolution = [row.resolution_m for row in table]
+    right.plot(resolution, [row.drive_s for row in table], "o-")
+    right.set_xlabel("resolution [m]")
+    right.set_ylabel("time of driving [s]")
+    right.set_title("Algorithm 1, time to visit every cell at 0.6 m/s")
+    right.set_ylim(bottom=0)
+    figure.savefig(path, dpi=_DPI)
+
+
+def _draw_panel(
+    axes: Axes, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
+) -> None:
+    names = sorted({c.label.split(",")[0] for c in curves})
+    for index, curve in enumerate(curves):
+        color = f"C{names.index(curve.label.split(',')[0])}"
+        style = _SPEED_STYLES[index % len(_SPEED_STYLES)]
+        percent, spread = 100 * np.array(curve.accuracy), 100 * np.array(curve.spread)
+        axes.errorbar(
+            curve.resolution_m,
+            percent,
+            spread,
+            fmt=f"o{style}",
+            color=color,
+            label=curve.label,
+            markersize=3,
+            capsize=2,
+        )
+    for resolution_m, accuracy, label in paper:
+        axes.plot(resolution_m, 100 * accuracy, "k*", markersize=10)
+        axes.annotate(
+            f"{label} {100 * accuracy:.2f}",
+            (resolution_m, 100 * accuracy),
+            textcoords="offset points",
+            xytext=(6, -12),
+            fontsize=8,
+        )
+    axes.set_xlabel("resolution [m]")
+    axes.grid(alpha=0.3)
+    axes.legend(fontsize=7)

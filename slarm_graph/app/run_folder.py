@@ -1,0 +1,241 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The folder of one run: made before the first scan, every file complete or absent."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Literal
+
+from slarm_graph.app.progress import Progress
+from slarm_graph.errors import BadInput
+
+_log = logging.getLogger(__name__)
+
+Status = Literal["running", "ok", "partial", "failed"]
+Facts = dict[str, object]
+
+RECORD = "run.json"
+CHECKPOINT = "checkpoint"
+_LINK, _LINK_TEXT = "latest", "latest.txt"
+_VERSIONS = ("slarm-graph", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags")
+_MB = 1024.0
+
+
+class RunFolder:
+    """Files and record of one run.
+
+    Parameters
+    ----------
+    path : Path
+        An existing folder.
+    earlier : mapping, optional
+        The record of the interrupted run that is being resumed here.
+    """
+
+    def __init__(self, path: Path, earlier: Mapping[str, object] | None = None) -> None:
+        self.path = path
+        self._facts: Facts = dict(earlier or {})
+        self._stages: dict[str, float] = {}
+        self._earlier_s = _seconds(self._facts, "wall_s"), _seconds(self._facts, "cpu_s")
+        self._started_s = time.monotonic()
+        self._cpu_started_s = time.process_time()
+        self._facts.setdefault("started", datetime.now().astimezone().isoformat(timespec="seconds"))
+        self.note(
+            status="running",
+            versions=_versions(),
+            git_revision=_git_revision(),
+            argv=list(sys.argv),
+        )
+
+    @contextmanager
+    def replacing(self, name: str) -> Iterator[Path]:
+        """Give a temporary path to write, which takes the file's name once complete."""
+        target = self.path / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = target.with_name(f".{target.stem}.partial{target.suffix}")
+        try:
+            yield temporary
+            temporary.replace(target)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    def write_text(self, name: str, text: str) -> None:
+        """Write a text file in one piece."""
+        self.write_bytes(name, text.encode())
+
+    def write_bytes(self, name: str, data: bytes) -> None:
+        """Write a file in one piece."""
+        with self.replacing(name) as temporary:
+            temporary.write_bytes(data)
+
+    @contextmanager
+    def stage(self, name: str, progress: Progress) -> Iterator[None]:
+        """Show and time a stage of the flow."""
+        progress.start(name)
+        started_s = time.monotonic()
+        try:
+            yield
+        finally:
+            spent_s = time.monotonic() - started_s
+            self._stages[name] = round(self._stages.get(name, 0.0) + spent_s, 3)
+            _log.info("%s took %.2f s", name, spent_s)
+            self.note()
+
+    def note(self, **facts: object) -> None:
+        """Add facts to the record and bring its times up to date."""
+        self._facts.update(facts)
+        wall_s = self._earlier_s[0] + time.monotonic() - self._started_s
+        cpu_s = self._earlier_s[1] + time.process_time() - self._cpu_started_s
+        self._facts |= {
+            "wall_s": round(wall_s, 3),
+            "cpu_s": round(cpu_s, 3),
+            "peak_memory_mb": round(_peak_memory_mb(), 1),
+            "stages": dict(self._stages),
+        }
+        self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
+
+    def record(self) -> Mapping[str, object]:
+        """Return what is known of the run, as in `run.json`."""
+        return dict(self._facts)
+
+
+def create_run_folder(out: Path, name: str | None = None) -> RunFolder:
+    """Make `OUT/<date_time>[_NN]`, or `OUT/NAME`, and point `OUT/latest` to it.
+
+    A folder of that name with an earlier run in it is cleared of that run's files.
+
+    Raises
+    ------
+    BadInput
+        When nothing can be written there, or NAME is a folder with something else in it.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        path = _fresh(out) if name is None else _named(out, name)
+        folder = RunFolder(path)
+        _point_to(out, path.name)
+    except OSError as error:
+        raise BadInput(
+            f"cannot write to {out}: {error.strerror}; choose a folder with --out"
+        ) from None
+    return folder
+
+
+def open_run_folder(path: Path) -> RunFolder:
+    """Open an unfinished run's folder to go on with it.
+
+    Raises
+    ------
+    BadInput
+        When it is no run folder, or the run is finished.
+    """
+    record = read_record(path)
+    if record.get("status") == "ok":
+        raise BadInput(f"{path}: this run is finished; there is nothing to resume")
+    return RunFolder(path, record)
+
+
+def read_record(path: Path) -> Mapping[str, object]:
+    """Read `run.json` of a run folder.
+
+    Raises
+    ------
+    BadInput
+        When there is none, or it cannot be read.
+    """
+    try:
+        record = json.loads((path / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise BadInput(f"{path}: not a run folder (no readable {RECORD} in it)") from None
+    if not isinstance(record, dict):
+        raise BadInput(f"{path}: not a run folder ({RECORD} is damaged)")
+    return record
+
+
+def _fresh(out: Path) -> Path:
+    base = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
+    for number in range(1, 1000):
+        path = out / (base if number == 1 else f"{base}_{number:02d}")
+        try:
+            path.mkdir()
+        except FileExistsError:
+            continue
+        return path
+    raise BadInput(f"cannot find a free folder name below {out}")
+
+
+def _named(out: Path, name: str) -> Path:
+    path = out / name
+    if path.parent != out or name in (_LINK, "..", ""):
+        raise BadInput(f"--name {name}: expected a plain folder name")
+    path.mkdir(exist_ok=True)
+    content = [entry for entry in path.iterdir() if entry.is_file()]
+    if content and not (path / RECORD).is_file():
+        raise BadInput(f"{path} holds something that is not a run; choose another --name")
+    _clear(path)
+    return path
+
+
+def _clear(path: Path) -> None:
+    """Remove an earlier run's files; folders of others below stay."""
+    for folder in (path, path / CHECKPOINT):
+        if folder.is_dir():
+            for entry in folder.iterdir():
+                if entry.is_file():
+                    entry.unlink()
+
+
+def _point_to(out: Path, name: str) -> None:
+    """Point `latest` to the run by a relative link, or in a text file where links are refused."""
+    link, temporary = out / _LINK, out / f".{_LINK}.{os.getpid()}"
+    try:
+        temporary.symlink_to(name, target_is_directory=True)
+        temporary.replace(link)
+    except (OSError, NotImplementedError):
+        temporary.unlink(missing_ok=True)
+        (out / _LINK_TEXT).write_text(f"{name}\n", encoding="utf-8")
+
+
+def _seconds(facts: Facts, key: str) -> float:
+    value = facts.get(key, 0.0)
+    return float(value) if isinstance(value, (int, float)) else 0.0
+
+
+def _peak_memory_mb() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
+    return peak / _MB if sys.platform == "darwin" else peak
+
+
+def _versions() -> Facts:
+    found: Facts = {"python": sys.version.split()[0]}
+    for name in _VERSIONS:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = None
+    return found
+
+
+def _git_revision() -> str | None:
+    """Return the revision of the checkout this code runs from, marked when files differ."""
+    here = Path(__file__).resolve().parent
+    if not (here.parent / ".git").exists():
+        return None
+    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return None
+    return done.stdout.strip() or None

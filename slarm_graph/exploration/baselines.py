@@ -1,0 +1,218 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Coverage methods to compare with, on tiles as wide as the robot: BA* and cell sweeps."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.config import ExploreConfig
+from slarm_graph.exploration.explorer import (
+    BLOCKED,
+    OPEN,
+    VISITED,
+    Codes,
+    CoverageGrid,
+    DrivingGrid,
+    Finished,
+    Leg,
+    coverage_grid,
+    driving_grid,
+    in_blocks,
+    leg_along,
+    start_cell,
+    unreachable_cells,
+)
+from slarm_graph.exploration.lanes import label_parts
+from slarm_graph.exploration.planning import Indices, Moves, path_to_nearest
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import Cells, GridGeometry, Mask
+
+_TRACKING_M: Final = 0.01
+_SWEPT_SHARE: Final = 0.7
+"""A tile counts as covered when the body passed over this share of its free cells."""
+_MAX_ATTEMPTS: Final = 4
+
+
+class BaStar:
+    """BA* (Viet, Dang, Laskar, Chung 2013): sweep north, south, east, west; else backtrack.
+
+    Where no neighbouring tile is open, the robot goes by A* to the nearest covered tile at which a
+    new sweep can begin.
+    """
+
+    def __init__(self, config: ExploreConfig) -> None:
+        self._tiles = _TiledFloor(config.driving.robot_radius_m)
+
+    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Sweep from here, or backtrack and sweep from there."""
+        tiles = self._tiles.of(coverage)
+        start = start_cell(tiles, pose)
+        if start is None:
+            return Finished("no free tile near the robot", int(np.sum(tiles.codes == OPEN)))
+        cells = self._sweep(tiles, start)
+        if len(cells) < 2:
+            back = self._backtrack(tiles, start)
+            if back is None:
+                return Finished("no reachable tile is left", unreachable_cells(tiles, start))
+            cells = np.concatenate([back, self._sweep(tiles, (int(back[-1, 0]), int(back[-1, 1])))])
+        return self._tiles.leg(tiles, pose, cells)
+
+    def _sweep(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells:
+        cols = tiles.geometry.cols
+        flat = _sweep_north_south(tiles.codes.copy(), tiles.moves, start[0] * cols + start[1])
+        return np.stack(np.divmod(flat, cols), axis=-1)
+
+    def _backtrack(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+        """Way to the nearest backtracking point, or to the nearest open tile if there is none."""
+        codes = tiles.codes.copy()
+        codes[start] = VISITED
+        points = _backtracking_points(codes)
+        points[start] = False
+        way = path_to_nearest(tiles.moves, points, start)
+        if way is None or len(self._sweep(tiles, (int(way[-1, 0]), int(way[-1, 1])))) < 2:
+            way = path_to_nearest(tiles.moves, codes == OPEN, start)
+        return way
+
+
+class Boustrophedon:
+    """Boustrophedon cells (Choset 2000): sweep the present cell row by row, then the nearest."""
+
+    def __init__(self, config: ExploreConfig) -> None:
+        self._tiles = _TiledFloor(config.driving.robot_radius_m)
+
+    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Sweep what is open of the cell that the robot is in, or of the nearest one."""
+        tiles = self._tiles.of(coverage)
+        start = start_cell(tiles, pose)
+        if start is None:
+            return Finished("no free tile near the robot", int(np.sum(tiles.codes == OPEN)))
+        labels = label_parts(tiles.codes != BLOCKED, 3.0)
+        is_open = tiles.codes == OPEN
+        is_open[start] = False
+        mine = is_open & (labels == labels[start])
+        way = path_to_nearest(tiles.moves, mine, start) if mine.any() else None
+        way = path_to_nearest(tiles.moves, is_open, start) if way is None else way
+        if way is None:
+            return Finished("no reachable tile is left", unreachable_cells(tiles, start))
+        here = is_open & (labels == labels[way[-1, 0], way[-1, 1]])
+        rows = _rows_to_and_fro(here, (int(way[-1, 0]), int(way[-1, 1])))
+        return self._tiles.leg(tiles, pose, np.concatenate([way[:-1], rows]))
+
+
+@dataclass(slots=True)
+class _TiledFloor:
+    """Tiles of the robot's size, and those that were tried in vain."""
+
+    radius_m: float
+    attempts: NDArray[np.uint8] | None = None
+
+    def of(self, coverage: CoverageGrid) -> CoverageGrid:
+        """Gather driving cells into tiles; a tile is covered when most of it was passed over."""
+        driving = coverage.driving
+        cell_m = driving.geometry.resolution_m
+        side = max(1, math.floor(2.0 * (self.radius_m - _TRACKING_M) / cell_m + 1e-6))
+        padded = _padded(driving, side)
+        rows, cols = padded.geometry.rows // side, padded.geometry.cols // side
+        origin = padded.geometry
+        geometry = GridGeometry(origin.origin_x_m, origin.origin_y_m, side * cell_m, rows, cols)
+        free = in_blocks(~padded.occupied, side).sum(axis=(2, 3))
+        swept = in_blocks(padded.swept & ~padded.occupied, side).sum(axis=(2, 3))
+        visited = np.asarray(swept >= _SWEPT_SHARE * free)
+        if self.attempts is None:
+            self.attempts = np.zeros((rows, cols), dtype=np.uint8)
+        return coverage_grid(geometry, padded, visited | (self.attempts >= _MAX_ATTEMPTS))
+
+    def leg(self, tiles: CoverageGrid, pose: Pose2, cells: Cells) -> Leg:
+        """Turn tiles into a way, and remember which open one comes first."""
+        assert self.attempts is not None
+        is_open = tiles.codes[cells[:, 0], cells[:, 1]] == OPEN
+        row, col = cells[np.argmax(is_open)]
+        self.attempts[row, col] += 1
+        return leg_along(tiles, pose, cells, more=True)
+
+
+def _padded(driving: DrivingGrid, side: int) -> DrivingGrid:
+    """Add impassable cells at the upper and right edge until tiles divide the grid."""
+    g = driving.geometry
+    pad = ((0, -g.rows % side), (0, -g.cols % side))
+    geometry = GridGeometry(
+        g.origin_x_m, g.origin_y_m, g.resolution_m, g.rows + pad[0][1], g.cols + pad[1][1]
+    )
+    return driving_grid(
+        geometry,
+        np.pad(driving.passable, pad),
+        np.pad(driving.occupied, pad, constant_values=True),
+        np.pad(driving.observed, pad),
+        np.pad(driving.swept, pad),
+    )
+
+
+def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:
+    """All wanted tiles (M, 2), row by row away from the entry's nearer side, turning each row."""
+    rows = np.flatnonzero(wanted.any(axis=1))
+    if entry[0] - rows[0] > rows[-1] - entry[0]:
+        rows = rows[::-1]
+    here = entry[1]
+    out = []
+    for row in rows:
+        cols = np.flatnonzero(wanted[row])
+        if abs(cols[-1] - here) < abs(cols[0] - here):
+            cols = cols[::-1]
+        out.append(np.stack([np.full(len(cols), row), cols], axis=-1))
+        here = cols[-1]
+    return np.concatenate(out)
+
+
+@njit(cache=True, nogil=True)
+def _sweep_north_south(codes: Codes, moves: Moves, start: int) -> Indices:
+    """Boustrophedon motion of BA*: the first open tile of north, south, east, west."""
+    cols = codes.shape[1]
+    flat, bits = codes.ravel(), moves.ravel()
+    here = start
+    flat[here] = VISITED
+    path = [here]
+    while True:
+        found = False
+        for d, step in ((2, cols), (6, -cols), (0, 1), (4, -1)):
+            if (bits[here] >> d) & 1 and flat[here + step] == OPEN:
+                here += step
+                flat[here] = VISITED
+                path.append(here)
+                found = True
+                break
+        if not found:
+            return np.array(path)
+
+
+def _backtracking_points(codes: Codes) -> Mask:
+    """Covered tiles beside which an open tile is followed by one that is not (BA*, eq. (4)-(5)).
+
+    With s1 ... s8 the neighbours counter-clockwise from east, a tile is one when any of the pairs
+    (s1, s8), (s1, s2), (s5, s6), (s5, s4), (s7, s6), (s7, s8) is (open, not open).
+    """
+    is_open = np.pad(codes == OPEN, 1)
+    rows, cols = codes.shape
+
+    def at(d_row: int, d_col: int) -> Mask:
+        return is_open[1 + d_row : 1 + d_row + rows, 1 + d_col : 1 + d_col + cols]
+
+    east, west, south = at(0, 1), at(0, -1), at(-1, 0)
+    pairs = (
+        (east, at(-1, 1)),
+        (east, at(1, 1)),
+        (west, at(-1, -1)),
+        (west, at(1, -1)),
+        (south, at(-1, -1)),
+        (south, at(-1, 1)),
+    )
+    found = np.zeros(codes.shape, dtype=np.bool_)
+    for first, second in pairs:
+        found |= first & ~second
+    return np.asarray(found & (codes == VISITED))

@@ -1,0 +1,260 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""GGMR as the paper has it: Algorithm 1, literally, with its open points settled.
+
+Settled: a new start position is the open cell with the cheapest way from here (ties: lowest row,
+then lowest column), the direction of travel is looked for anew in every row that the robot comes
+to (+x first, then -x), a diagonal step is two moves through a side cell that is not blocked, and
+the algorithm ends when no reachable open cell is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.exploration.explorer import (
+    BLOCKED,
+    OPEN,
+    VISITED,
+    Codes,
+    CoverageGrid,
+    Finished,
+    Leg,
+    leg_along,
+    start_cell,
+    unreachable_cells,
+)
+from slarm_graph.exploration.planning import Indices, Moves, nearest_wanted, walk_back
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import Cells
+
+_HORIZON_CELLS: Final = 400
+_MAX_ATTEMPTS: Final = 4
+
+
+@dataclass(frozen=True, slots=True)
+class GgmrCounts:
+    """What Algorithm 1 took.
+
+    Parameters
+    ----------
+    comparisons : int
+        Looks at the value of a neighbouring cell.
+    restarts : int
+        New start positions, each reached by A*.
+    turns : int
+        Changes of the direction of travel.
+    revisits : int
+        Steps into cells that were visited before.
+    """
+
+    comparisons: int = 0
+    restarts: int = 0
+    turns: int = 0
+    revisits: int = 0
+
+    def __add__(self, other: GgmrCounts) -> GgmrCounts:
+        return GgmrCounts(
+            self.comparisons + other.comparisons,
+            self.restarts + other.restarts,
+            self.turns + other.turns,
+            self.revisits + other.revisits,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GgmrPath:
+    """A run of Algorithm 1.
+
+    Parameters
+    ----------
+    cells : (M, 2) int64
+        Cells in the order of driving, the start included.
+    facing : (M,) int64
+        Direction of travel along the row at every cell; 0 where it is looked for anew.
+    counts : GgmrCounts
+    complete : bool
+        Whether no reachable open cell is left.
+    """
+
+    cells: Cells
+    facing: Indices
+    counts: GgmrCounts
+    complete: bool
+
+
+def ggmr_path(
+    coverage: CoverageGrid,
+    start: tuple[int, int],
+    *,
+    facing: int = 0,
+    max_cells: int | None = None,
+) -> GgmrPath:
+    """Run Algorithm 1 on the map so far.
+
+    Parameters
+    ----------
+    coverage : CoverageGrid
+    start : (row, col)
+    facing : {0, 1, -1}
+        Direction of travel along the row to go on with; 0 looks for it anew.
+    max_cells : int, optional
+        Stop after the first step that makes the path this long.
+    """
+    codes = coverage.codes.copy()
+    limit = np.iinfo(np.int64).max if max_cells is None else max_cells
+    cols = coverage.geometry.cols
+    flat, facings, tally, complete = _algorithm_1(
+        codes, coverage.moves, start[0] * cols + start[1], facing, limit
+    )
+    cells = np.stack(np.divmod(flat, cols), axis=-1)
+    steps = np.diff(flat)
+    turns = int(np.count_nonzero(steps[1:] != steps[:-1]))
+    counts = GgmrCounts(int(tally[0]), int(tally[1]), turns, int(tally[2]))
+    return GgmrPath(cells, facings, counts, bool(complete))
+
+
+class Ggmr:
+    """The literal algorithm in closed loop: every step is decided on the map so far.
+
+    A cell that was next several times without the robot getting into it is passed over, so that a
+    map that keeps changing cannot hold the robot forever.
+    """
+
+    def __init__(self) -> None:
+        self.counts = GgmrCounts()
+        self.skipped_cells = 0
+        self._last: GgmrPath | None = None
+        self._attempts: NDArray[np.uint8] | None = None
+
+    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Run Algorithm 1 from the robot's cell for some metres."""
+        coverage = self._without_hopeless(coverage)
+        start = start_cell(coverage, pose)
+        if start is None:
+            return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
+        path = ggmr_path(coverage, start, facing=self._facing(start), max_cells=_HORIZON_CELLS)
+        if path.complete and len(path.cells) == 1:
+            left = unreachable_cells(coverage, start)
+            return Finished("no reachable cell is left", left)
+        self._remember(path, coverage)
+        return leg_along(coverage, pose, path.cells, more=not path.complete)
+
+    def _facing(self, start: tuple[int, int]) -> int:
+        """Direction of travel that the last leg had where the robot is now."""
+        if self._last is None:
+            return 0
+        here = np.flatnonzero((self._last.cells == start).all(axis=1))
+        return int(self._last.facing[here[-1]]) if len(here) else 0
+
+    def _remember(self, path: GgmrPath, coverage: CoverageGrid) -> None:
+        self._last = path
+        self.counts += path.counts
+        assert self._attempts is not None
+        is_open = coverage.codes[path.cells[:, 0], path.cells[:, 1]] == OPEN
+        if is_open.any():
+            row, col = path.cells[np.argmax(is_open)]
+            self._attempts[row, col] += 1
+
+    def _without_hopeless(self, coverage: CoverageGrid) -> CoverageGrid:
+        if self._attempts is None or self._attempts.shape != coverage.codes.shape:
+            self._attempts = np.zeros(coverage.codes.shape, dtype=np.uint8)
+        hopeless = (self._attempts >= _MAX_ATTEMPTS) & (coverage.codes == OPEN)
+        self.skipped_cells = int(hopeless.sum())
+        if not self.skipped_cells:
+            return coverage
+        return replace(coverage, codes=np.where(hopeless, VISITED, coverage.codes).astype(np.uint8))
+
+
+@njit(cache=True, nogil=True)
+def _algorithm_1(
+    codes: Codes, moves: Moves, start: int, facing: int, max_cells: int
+) -> tuple[Indices, Indices, Indices, bool]:
+    """Walk until `max_cells` are in the path or nothing reachable is left; marks `codes`.
+
+    Returns the path, the facing at its cells, (comparisons, restarts, revisits), and whether
+    nothing is left.
+    """
+    cols = codes.shape[1]
+    flat, bits = codes.ravel(), moves.ravel()
+    cost = np.empty(flat.size)
+    parent = np.empty(flat.size, dtype=np.int64)
+    stamp = np.zeros(flat.size, dtype=np.int32)
+    tally = np.zeros(3, dtype=np.int64)
+    here = start
+    flat[here] = VISITED
+    path, facings = [here], [facing]
+    while len(path) < max_cells:
+        if facing == 0:
+            # +x first, then -x.
+            facing = 1
+            tally[0] += 1
+            if not ((bits[here] & 1) and flat[here + 1] == OPEN):
+                tally[0] += 1
+                if (bits[here] >> 4) & 1 and flat[here - 1] == OPEN:
+                    facing = -1
+        ahead_open = (bits[here] >> (0 if facing > 0 else 4)) & 1
+        tally[0] += 1
+        if ahead_open and flat[here + facing] == OPEN:
+            here += facing
+            flat[here] = VISITED
+            path.append(here)
+            facings.append(facing)
+            continue
+        first, second, looks = _step_up(flat, bits, here, facing, cols)
+        tally[0] += looks
+        facing = 0
+        if first >= 0:
+            if second >= 0:
+                tally[2] += 1
+                path.append(first)
+                facings.append(0)
+                first = second
+            here = first
+            flat[here] = VISITED
+            path.append(here)
+            facings.append(0)
+            continue
+        goal = nearest_wanted(moves, flat, OPEN, here, cost, parent, stamp, tally[1] + 1)
+        if goal < 0:
+            return np.array(path), np.array(facings), tally, True
+        tally[1] += 1
+        way = walk_back(parent, goal)
+        tally[2] += len(way) - 2
+        for cell in way[1:]:
+            path.append(cell)
+            facings.append(0)
+        here = goal
+        flat[here] = VISITED
+    return np.array(path), np.array(facings), tally, False
+
+
+@njit(cache=True, nogil=True)
+def _step_up(
+    flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int, facing: int, cols: int
+) -> tuple[int, int, int]:
+    """Look up, up-ahead and up-behind.
+
+    Returns the next cell and, for a diagonal, the cell after it (-1: none), and the looks taken.
+    """
+    up = here + cols
+    up_open = (bits[here] >> 2) & 1
+    if up_open and flat[up] == OPEN:
+        return up, -1, 1
+    looks = 1
+    for side in (facing, -facing):
+        looks += 1
+        d = 0 if side > 0 else 4
+        via_up = up_open and (bits[up] >> d) & 1
+        if via_up and flat[up] != BLOCKED and flat[up + side] == OPEN:
+            return up, up + side, looks
+        beside = here + side
+        via_side = (bits[here] >> d) & 1 and (bits[beside] >> 2) & 1
+        if via_side and flat[beside] != BLOCKED and flat[beside + cols] == OPEN:
+            return beside, beside + cols, looks
+    return -1, -1, looks

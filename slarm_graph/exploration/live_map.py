@@ -1,0 +1,261 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The map while driving: counted on a fixed lattice, cheap to update, re-made when poses move."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.config import ExploreConfig
+from slarm_graph.exploration.explorer import CoverageGrid, coverage_grid, driving_grid
+from slarm_graph.exploration.planning import clearance_m
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.polygons import contains
+from slarm_graph.readings import LaserScan
+
+Counts = NDArray[np.int32]
+
+UNKNOWN: Final = 0
+FREE: Final = 1
+OCCUPIED: Final = 2
+
+_OCCUPIED_FROM: Final = 4
+"""A cell is occupied when at least one in this many of its visits were hits."""
+_MAX_DRIVING_CELLS: Final = 1_500_000
+
+
+class LiveMap:
+    """What the robot knows of its surroundings, on driving cells inside the rough boundary.
+
+    Parameters
+    ----------
+    extent_m : (x_min, x_max, y_min, y_max)
+        The rough boundary [m].
+    config : ExploreConfig
+    """
+
+    def __init__(self, extent_m: tuple[float, float, float, float], config: ExploreConfig) -> None:
+        self.config = config
+        self.geometry = GridGeometry.covering(*extent_m, config.resolution_m)
+        self.driving_geometry = _divided(self.geometry, config.driving.grid_m)
+        self._forbidden = _forbidden(self.driving_geometry, extent_m, config)
+        self._scan_points = np.empty((0, 2))
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything."""
+        shape = self.driving_geometry.shape
+        self._hits = np.zeros(shape, dtype=np.int32)
+        self._visits = np.zeros(shape, dtype=np.int32)
+        self.states = np.zeros(shape, dtype=np.uint8)
+        self.swept = np.zeros(shape, dtype=np.bool_)
+        self.visited = np.zeros(self.geometry.shape, dtype=np.bool_)
+
+    def add(self, scan: LaserScan, pose: Pose2) -> None:
+        """Take in one scan from a pose `map_from_robot`."""
+        g, laser = self.driving_geometry, pose @ scan.robot_from_laser
+        _observe(
+            self._hits,
+            self._visits,
+            self.states,
+            np.array([g.origin_x_m, g.origin_y_m, g.resolution_m]),
+            laser.as_array(),
+            scan.ranges_m,
+            np.array([scan.angle_min_rad, scan.angle_increment_rad]),
+            np.array([scan.range_min_m, scan.range_max_m]),
+        )
+
+    def stand_by(self, scan: LaserScan, pose: Pose2) -> None:
+        """Keep away from what the present scan shows, whatever the map says."""
+        self._scan_points = pose.transform(scan.points_m())
+
+    def pass_over(self, points_m: Floats) -> None:
+        """Mark what the robot's centre and its disc cover along points (N, 2) [m]."""
+        self._mark(points_m, self.visited, self.swept)
+
+    def coverage(self, ahead_m: Floats | None = None) -> CoverageGrid:
+        """Return the paper's grid for the map so far.
+
+        Parameters
+        ----------
+        ahead_m : (K, 2) float64, optional
+            A way that is about to be driven and counts as such [m].
+        """
+        g = self.driving_geometry
+        visited, swept = self.visited.copy(), self.swept.copy()
+        if ahead_m is not None:
+            self._mark(ahead_m, visited, swept)
+        occupied = self.states == OCCUPIED
+        everywhere = (slice(0, g.rows), slice(0, g.cols))
+        passable = self._clearance_m(everywhere) >= self._needed_m()
+        grid = driving_grid(g, passable, occupied, self.states == FREE, swept)
+        return coverage_grid(self.geometry, grid, visited)
+
+    def is_clear(self, way_m: Floats) -> bool:
+        """Whether the body still fits along a way (K, 2) [m] near the robot.
+
+        This asks for less room than planning does, so that a wall that comes nearer by a cell does
+        not upset a way along it.
+        """
+        g, radius_m = self.driving_geometry, self.config.driving.robot_radius_m
+        spots = g.cell_of(_densely(way_m, g.resolution_m))
+        spots = spots[g.contains(spots)]
+        if not len(spots):
+            return True
+        reach = math.ceil(radius_m / g.resolution_m) + 2
+        low = np.maximum(spots.min(axis=0) - reach, 0)
+        high = spots.max(axis=0) + reach + 1
+        window = (slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1])))
+        clearance = self._clearance_m(window)[spots[:, 0] - low[0], spots[:, 1] - low[1]]
+        return bool(clearance.min() >= min(self._needed_m(), radius_m + 0.5 * g.resolution_m))
+
+    def _needed_m(self) -> float:
+        """Distance between the robot's centre and the centre of an occupied cell [m]."""
+        driving = self.config.driving
+        half_cell_m = 0.5 * self.driving_geometry.resolution_m
+        return driving.robot_radius_m + driving.margin_m + half_cell_m
+
+    def _clearance_m(self, window: tuple[slice, slice]) -> NDArray[np.float32]:
+        in_the_way = (self.states[window] == OCCUPIED) | self._forbidden[window]
+        near = self.driving_geometry.cell_of(self._scan_points)
+        near = near - np.array([window[0].start, window[1].start])
+        rows, cols = in_the_way.shape
+        inside = (near >= 0).all(axis=1) & (near[:, 0] < rows) & (near[:, 1] < cols)
+        in_the_way[near[inside, 0], near[inside, 1]] = True
+        return clearance_m(in_the_way, self.driving_geometry.resolution_m)
+
+    def _mark(self, points_m: Floats, visited: Mask, swept: Mask) -> None:
+        g = self.driving_geometry
+        way = _densely(points_m, 0.5 * g.resolution_m)
+        cells = self.geometry.cell_of(way)
+        inside = self.geometry.contains(cells)
+        visited[cells[inside, 0], cells[inside, 1]] = True
+        corner = np.array([g.origin_x_m, g.origin_y_m])
+        radius = self.config.driving.robot_radius_m / g.resolution_m
+        mark_swept(swept, (points_m - corner) / g.resolution_m, radius)
+
+    def observed(self) -> Mask:
+        """Coverage cells (rows, cols) whose centre has been seen free."""
+        centers = self.geometry.centers()
+        seen = self.driving_geometry.sample(self.states, centers, UNKNOWN)
+        return np.asarray(seen == FREE)
+
+    def footprint(self) -> Mask:
+        """Coverage cells (rows, cols) over whose centre the robot's disc has passed."""
+        centers = self.geometry.centers()
+        return np.asarray(self.driving_geometry.sample(self.swept, centers, 0.0))
+
+
+def mark_swept(swept: Mask, way: Floats, radius: float) -> None:
+    """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
+    _sweep(swept, _densely(way, 0.5), radius)
+
+
+def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
+    """Divide cells until they are at most `limit_m` wide, or 0.05 m where that would be many."""
+    fine = max(1, math.ceil(round(geometry.resolution_m / limit_m, 6)))
+    coarse = max(1, math.ceil(round(geometry.resolution_m / 0.05, 6)))
+    if geometry.rows * geometry.cols * fine * fine > _MAX_DRIVING_CELLS:
+        fine = coarse
+    return GridGeometry(
+        geometry.origin_x_m,
+        geometry.origin_y_m,
+        geometry.resolution_m / fine,
+        geometry.rows * fine,
+        geometry.cols * fine,
+    )
+
+
+def _forbidden(
+    geometry: GridGeometry, extent_m: tuple[float, float, float, float], config: ExploreConfig
+) -> Mask:
+    """Driving cells (rows, cols) that the user or the rough boundary rules out."""
+    centers = geometry.centers()
+    x, y = centers[..., 0], centers[..., 1]
+    shrink_m = 0.5 * config.slam_rmse_m
+    limits = [(extent_m, shrink_m)] + ([(config.area, 0.0)] if config.area else [])
+    out = np.zeros(geometry.shape, dtype=np.bool_)
+    for (x_min, x_max, y_min, y_max), inset in limits:
+        out |= (x < x_min + inset) | (x > x_max - inset) | (y < y_min + inset) | (y > y_max - inset)
+    for corners in config.keep_out:
+        out |= contains(np.array(corners, dtype=np.float64), centers)
+    return out
+
+
+def _densely(points: Floats, step_m: float) -> Floats:
+    """Points (M, 2) along a polyline (N, 2), at most `step_m` apart."""
+    if len(points) < 2:
+        return points
+    pieces = np.maximum(1, np.ceil(np.hypot(*np.diff(points, axis=0).T) / step_m)).astype(np.int64)
+    knots = np.concatenate([[0], np.cumsum(pieces)])
+    at = np.arange(knots[-1] + 1)
+    return np.stack([np.interp(at, knots, points[:, k]) for k in (0, 1)], axis=-1)
+
+
+@njit(cache=True, nogil=True)
+def _observe(
+    hits: Counts,
+    visits: Counts,
+    states: NDArray[np.uint8],
+    lattice: Floats,
+    laser: Floats,
+    ranges: NDArray[np.floating],
+    angles: Floats,
+    limits: Floats,
+) -> None:
+    """Count the beams of one scan with Bresenham's line and keep the states up to date."""
+    rows, cols = states.shape
+    origin_x, origin_y, resolution = lattice
+    for b in range(len(ranges)):
+        r = ranges[b]
+        if math.isnan(r) or r < limits[0] or (r > limits[1] and r != math.inf):
+            continue
+        length = min(r, limits[1])
+        direction = laser[2] + angles[0] + b * angles[1]
+        end_col = math.floor((laser[0] + length * math.cos(direction) - origin_x) / resolution)
+        end_row = math.floor((laser[1] + length * math.sin(direction) - origin_y) / resolution)
+        col = math.floor((laser[0] - origin_x) / resolution)
+        row = math.floor((laser[1] - origin_y) / resolution)
+        d_col, d_row = abs(end_col - col), -abs(end_row - row)
+        step_col = 1 if end_col > col else -1
+        step_row = 1 if end_row > row else -1
+        error = d_col + d_row
+        while 0 <= row < rows and 0 <= col < cols:
+            last = row == end_row and col == end_col
+            visits[row, col] += 1
+            if last and r <= limits[1]:
+                hits[row, col] += 1
+            state = OCCUPIED if hits[row, col] * _OCCUPIED_FROM >= visits[row, col] else FREE
+            states[row, col] = state
+            if last:
+                break
+            twice = 2 * error
+            if twice >= d_row:
+                error += d_row
+                col += step_col
+            if twice <= d_col:
+                error += d_col
+                row += step_row
+
+
+@njit(cache=True, nogil=True)
+def _sweep(swept: Mask, way: Floats, radius: float) -> None:
+    """Mark the cells whose centre lies under a disc on the way; all in cells."""
+    rows, cols = swept.shape
+    for i in range(len(way)):
+        x, y = way[i, 0], way[i, 1]
+        for row in range(max(0, math.floor(y - radius)), min(rows, math.ceil(y + radius) + 1)):
+            dy = row + 0.5 - y
+            left = radius * radius - dy * dy
+            if left < 0.0:
+                continue
+            half = math.sqrt(left)
+            first = max(0, math.ceil(x - half - 0.5))
+            for col in range(first, min(cols, math.floor(x + half - 0.5) + 1)):
+                swept[row, col] = True

@@ -1,0 +1,177 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The radio stage: from a geographic map, or a true world, to the expected gain in every cell."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config import RadioConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.radio.line_of_sight import (
+    line_of_sight_over_cells,
+    line_of_sight_past_solids,
+    line_of_sight_to_points,
+)
+from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
+from slarm_graph.radio_words import AccessPoint, RadioMap
+from slarm_graph.recovery.outlines import inside_any
+from slarm_graph.truth_map import solid_heights_m
+from slarm_graph.world import WorldMap
+
+_log = logging.getLogger(__name__)
+
+_FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
+
+
+def radio_map(
+    geographic: GeographicMap, access_points: Sequence[AccessPoint], config: RadioConfig
+) -> RadioMap:
+    """Compute the expected path loss from every access point to every free cell (eq. (15)-(16)).
+
+    Line of sight is decided on the map's solids where it has any, else on its cells.
+
+    Parameters
+    ----------
+    geographic : GeographicMap
+    access_points : sequence of AccessPoint, at least one
+        A point outside the map is warned about and computed all the same.
+    config : RadioConfig
+
+    Raises
+    ------
+    BadInput
+        Without an access point, for an unknown scenario or a frequency outside its range.
+    """
+    for notice in radio_notices(geographic.geometry, access_points, config):
+        _log.warning(notice)
+
+    free = np.isin(geographic.states, _FREE)
+
+    def sight(position_m: Floats) -> Mask:
+        return _recovered_sight(geographic, free, position_m, config)
+
+    return _map_of(
+        geographic.geometry, free, access_points, config, sight, geographic.height_source
+    )
+
+
+def _recovered_sight(
+    geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
+) -> Mask:
+    """Line of sight (rows, cols) on the map's solids where it has any, else on its cells."""
+    geometry, height_m = geographic.geometry, config.antenna_height_m
+    if not geographic.solids:
+        return line_of_sight_over_cells(
+            geometry,
+            geographic.heights_m,
+            position_m,
+            height_m,
+            mount_radius_m=config.mount_radius_m,
+        )
+    clear = line_of_sight_past_solids(
+        geometry,
+        geographic.solids,
+        position_m,
+        height_m,
+        mount_radius_m=config.mount_radius_m,
+    )
+    # The centre of a free cell on a wall's face may come to lie a little inside the wall.
+    on_face = free & inside_any(geometry, [solid.corners_m for solid in geographic.solids])
+    if on_face.any():
+        points = geometry.centers()[on_face]
+        clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
+    return clear
+
+
+def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:
+    """Compute the radio map of the true geometry, for the world's own access points.
+
+    A cell is free by the centre rule of `truth_map`.
+
+    Raises
+    ------
+    BadInput
+        As `radio_map`.
+    """
+
+    def sight(position_m: Floats) -> Mask:
+        return line_of_sight_past_solids(
+            geometry,
+            world.solids,
+            position_m,
+            config.antenna_height_m,
+            boundary_m=world.boundary_m,
+            mount_radius_m=config.mount_radius_m,
+        )
+
+    free = solid_heights_m(world, geometry) <= 0.0
+    return _map_of(geometry, free, world.access_points, config, sight, "truth")
+
+
+def radio_notices(
+    geometry: GridGeometry, access_points: Sequence[AccessPoint], config: RadioConfig
+) -> tuple[str, ...]:
+    """Say what a user should know before trusting a radio map on this grid."""
+    x_min, x_max, y_min, y_max = geometry.extent_m
+    notices = []
+    for ap in access_points:
+        if not (x_min <= ap.x_m <= x_max and y_min <= ap.y_m <= y_max):
+            notices.append(
+                f"access point {ap.name} at ({ap.x_m:g}, {ap.y_m:g}) m lies outside the map"
+                f" ({x_min:.2f} to {x_max:.2f}, {y_min:.2f} to {y_max:.2f}) m; computed all the"
+                " same"
+            )
+        far = outside_range(_distances_m(geometry, ap, config), config.scenario)
+        if far.any():
+            low, high = find_scenario(config.scenario).distance_m
+            notices.append(
+                f"{far.mean():.1%} of the cells are outside the {low:g} to {high:g} m for which"
+                f" {config.scenario} holds (access point {ap.name})"
+            )
+    return tuple(notices)
+
+
+def _map_of(
+    geometry: GridGeometry,
+    free: Mask,
+    access_points: Sequence[AccessPoint],
+    config: RadioConfig,
+    sight: Callable[[Floats], Mask],
+    height_source: str,
+) -> RadioMap:
+    """Path loss and line of sight of every access point, nan where no antenna can be."""
+    if not access_points:
+        raise BadInput("a radio map needs at least one access point: --ap X Y Z")
+    clear = np.stack([sight(ap.position_m()) for ap in access_points]) & free
+    loss_db: NDArray[np.float32] = np.full(clear.shape, np.nan, dtype=np.float32)
+    for ap, ap_clear, ap_loss_db in zip(access_points, clear, loss_db, strict=True):
+        distances_m = _distances_m(geometry, ap, config)[free]
+        ap_loss_db[free] = path_loss_db(
+            distances_m, ap.frequency_hz, ap_clear[free], config.scenario
+        )
+    return RadioMap(
+        geometry=geometry,
+        access_points=tuple(access_points),
+        path_loss_db=loss_db,
+        line_of_sight=clear,
+        antenna_height_m=config.antenna_height_m,
+        scenario=config.scenario,
+        rician_factor_db=config.rician_factor_db,
+        height_source=height_source,
+    )
+
+
+def _distances_m(geometry: GridGeometry, ap: AccessPoint, config: RadioConfig) -> Floats:
+    """3D distance from the access point to the antenna over every cell (rows, cols) [m]."""
+    x = geometry.center_of(np.stack([np.zeros(geometry.cols), np.arange(geometry.cols)], -1))[:, 0]
+    y = geometry.center_of(np.stack([np.arange(geometry.rows), np.zeros(geometry.rows)], -1))[:, 1]
+    flat_sq = (y[:, None] - ap.y_m) ** 2 + (x[None, :] - ap.x_m) ** 2
+    return np.sqrt(flat_sq + (ap.z_m - config.antenna_height_m) ** 2)

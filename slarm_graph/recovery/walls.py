@@ -1,0 +1,315 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Straight walls: the outline of the free region, moved onto lines fitted to laser returns.
+
+A stretch of outline that has enough returns beside it is replaced by their line, parallel to one of
+the building's two main directions where the returns allow it; what has none stays as the cells
+have it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.recovery.outlines import simplified_m
+
+_SIMPLIFY_CELLS = 1.5
+_BAND_CELLS = 2.0
+_END_CELLS = 1.5
+_SHORTEST_M = 0.3
+_INLIER_M = (0.015, 0.04)
+_COVERED_SHARE = 0.5
+_MAIN_RAD = math.radians(4.0)
+_SNAP_CELLS = 0.3
+_SAME_RAD = math.radians(3.0)
+_SAME_CELLS = 0.6
+_PARALLEL_RAD = math.radians(15.0)
+_CORNER_CELLS = 4.0
+_JUT_CELLS = 2.5
+_MOST_TAKEN_IN = 5
+_LEAST_MAIN_M = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Returns:
+    """Laser returns gathered per cell.
+
+    Parameters
+    ----------
+    points : (M, 2) float64
+        Mean of a cell's returns [m].
+    weights : (M,) float64
+        How many there were.
+    tree : cKDTree
+        Of the points.
+    """
+
+    points: Floats
+    weights: Floats
+    tree: cKDTree
+
+    @staticmethod
+    def of(points: Floats, weights: Floats) -> Returns:
+        """Index returns by place."""
+        return Returns(points, weights, cKDTree(points))
+
+    def around(self, center: Floats, radius_m: float) -> tuple[Floats, Floats]:
+        """Points (K, 2) and weights (K,) within a radius of a place."""
+        near = self.tree.query_ball_point(center, radius_m, return_sorted=True)
+        return self.points[near], self.weights[near]
+
+
+@dataclass(frozen=True, slots=True)
+class Wall:
+    """A stretch of outline with the free region on its left.
+
+    Parameters
+    ----------
+    start, end : (2,) float64
+        Where the outline's corners were [m].
+    anchor, direction : (2,) float64
+        A point on the line [m], and a unit vector along it.
+    fitted : bool
+        Whether returns support the line.
+    """
+
+    start: Floats
+    end: Floats
+    anchor: Floats
+    direction: Floats
+    fitted: bool
+
+    @property
+    def length_m(self) -> float:
+        """Distance between the corners [m]."""
+        return float(np.linalg.norm(self.end - self.start))
+
+    def off_m(self, points: Floats) -> Floats:
+        """Signed distance of points (..., 2) to the line, positive on the free side [m]."""
+        rel = points - self.anchor
+        return np.asarray(self.direction[0] * rel[..., 1] - self.direction[1] * rel[..., 0])
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """A closed outline of the free region, which lies on its left.
+
+    Parameters
+    ----------
+    corners_m : (K, 2) float64
+    fitted : (K,) bool
+        Whether the side from corner k to k + 1 lies on a fitted line.
+    """
+
+    corners_m: Floats
+    fitted: Mask
+
+
+_NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
+
+
+def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
+    """Reduce end points (N, 2) [m] to their mean per cell, which keeps lines through them."""
+    if not len(end_points_m):
+        return _NO_RETURNS
+    cells = np.floor(end_points_m / resolution_m).astype(np.int64)
+    low = cells.min(axis=0)
+    width = int(cells[:, 1].max() - low[1]) + 1
+    keys = (cells[:, 0] - low[0]) * width + cells[:, 1] - low[1]
+    _, index, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    sums = [np.bincount(index, weights=end_points_m[:, axis]) for axis in range(2)]
+    return Returns.of(np.stack(sums, axis=1) / counts[:, None], counts.astype(np.float64))
+
+
+def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> Returns:
+    """Take the sides that occupied and reached cells share for returns, where none are known."""
+    points = []
+    padded = np.pad(reached, 1)
+    for up, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        rows, cols = reached.shape
+        neighbour = padded[1 + up : 1 + up + rows, 1 + right : 1 + right + cols]
+        half = 0.5 * geometry.resolution_m * np.array([right, up])
+        points.append(geometry.center_of(np.argwhere(occupied & neighbour)) + half)
+    sides = np.concatenate(points)
+    return Returns.of(sides, np.ones(len(sides)))
+
+
+def straightened(
+    outlines_m: Sequence[Floats], returns: Returns, resolution_m: float
+) -> list[Outline]:
+    """Straighten all outlines (K, 2) of a free region [m]."""
+    rings = []
+    for outline in outlines_m:
+        corners = simplified_m(outline, _SIMPLIFY_CELLS * resolution_m)
+        ends = np.roll(corners, -1, axis=0)
+        # Nothing is fitted to what is smaller than the shortest wall.
+        near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else _NO_RETURNS
+        rings.append([_fit(a, b, near, resolution_m) for a, b in zip(corners, ends, strict=True)])
+    main_rad = main_direction_rad([wall for ring in rings for wall in ring])
+    return [_closed(_joined(ring, returns, resolution_m), main_rad, resolution_m) for ring in rings]
+
+
+def main_direction_rad(walls: Sequence[Wall]) -> float | None:
+    """Angle in [0, pi/2) most of the fitted length is parallel or square to; None without any."""
+    fitted = [wall for wall in walls if wall.fitted]
+    lengths = np.array([wall.length_m for wall in fitted])
+    if lengths.sum() < _LEAST_MAIN_M:
+        return None
+    fourfold = 4.0 * np.array([math.atan2(w.direction[1], w.direction[0]) for w in fitted])
+    bins = np.round(np.mod(fourfold, 2 * np.pi) / (2 * np.pi) * 90).astype(int) % 90
+    votes = np.bincount(bins, weights=lengths, minlength=90)
+    votes += np.roll(votes, 1) + np.roll(votes, -1)
+    peak = votes.argmax() * 2 * np.pi / 90
+    near = np.cos(fourfold - peak) > math.cos(4 * _MAIN_RAD)
+    weights = lengths[near]
+    mean = np.sum(weights * np.exp(1j * fourfold[near]))
+    return float(np.mod(np.angle(mean) / 4.0, np.pi / 2))
+
+
+def _fit(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> Wall:
+    """Fit the line of the returns beside a stretch of outline."""
+    length = float(np.linalg.norm(end - start))
+    along = (end - start) / max(length, 1e-12)
+    wall = Wall(start, end, start, along, fitted=False)
+    trim = min(_END_CELLS * resolution_m, 0.25 * length)
+    if length < max(_SHORTEST_M, 3 * resolution_m):
+        return wall
+    band_m = _BAND_CELLS * resolution_m
+    points, weights = returns.around(0.5 * (start + end), math.hypot(0.5 * length, band_m))
+    s = (points - start) @ along
+    near = (s > trim) & (s < length - trim) & (np.abs(wall.off_m(points)) <= band_m)
+    points, weights = points[near], weights[near]
+    covered = len(np.unique((s[near] / resolution_m).astype(np.int64)))
+    if covered < max(3.0, _COVERED_SHARE * (length - 2 * trim) / resolution_m):
+        return wall
+    for _ in range(3):
+        inliers = _inliers(wall.off_m(points), weights)
+        wall = _least_squares(start, end, points[inliers], weights[inliers])
+        if inliers.sum() < 3:
+            return Wall(start, end, start, along, fitted=False)
+    return wall
+
+
+def _inliers(off_m: Floats, weights: Floats) -> Mask:
+    """Points near the weighted median, within a few of their own spreads."""
+    middle = _weighted_median(off_m, weights)
+    spread = 1.4826 * _weighted_median(np.abs(off_m - middle), weights)
+    return np.asarray(np.abs(off_m - middle) <= np.clip(2.5 * spread, *_INLIER_M))
+
+
+def _weighted_median(values: Floats, weights: Floats) -> float:
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+
+
+def _least_squares(start: Floats, end: Floats, points: Floats, weights: Floats) -> Wall:
+    """Total least squares line, directed from start to end."""
+    anchor = np.average(points, axis=0, weights=weights)
+    rel = points - anchor
+    xx, yy, xy = (
+        float(np.sum(weights * rel[:, i] * rel[:, j])) for i, j in ((0, 0), (1, 1), (0, 1))
+    )
+    angle = 0.5 * math.atan2(2 * xy, xx - yy)
+    direction = np.array([math.cos(angle), math.sin(angle)])
+    if direction @ (end - start) < 0.0:
+        direction = -direction
+    return Wall(start, end, anchor, direction, fitted=True)
+
+
+def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wall]:
+    """Let every fitted wall take in its neighbours on the same line, and what juts out between."""
+    for step in (1, -1):
+        at = 0
+        while at < len(ring):
+            taken = _taken_in(ring, at, step, returns, resolution_m) if ring[at].fitted else None
+            if taken is None:
+                at += 1
+                continue
+            wall, count = taken
+            gone = {(at + step * k) % len(ring) for k in range(1, count + 1)}
+            ring[at] = wall
+            at -= sum(index < at for index in gone)
+            ring = [other for index, other in enumerate(ring) if index not in gone]
+    return ring
+
+
+def _taken_in(
+    ring: list[Wall], at: int, step: int, returns: Returns, resolution_m: float
+) -> tuple[Wall, int] | None:
+    """Return the wall with neighbours on one side taken in, and how many; None without any."""
+    wall = ring[at]
+    for count in range(1, min(_MOST_TAKEN_IN, len(ring) - 3) + 1):
+        other = ring[(at + step * count) % len(ring)]
+        far = other.end if step > 0 else other.start
+        if abs(wall.off_m(far)) > _JUT_CELLS * resolution_m:
+            return None
+        if other.fitted and not _same_line(wall, other, resolution_m):
+            continue
+        start, end = (wall.start, far) if step > 0 else (far, wall.end)
+        if np.linalg.norm(end - start) < wall.length_m + 0.5 * resolution_m:
+            continue
+        both = _fit(start, end, returns, resolution_m)
+        if both.fitted and _same_line(wall, both, resolution_m):
+            return both, count
+    return None
+
+
+def _same_line(a: Wall, b: Wall, resolution_m: float) -> bool:
+    if not (a.fitted and b.fitted) or a.direction @ b.direction < math.cos(_SAME_RAD):
+        return False
+    reach = _SAME_CELLS * resolution_m
+    return bool(abs(a.off_m(_foot(b, 0.5 * (b.start + b.end)))) <= reach)
+
+
+def _closed(ring: list[Wall], main_rad: float | None, resolution_m: float) -> Outline:
+    """Snap walls to the main directions and let neighbours meet in corners."""
+    walls = [_snapped(wall, main_rad, resolution_m) for wall in ring]
+    corners: list[Floats] = []
+    fitted: list[bool] = []
+    for before, wall in zip([walls[-1], *walls[:-1]], walls, strict=True):
+        meet = _corner(before, wall, resolution_m)
+        if meet is None:
+            # A jog: the side between the two feet belongs to neither line.
+            corners += [_foot(before, wall.start), _foot(wall, wall.start)]
+            fitted += [False, wall.fitted]
+        else:
+            corners.append(meet)
+            fitted.append(wall.fitted)
+    return Outline(np.array(corners), np.array(fitted))
+
+
+def _snapped(wall: Wall, main_rad: float | None, resolution_m: float) -> Wall:
+    if main_rad is None or not wall.fitted:
+        return wall
+    angle = math.atan2(wall.direction[1], wall.direction[0])
+    square = main_rad + round((angle - main_rad) / (np.pi / 2)) * np.pi / 2
+    turn = abs(math.remainder(angle - square, 2 * math.pi))
+    sway_m = 0.5 * wall.length_m * math.sin(turn)
+    if turn > _MAIN_RAD or sway_m > max(0.015, _SNAP_CELLS * resolution_m):
+        return wall
+    direction = np.array([math.cos(square), math.sin(square)])
+    return Wall(wall.start, wall.end, wall.anchor, direction, fitted=True)
+
+
+def _foot(wall: Wall, point: Floats) -> Floats:
+    return np.asarray(wall.anchor + (point - wall.anchor) @ wall.direction * wall.direction)
+
+
+def _corner(a: Wall, b: Wall, resolution_m: float) -> Floats | None:
+    """Where two walls meet; None when they are nearly parallel or meet far from their corner."""
+    cross = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0]
+    if abs(cross) < math.sin(_PARALLEL_RAD):
+        near = np.linalg.norm(_foot(a, b.start) - _foot(b, b.start)) < 1e-9
+        return _foot(b, b.start) if near else None
+    meet = np.asarray(a.anchor + a.direction * (b.off_m(a.anchor) / cross))
+    if np.linalg.norm(meet - b.start) > _CORNER_CELLS * resolution_m:
+        return None
+    return meet
