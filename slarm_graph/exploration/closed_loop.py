@@ -8,14 +8,23 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+import cv2
 import numpy as np
 
 from slarm_graph.backend import Heartbeat, SlamBackend, SlamResult, silent
 from slarm_graph.config import ExploreConfig
 from slarm_graph.exploration.drive_report import DriveReport, drive_report
-from slarm_graph.exploration.explorer import CoverageGrid, Explorer, Finished, Leg, way_between
+from slarm_graph.exploration.explorer import (
+    CoverageGrid,
+    Explorer,
+    Finished,
+    Leg,
+    driving_cell,
+    way_between,
+)
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.exploration.path_follower import PathFollower, free_ahead_m
+from slarm_graph.exploration.planning import reachable
 from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry
@@ -260,6 +269,8 @@ class ClosedLoop:
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
         goal = self._goal(coverage, pose)
+        if isinstance(goal, Finished) and not go_on:
+            goal = self._squeeze(coverage, pose) or goal
         if isinstance(goal, Finished):
             self._leg = Leg(np.empty((0, 2)), more=False)
             if not go_on:
@@ -274,6 +285,20 @@ class ClosedLoop:
             self.follower.extend(goal.points_m)
         else:
             self.follower.follow(goal.points_m)
+
+    def _squeeze(self, coverage: CoverageGrid, pose: Pose2) -> Leg | None:
+        """Look for a way through a gap that the body just fits through, into a part unknown."""
+        tight = self.live.coverage(tight=True)
+        start = driving_cell(coverage.driving, pose.x, pose.y)
+        if start is None or self._going_home:
+            return None
+        beyond = reachable(tight.driving.moves, start) & ~reachable(coverage.driving.moves, start)
+        # A rim one cell or two wide all along the walls is no part of its own.
+        rim = np.ones((5, 5), dtype=np.uint8)
+        if not cv2.morphologyEx(beyond.astype(np.uint8), cv2.MORPH_OPEN, rim).any():
+            return None
+        goal = self._goal(tight, pose)
+        return goal if isinstance(goal, Leg) and len(goal.points_m) > 1 else None
 
     def _goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Ask until there is a way to drive, for a goal may turn out to have none."""

@@ -37,11 +37,10 @@ from slarm_graph.geometry import Floats, Pose2, wrap_angle
 from slarm_graph.grid import Mask
 
 _TRACKING_M: Final = 0.01
-_MIN_PART_M2: Final = 0.02
-_WORTH_S_M2: Final = 100.0
-_NEWS_M2: Final = 0.5
+_MIN_PART_M2: Final = 0.01
+_WORTH_S_M2: Final = 200.0
 _FIRST_REACH: Final = 64.0
-_MIN_WIDTH_M: Final = 0.05
+_MIN_WIDTH_M: Final = 0.025
 _ARC_WIDTHS_M: Final = (0.16, 0.6)
 _MAX_TRIES: Final = 4
 _SAME_PLACE_M: Final = 0.1
@@ -78,7 +77,7 @@ class GgmrPlus:
         return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
-        """Go over the next part; plan anew where much was learnt, and once more at the end."""
+        """Go over the next part; plan anew where floor was seen since, and once more at the end."""
         if not self._parts or self._has_learnt(driving):
             self._plan(driving, start)
         fresh = self._planned_on is driving.observed
@@ -94,11 +93,10 @@ class GgmrPlus:
         self._planned_on = driving.observed
 
     def _has_learnt(self, driving: DrivingGrid) -> bool:
-        """Whether enough floor was seen since the last plan to make another."""
+        """Whether floor was seen since the last plan that it does not know of."""
         if self._planned_on is None or self._planned_on.shape != driving.observed.shape:
             return True
-        news = int(np.sum(driving.observed & ~self._planned_on))
-        return news * driving.geometry.resolution_m**2 > _NEWS_M2
+        return bool(np.any(driving.observed & ~self._planned_on))
 
     def _next_part(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
         while self._parts:

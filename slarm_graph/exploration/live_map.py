@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -27,6 +28,7 @@ OCCUPIED: Final = 2
 
 _OCCUPIED_FROM: Final = 4
 """A cell is occupied when at least one in this many of its visits were hits."""
+_EXPLAINED_CELLS: Final = 2
 _MAX_DRIVING_CELLS: Final = 1_500_000
 
 
@@ -79,13 +81,15 @@ class LiveMap:
         """Mark what the robot's centre and its disc cover along points (N, 2) [m]."""
         self._mark(points_m, self.visited, self.swept)
 
-    def coverage(self, ahead_m: Floats | None = None) -> CoverageGrid:
+    def coverage(self, ahead_m: Floats | None = None, *, tight: bool = False) -> CoverageGrid:
         """Return the paper's grid for the map so far.
 
         Parameters
         ----------
         ahead_m : (K, 2) float64, optional
             A way that is about to be driven and counts as such [m].
+        tight : bool
+            Whether to do without the margin, for a gap that the body just fits through.
         """
         g = self.driving_geometry
         visited, swept = self.visited.copy(), self.swept.copy()
@@ -93,7 +97,8 @@ class LiveMap:
             self._mark(ahead_m, visited, swept)
         occupied = self.states == OCCUPIED
         everywhere = (slice(0, g.rows), slice(0, g.cols))
-        passable = self._clearance_m(everywhere) >= self._needed_m()
+        needed_m = self._least_m() if tight else self._needed_m()
+        passable = self._clearance_m(everywhere) >= needed_m
         grid = driving_grid(g, passable, occupied, self.states == FREE, swept)
         return coverage_grid(self.geometry, grid, visited)
 
@@ -103,31 +108,38 @@ class LiveMap:
         This asks for less room than planning does, so that a wall that comes nearer by a cell does
         not upset a way along it.
         """
-        g, radius_m = self.driving_geometry, self.config.driving.robot_radius_m
+        g = self.driving_geometry
         spots = g.cell_of(_densely(way_m, g.resolution_m))
         spots = spots[g.contains(spots)]
         if not len(spots):
             return True
-        reach = math.ceil(radius_m / g.resolution_m) + 2
+        reach = math.ceil(self._least_m() / g.resolution_m) + _EXPLAINED_CELLS + 1
         low = np.maximum(spots.min(axis=0) - reach, 0)
         high = spots.max(axis=0) + reach + 1
         window = (slice(int(low[0]), int(high[0])), slice(int(low[1]), int(high[1])))
         clearance = self._clearance_m(window)[spots[:, 0] - low[0], spots[:, 1] - low[1]]
-        return bool(clearance.min() >= min(self._needed_m(), radius_m + 0.5 * g.resolution_m))
+        return bool(clearance.min() >= self._least_m())
+
+    def _least_m(self) -> float:
+        """Least distance between the robot's centre and the centre of an occupied cell [m]."""
+        return self.config.driving.robot_radius_m + 0.5 * self.driving_geometry.resolution_m
 
     def _needed_m(self) -> float:
-        """Distance between the robot's centre and the centre of an occupied cell [m]."""
-        driving = self.config.driving
-        half_cell_m = 0.5 * self.driving_geometry.resolution_m
-        return driving.robot_radius_m + driving.margin_m + half_cell_m
+        """The same with the margin that planning keeps [m]."""
+        return self._least_m() + self.config.driving.margin_m
 
     def _clearance_m(self, window: tuple[slice, slice]) -> NDArray[np.float32]:
         in_the_way = (self.states[window] == OCCUPIED) | self._forbidden[window]
+        # Points beside what the map shows are noise of the same; others are news.
+        around = np.ones((2 * _EXPLAINED_CELLS + 1,) * 2, dtype=np.uint8)
+        explained = cv2.dilate(in_the_way.astype(np.uint8), around) > 0
         near = self.driving_geometry.cell_of(self._scan_points)
         near = near - np.array([window[0].start, window[1].start])
         rows, cols = in_the_way.shape
         inside = (near >= 0).all(axis=1) & (near[:, 0] < rows) & (near[:, 1] < cols)
-        in_the_way[near[inside, 0], near[inside, 1]] = True
+        near = near[inside]
+        near = near[~explained[near[:, 0], near[:, 1]]]
+        in_the_way[near[:, 0], near[:, 1]] = True
         return clearance_m(in_the_way, self.driving_geometry.resolution_m)
 
     def _mark(self, points_m: Floats, visited: Mask, swept: Mask) -> None:
