@@ -45,6 +45,11 @@ Odom = Annotated[
     str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
 ]
 Scan = Annotated[str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")]
+Segment = Annotated[int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")]
+StaticTf = Annotated[
+    list[str] | None,
+    typer.Option(metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."),
+]
 GroundTruth = Annotated[
     Path | None, typer.Option("--ground-truth", help="True trajectory: TUM, KITTI or EuRoC.")
 ]
@@ -76,15 +81,8 @@ def run_command(
     ground_truth: GroundTruth = None,
     odom: Odom = None,
     scan: Scan = None,
-    segment: Annotated[
-        int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")
-    ] = None,
-    static_tf: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."
-        ),
-    ] = None,
+    segment: Segment = None,
+    static_tf: StaticTf = None,
     seed: Seed = None,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -97,10 +95,7 @@ def run_command(
         *(settings or ()),
         *_set("backend", backend),
         *_set("seed", seed),
-        *_set("source.odom", odom),
-        *_set("source.scan_topic", scan),
-        *_set("source.segment", segment),
-        *_set("source.static_tf", static_tf or None),
+        *source_settings(odom, scan, segment, static_tf),
     ]
     if resume is not None:
         return _resume(resume, config, overrides)
@@ -115,6 +110,18 @@ def run_command(
     points = access_points(ap or (), resolved)
     job = Job(tuple(existing_paths(sources)), resolved, points, ground_truth, relations)
     return _execute(job, create_run_folder(out, name))
+
+
+def source_settings(
+    odom: str | None, scan: str | None, segment: int | None, static_tf: list[str] | None
+) -> list[str]:
+    """Return the options that choose what to read of a recording as `KEY=VALUE`."""
+    return [
+        *_set("source.odom", odom),
+        *_set("source.scan_topic", scan),
+        *_set("source.segment", segment),
+        *_set("source.static_tf", static_tf or None),
+    ]
 
 
 def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:

@@ -10,7 +10,19 @@ from typing import Annotated
 
 import typer
 
-from slarm_graph.app.cli_run import AccessPoints, ConfigFile, Name, Out, Settings, access_points
+from slarm_graph.app.cli_run import (
+    AccessPoints,
+    ConfigFile,
+    Name,
+    Odom,
+    Out,
+    Scan,
+    Segment,
+    Settings,
+    StaticTf,
+    access_points,
+    source_settings,
+)
 
 
 def add_to(app: typer.Typer) -> None:
@@ -57,6 +69,10 @@ def radio_command(
 def check_command(
     sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    odom: Odom = None,
+    scan: Scan = None,
+    segment: Segment = None,
+    static_tf: StaticTf = None,
     config: ConfigFile = None,
     settings: Settings = None,
 ) -> int:
@@ -64,7 +80,8 @@ def check_command(
     from slarm_graph.files.configs import load_config
     from slarm_graph.frontends.recordings.check import check
 
-    diagnosis = check(sources, load_config(config, settings or ()).source)
+    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
+    diagnosis = check(sources, load_config(config, chosen).source)
     print(json.dumps(diagnosis.as_json(), indent=2) if as_json else diagnosis.text())
     return diagnosis.exit_code
 
@@ -80,6 +97,10 @@ def convert_command(
         ),
     ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace DEST.")] = False,
+    odom: Odom = None,
+    scan: Scan = None,
+    segment: Segment = None,
+    static_tf: StaticTf = None,
     config: ConfigFile = None,
     settings: Settings = None,
 ) -> None:
@@ -87,7 +108,8 @@ def convert_command(
     from slarm_graph.files.configs import load_config
     from slarm_graph.frontends.recordings.convert import convert
 
-    resolved = load_config(config, settings or ())
+    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
+    resolved = load_config(config, chosen)
     print(convert(sources, destination, resolved.source, overwrite=overwrite))
 
 
