@@ -193,3 +193,21 @@ def test_turns_and_revisits_of_a_square() -> None:
     assert count_turns(driven) == 3
     geometry = GridGeometry(0.0, 0.0, 0.1, 12, 12)
     assert revisit_share(driven, geometry) == pytest.approx(1 / 41)
+
+
+def test_noise_beside_a_known_wall_does_not_close_a_gap() -> None:
+    live = LiveMap((0.0, 4.0, 0.0, 3.0), ExploreConfig(resolution_m=0.1))
+    g = live.driving_geometry
+    wall = g.cell_of([[2.0, 0.0], [2.0, 1.0], [2.0, 1.5], [2.0, 2.99]])
+    live.states[wall[0, 0] : wall[1, 0], wall[0, 1]] = 2
+    live.states[wall[2, 0] : wall[3, 0], wall[2, 1]] = 2
+    # 0.03 m into the gap of 0.5 m from both sides, as the present scan has it.
+    noise = np.array([[2.01, 1.03], [2.01, 1.47]])
+    bearings = np.arctan2(noise[:, 1] - 1.25, noise[:, 0] - 1.0)
+    ranges = np.hypot(noise[:, 0] - 1.0, noise[:, 1] - 1.25)
+    scan = LaserScan(ranges, bearings[0], bearings[1] - bearings[0], 0.1, 8.0)
+    live.stand_by(scan, Pose2(1.0, 1.25, 0.0))
+    assert live.is_clear(np.array([[1.5, 1.25], [2.5, 1.25]]))
+    news = LaserScan(np.array([1.0]), 0.0, 0.1, 0.1, 8.0)
+    live.stand_by(news, Pose2(1.0, 1.25, 0.0))
+    assert not live.is_clear(np.array([[1.5, 1.25], [2.5, 1.25]]))
