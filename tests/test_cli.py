@@ -166,6 +166,8 @@ def test_two_lasers_without_a_choice(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert "--scan /rear" in line
     code = run("run", path, "--scan", "/rear", "-b", "odometry", "--out", tmp_path / "out")
     assert code == 0
+    assert run("convert", path, tmp_path / "rear.log", "--scan", "/rear") == 0
+    assert "--scan /front" not in capsys.readouterr().out
 
 
 def test_a_typo_in_the_configuration(

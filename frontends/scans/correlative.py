@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -168,33 +169,12 @@ def window_of(pyramid: SearchPyramid, reach_m: float, reach_rad: float) -> tuple
     return math.ceil(reach_m / pyramid.resolution_m), turns
 
 
-@njit(cache=True, nogil=True)
 def _block_maxima(base: Bytes, window: int, stride: int, padding: int) -> Bytes:
     """Maximum over `window` x `window` cells from every `stride`-th cell, -padding the first."""
-    rows, cols = base.shape
-    out_rows = (rows + padding - 1) // stride + 1
-    out_cols = (cols + padding - 1) // stride + 1
-    across = np.zeros((rows, out_cols), dtype=np.uint8)
-    for r in range(rows):
-        _run_maxima(base[r], window, stride, padding, across[r])
-    out = np.zeros((out_rows, out_cols), dtype=np.uint8)
-    for r in range(out_rows):
-        low = r * stride - padding
-        for source in range(max(low, 0), min(low + window, rows)):
-            for c in range(out_cols):
-                out[r, c] = max(out[r, c], across[source, c])
-    return out
-
-
-@njit(cache=True, nogil=True)
-def _run_maxima(line: Bytes, window: int, stride: int, padding: int, out: Bytes) -> None:
-    """Fill `out` with maxima of runs of one row."""
-    for k in range(len(out)):
-        low = k * stride - padding
-        best = np.uint8(0)
-        for source in range(max(low, 0), min(low + window, len(line))):
-            best = max(best, line[source])
-        out[k] = best
+    padded = np.pad(base, ((padding, 0), (padding, 0)))
+    ones = np.ones((window, window), dtype=np.uint8)
+    maxima = cv2.dilate(padded, ones, anchor=(0, 0))[::stride, ::stride]
+    return np.asarray(maxima, dtype=np.uint8)
 
 
 @njit(cache=True, nogil=True)
