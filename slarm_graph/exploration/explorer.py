@@ -188,9 +188,16 @@ def in_blocks(layer: NDArray[np.bool_], fine: int) -> Mask:
 
 
 def start_cell(coverage: CoverageGrid, pose: Pose2) -> tuple[int, int] | None:
-    """Return the coverage cell of a pose, or the nearest one that is not blocked."""
-    row, col = coverage.geometry.cell_of([pose.x, pose.y])
-    return nearest_passable(coverage.codes != BLOCKED, (int(row), int(col)))
+    """Return the coverage cell that a robot at a pose is in.
+
+    Where its centre is not passable, the nearest passable spot decides: a neighbouring cell may
+    lie inside an obstacle, of whose inside nothing is known.
+    """
+    spot = driving_cell(coverage.driving, pose.x, pose.y)
+    if spot is None:
+        return None
+    cell = spot[0] // coverage.fineness, spot[1] // coverage.fineness
+    return nearest_passable(coverage.codes != BLOCKED, cell)
 
 
 def driving_cell(driving: DrivingGrid, x_m: float, y_m: float) -> tuple[int, int] | None:
