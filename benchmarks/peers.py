@@ -5,9 +5,8 @@
     python benchmarks/peers.py RECORDING... [--only NAME,NAME] [--timeout 900]
 
 Each RECORDING is read once per contestant in a process of its own; `<stem>.relations` beside it is
-the truth. Peers come from PyPI (`pip install kiss-icp yag-slam`) or Debian (`apt install
-mrpt-apps`); one that is missing or fails is shown so. Time is the contestant's alone, without
-reading the recording; poses between the scans a peer processed are filled with odometry, its
+the truth. Peers come from PyPI (`pip install kiss-icp yag-slam`); one that is missing or fails is
+shown so. Time is the contestant's alone, without reading the recording; poses between the scans a peer processed are filled with odometry, its
 residual spread in time.
 """
 
@@ -15,9 +14,7 @@ from __future__ import annotations
 
 import argparse
 import multiprocessing as mp
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -86,12 +83,15 @@ def kiss_icp(readings: list[Reading]) -> Trajectory:
 
     config = KISSConfig()
     config.data.max_range = 30.0
+    config.data.deskew = False
     config.mapping.voxel_size = 0.3
     odometry = KissICP(config)
     poses = []
     for reading in readings:
         points = reading.scan.points_m()
-        odometry.register_frame(np.column_stack([points, np.zeros(len(points))]), np.array([]))
+        # Copies at other heights keep the tilt observable.
+        cloud = [np.column_stack([points, np.full(len(points), z)]) for z in (-0.5, 0.0, 0.5)]
+        odometry.register_frame(np.concatenate(cloud), np.zeros(3 * len(points)))
         pose = odometry.last_pose
         poses.append([pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])])
     return Trajectory(stamps_of(readings), np.array(poses))
@@ -121,69 +121,6 @@ def yag_slam(readings: list[Reading]) -> Trajectory:
     lasers = np.array([[p.x, p.y, p.euler[-1]] for p in corrected])
     laser_from_robot = readings[0].scan.robot_from_laser.inverse().as_array()
     return filled(readings, kept, compose(lasers, laser_from_robot))
-
-
-MRPT_ICP = """
-[ICP]
-maxIterations=80
-minAbsStep_trans=1e-6
-minAbsStep_rot=1e-6
-thresholdDist=0.3
-thresholdAng_DEG=5
-ALFA=0.8
-smallestThresholdDist=0.05
-onlyClosestCorrespondences=true
-onlyUniqueRobust=true
-ICP_algorithm=icpClassic
-corresponding_points_decimation=5
-[MappingApplication]
-rawlog_file={rawlog}
-logOutput_dir={out}
-LOG_FREQUENCY=1000000
-SAVE_POSE_LOG=1
-SAVE_3D_SCENE=0
-SHOW_PROGRESS_3D_REAL_TIME=0
-localizationLinDistance=0.2
-localizationAngDistance=5
-insertionLinDistance=1.2
-insertionAngDistance=45.0
-minICPgoodnessToAccept=0.40
-matchAgainstTheGrid=0
-occupancyGrid_count=0
-pointsMap_count=1
-likelihoodMapSelection=-1
-[MappingApplication_pointsMap_00_insertOpts]
-minDistBetweenLaserPoints=0.05
-fuseWithExisting=false
-isPlanarMap=1
-"""
-
-
-def mrpt_icp_slam(readings: list[Reading]) -> Trajectory:
-    """MRPT's icp-slam with the settings of its classic demo (no loop closing)."""
-    with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        (folder / "log.clf").write_text("".join(flaser(reading) for reading in readings))
-        convert = ["carmen2rawlog", "-i", "log.clf", "-o", "log.rawlog", "-q", "-w"]
-        subprocess.run(convert, cwd=folder, check=True, capture_output=True)
-        ini = MRPT_ICP.format(rawlog=folder / "log.rawlog", out=folder / "out")
-        (folder / "slam.ini").write_text(ini)
-        command = ["icp-slam", "slam.ini"]
-        subprocess.run(
-            command, cwd=folder, check=True, capture_output=True, stdin=subprocess.DEVNULL
-        )
-        steps = np.loadtxt(folder / "out" / "log_estimated_path.txt")
-    poses = steps[-len(readings) :, 1:4]
-    return Trajectory(stamps_of(readings)[: len(poses)], poses)
-
-
-def flaser(reading: Reading) -> str:
-    """Return a reading as a line of a CARMEN log."""
-    ranges = np.where(reading.scan.is_return(), reading.scan.ranges_m, 81.83)
-    pose = " ".join(f"{v:.6f}" for v in odometry_of([reading])[0])
-    numbers = " ".join(f"{r:.3f}" for r in ranges)
-    seconds = f"{reading.stamp_ns * 1e-9:.6f}"
-    return f"FLASER {len(ranges)} {numbers} {pose} {pose} {seconds} host {seconds}\n"
 
 
 def stamps_of(readings: list[Reading]) -> np.ndarray:
@@ -228,7 +165,6 @@ CONTESTANTS: dict[str, Contestant] = {
     "odometry": ours("odometry"),
     "kiss-icp": kiss_icp,
     "yag-slam": yag_slam,
-    "mrpt icp-slam": mrpt_icp_slam,
 }
 
 
