@@ -6,8 +6,8 @@
 
 Each RECORDING is read once per contestant in a process of its own; `<stem>.relations` beside it is
 the truth. Peers come from PyPI (`pip install kiss-icp yag-slam`); one that is missing or fails is
-shown so. Time is the contestant's alone, without reading the recording; poses between the scans a peer processed are filled with odometry, its
-residual spread in time.
+shown so. Time is the contestant's alone, without reading the recording; poses between the scans a
+peer processed are filled with odometry, its residual spread in time.
 """
 
 from __future__ import annotations
