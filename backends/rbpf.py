@@ -69,6 +69,8 @@ class MappingFilter:
     log_evidence : (P,) float64
         What the whole path of each particle has gained.
     ancestry : Ancestry
+    drawn : (P, 3) float64
+        Standard normal draws of the last update, (0, 3) before the first.
     selections : list of Selection
         One per update.
     """
@@ -79,6 +81,7 @@ class MappingFilter:
     log_weights: Floats
     log_evidence: Floats
     ancestry: Ancestry
+    drawn: Floats = field(default_factory=lambda: np.empty((0, 3)))
     selections: list[Selection] = field(default_factory=list)
 
     @staticmethod
@@ -129,6 +132,8 @@ class MappingFilter:
                 self.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
             )
             return poses, weigh(self.maps, measurement.points, self.config, poses)
+        self.drawn = correlated(self.drawn, normals[:, :3], self.config.proposal.error_correlation)
+        normals = np.hstack([self.drawn, normals[:, 3:]])
         jobs = [
             _threads().submit(
                 propose,
@@ -155,10 +160,33 @@ class MappingFilter:
             self.maps.resample(ancestors)
             self.poses = self.poses[ancestors]
             self.log_evidence = self.log_evidence[ancestors]
+            self.drawn = self.drawn[ancestors] if len(self.drawn) else self.drawn
             self.log_weights = np.zeros(count)
         self.ancestry.append(ancestors, self.poses)
         distinct, common = len(np.unique(ancestors)), self.ancestry.common_update()
         self.selections.append(Selection(n_eff, resampled, distinct, common, mean))
+
+
+def correlated(before: Floats, fresh: Floats, correlation: float) -> Floats:
+    """Return standard normal draws (P, 3) correlated with those of the update before.
+
+    A first-order autoregressive process: every single draw still is standard normal, so each
+    proposal keeps the mean and covariance of eq. (9)-(10), but over n >> 1 updates the variance of
+    the sum is (1 + c) / (1 - c) times that of independent draws. Without that the particles would
+    stay closer together than their common drift, and none would be there to close a late loop.
+
+    Parameters
+    ----------
+    before : (P, 3) or (0, 3) float64
+        Empty at the first update.
+    fresh : (P, 3) float64
+        Independent draws.
+    correlation : float
+        From 0 to below 1.
+    """
+    if not len(before):
+        return fresh
+    return np.asarray(correlation * before + np.sqrt(1.0 - correlation**2) * fresh)
 
 
 def _parts(count: int) -> list[slice]:

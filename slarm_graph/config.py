@@ -176,6 +176,12 @@ class ProposalConfig(Stage):
     """Most Gauss-Newton steps to the peak."""
     lattice_radius: float = Field(default=2.9, ge=1.8, le=6)
     """Extent of the z poses around the peak in standard deviations; 2.9 gives z = 27."""
+    error_correlation: float = Field(default=0.9, ge=0, lt=1)
+    """How much of its error a scan match shares with the one at the update before.
+
+    Scans that follow each other see the same walls with the same errors, so a particle strays one
+    way for some metres. 0: every update errs anew, as the paper has it.
+    """
 
 
 class ResamplingConfig(Stage):
