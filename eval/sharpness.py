@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from scipy.spatial import cKDTree
 
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats
+from slarm_graph.mapping import thinned
 
 _MIN_NEIGHBOURS = 8
 _LONGER_THAN_WIDE = 2.0
@@ -58,7 +58,7 @@ def sharpness(
     """
     if not len(points_m):
         return Sharpness(float("nan"), float("nan"), float("nan"), 0)
-    points_m = points_m[:: math.ceil(len(points_m) / _MAX_POINTS)]
+    points_m = thinned(points_m, _MAX_POINTS)
     tree = cKDTree(points_m)
     covariances = [
         np.cov(points_m[near], rowvar=False)

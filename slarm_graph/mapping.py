@@ -168,6 +168,11 @@ def end_points_m(
     return np.concatenate(ends) if ends else np.zeros((0, 2))
 
 
+def thinned(points: Floats, at_most: int) -> Floats:
+    """Leave points out evenly so that at most so many (N, 2) are left."""
+    return points[:: max(1, math.ceil(len(points) / at_most))]
+
+
 def pose_rates(trajectory: Trajectory) -> Floats:
     """Rate of change (N, 3) [m/s, m/s, rad/s] from each pose to the next, 0 across gaps."""
     rates = np.zeros((len(trajectory), 3))

@@ -19,9 +19,11 @@ from slarm_graph.app.run_report import save_report
 from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.frontends.recordings.sources import open_source
-from slarm_graph.mapping import end_points_m
+from slarm_graph.mapping import end_points_m, thinned
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover
+
+_ENOUGH_POINTS = 1_000_000
 
 
 def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
@@ -58,7 +60,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         scans = scans_at(source, slam.trajectory.stamps_ns)
-        ends = end_points_m(scans, slam.trajectory, config.mapping)
+        ends = thinned(end_points_m(scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
         geographic = recover(slam.grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic)
     # geographic map -> radio map
