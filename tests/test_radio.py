@@ -19,6 +19,7 @@ from slarm_graph.radio.fading import channel_coefficients, faded_gain_db
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import radio_map, radio_notices, theoretical_radio_map
 from slarm_graph.radio_words import AccessPoint
+from slarm_graph.world import Solid
 
 CONFIG = RadioConfig()
 
@@ -139,3 +140,22 @@ def test_expected_gain_does_not_know_the_rician_factor():
     low = radio_map(geographic(states), ap, RadioConfig(rician_factor_db=0.0))
     high = radio_map(geographic(states), ap, RadioConfig(rician_factor_db=20.0))
     np.testing.assert_array_equal(low.path_loss_db, high.path_loss_db)
+
+
+@pytest.mark.parametrize("depth_m", [0.01, 0.04, 0.08])
+def test_an_access_point_swallowed_by_a_recovered_wall_serves_its_room(depth_m: float) -> None:
+    """However deep in, or behind, the thin wall it hangs on, it sees the room before it."""
+    geometry = GridGeometry(-2.0, 0.0, 0.1, 30, 40)
+    corners = np.array([[-2.0, 2.5], [2.0, 2.5], [2.0, 2.55], [-2.0, 2.55]])
+    free = geometry.centers()[..., 1] < 2.5
+    states = np.where(free, CellState.ACCESSIBLE, CellState.OBSTACLE).astype(np.uint8)
+    geographic = GeographicMap(
+        geometry=geometry,
+        states=states,
+        heights_m=np.where(free, 0.0, np.inf).astype(np.float32),
+        height_source="infinite",
+        coverage=Coverage(free, free, free),
+        solids=(Solid("wall", corners, math.inf),),
+    )
+    radio = radio_map(geographic, [AccessPoint("a", 0.0, 2.5 + depth_m, 2.4)], RadioConfig())
+    assert radio.line_of_sight[0][free].all()

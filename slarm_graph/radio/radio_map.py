@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -15,6 +16,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.polygons import contains
 from slarm_graph.radio.line_of_sight import (
     line_of_sight_over_cells,
     line_of_sight_past_solids,
@@ -28,6 +30,7 @@ from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
 
+_MOUNT_STEP_M = 0.001
 _FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 
 
@@ -76,19 +79,40 @@ def _recovered_sight(
             height_m,
             mount_radius_m=config.mount_radius_m,
         )
-    clear = line_of_sight_past_solids(
-        geometry,
-        geographic.solids,
-        position_m,
-        height_m,
-        mount_radius_m=config.mount_radius_m,
-    )
+    position_m = _on_room_side(geographic, free, position_m, config.mount_radius_m)
+    clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
     on_face = free & inside_any(geometry, [solid.corners_m for solid in geographic.solids])
     if on_face.any():
         points = geometry.centers()[on_face]
         clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
     return clear
+
+
+def _on_room_side(
+    geographic: GeographicMap, free: Mask, position_m: Floats, radius_m: float
+) -> Floats:
+    """Move an access point that a recovered wall has swallowed to the wall's face in the room.
+
+    Walls are recovered thinner than they are and a few centimetres off, so that a point mounted on
+    one may lie nearer to its back, or behind it. The nearest free cell tells the side it serves.
+    """
+    geometry, plan = geographic.geometry, position_m[:2]
+    cells = geometry.center_of(np.argwhere(free))
+    away_m = np.linalg.norm(cells - plan, axis=1)
+    if not len(cells) or away_m.min() > radius_m + geometry.resolution_m:
+        return position_m
+    way = cells[away_m.argmin()] - plan
+    steps = math.ceil(float(away_m.min()) / _MOUNT_STEP_M)
+    points = plan + np.linspace(0.0, 1.0, steps + 1)[:, None] * way
+    hidden = np.zeros(len(points), dtype=np.bool_)
+    for solid in geographic.solids:
+        if solid.height_m > position_m[2]:
+            hidden |= contains(solid.corners_m, points)
+    if not hidden.any():
+        return position_m
+    face = points[min(int(np.flatnonzero(hidden)[-1]) + 1, steps)]
+    return np.array([*face, position_m[2]])
 
 
 def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:
