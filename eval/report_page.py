@@ -119,11 +119,14 @@ def _cell(tag: str, text: str, right: bool) -> str:
 
 
 def shown(value: Cell) -> str:
-    """Write a value for people: four significant digits, a dash for what is missing."""
+    """Write a value for people: four digits, stamps in full, a dash for what is missing."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "-"
     if isinstance(value, float):
-        return f"{value:.0f}" if value.is_integer() and abs(value) < 1e9 else f"{value:.4g}"
+        if value.is_integer() and abs(value) < 1e9:
+            return f"{value:.0f}"
+        # Four digits are enough for a measure, not for a stamp.
+        return f"{value:.3f}" if abs(value) >= 1e4 else f"{value:.4g}"
     return str(value)
 
 
