@@ -339,19 +339,25 @@ def search_every_pose(
     """
     rows, cols = values.shape
     width = 2 * reach + 1
-    sums = np.empty((width, width))
+    sums = np.empty((width, width), dtype=np.float32)
     best_k, best_i, best_j, best = 0, 0, 0, -1.0
     for k in range(-turns, turns + 1):
         c, s = math.cos(heading + k * step), math.sin(heading + k * step)
         sums[:] = 0.0
         for p in range(len(points)):
-            col = math.floor(center[0] + 0.5 + c * points[p, 0] - s * points[p, 1])
-            row = math.floor(center[1] + 0.5 + s * points[p, 0] + c * points[p, 1])
-            for j in range(max(-reach, -row), min(reach, rows - 1 - row) + 1):
-                for i in range(max(-reach, -col), min(reach, cols - 1 - col) + 1):
-                    sums[j + reach, i + reach] += values[row + j, col + i]
+            col = math.floor(center[0] + 0.5 + c * points[p, 0] - s * points[p, 1]) - reach
+            row = math.floor(center[1] + 0.5 + s * points[p, 0] + c * points[p, 1]) - reach
+            low, high = max(0, -col), min(width, cols - col)
+            if low >= high:
+                continue
+            for j in range(max(0, -row), min(width, rows - row)):
+                # Slices tell the compiler that no index is negative, so it takes many at a time.
+                line = values[row + j, col + low : col + high]
+                out = sums[j, low:high]
+                for i in range(len(line)):
+                    out[i] += line[i]
         for j in range(width):
             for i in range(width):
                 if sums[j, i] > best:
-                    best_k, best_i, best_j, best = k, i - reach, j - reach, sums[j, i]
+                    best_k, best_i, best_j, best = k, i - reach, j - reach, float(sums[j, i])
     return best_k, best_i, best_j, best

@@ -144,18 +144,23 @@ def _splat(
         col_high = math.ceil((max(x0, x1) + reach - origin_x) / resolution)
         row_low = math.floor((min(y0, y1) - reach - origin_y) / resolution)
         row_high = math.ceil((max(y0, y1) + reach - origin_y) / resolution)
+        first, last = max(col_low, 0), min(col_high + 1, values.shape[1])
+        if first >= last:
+            continue
+        left = origin_x + first * resolution - x0
         for row in range(max(row_low, 0), min(row_high + 1, values.shape[0])):
             py = origin_y + row * resolution - y0
-            for col in range(max(col_low, 0), min(col_high + 1, values.shape[1])):
-                px = origin_x + col * resolution - x0
+            # A slice tells the compiler that no index is negative.
+            line = values[row, first:last]
+            for i in range(len(line)):
+                px = left + i * resolution
                 along = 0.0
                 if length2 > 0.0:
                     along = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
                 ex, ey = px - along * dx, py - along * dy
                 d2 = ex * ex + ey * ey
                 if d2 < reach * reach:
-                    likelihood = _FALL_OFF[int(d2 * scale + 0.5)]
-                    values[row, col] = max(values[row, col], likelihood)
+                    line[i] = max(line[i], _FALL_OFF[int(d2 * scale + 0.5)])
 
 
 @njit(cache=True, nogil=True, inline="always")

@@ -121,6 +121,10 @@ class SubmapCache(Generic[Prepared]):
         self._prepare = prepare
         self._kept: OrderedDict[int, Prepared] = OrderedDict()
 
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out what can be prepared again."""
+        return {**self.__dict__, "_kept": OrderedDict()}
+
     def of(self, submap: Submap, keyframes: Sequence[Keyframe]) -> Prepared:
         """Return the prepared submap, in its anchor's frame."""
         prepared = self._kept.pop(submap.anchor, None)

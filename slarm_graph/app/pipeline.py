@@ -46,9 +46,10 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # recording -> readings
     with folder.stage("reading", progress):
         source = open_source(job.paths, config.source)
+    with folder.stage("loading", progress):
+        backend = backends.make(config.backend, config, rng, progress.say)
     # readings -> SLAM backend
     with folder.stage("slam", progress):
-        backend = backends.make(config.backend, config, rng, progress.say)
         intake = load_checkpoint(folder.path, backend, rng)
         save = partial(save_checkpoint, folder, rng)
         feed(source, backend, intake, Saver(save, config.checkpoint.every_s), progress)
