@@ -105,7 +105,7 @@ class LocalMatcher:
         if self._is_doubtful(found):
             found = self._search(points, grid, base, predictions, found)
         if found.score < self._config.min_score or self._is_after_gap(found, predictions[0]):
-            found = self._search_widely(points, grid, base, predictions[0], found)
+            found = self._search_widely(points, grid, base, predictions, found)
         return self._conclude(found, base, predictions)
 
     def _conclude(
@@ -119,11 +119,24 @@ class LocalMatcher:
         self._usual_score = usual + 0.05 * (found.score - usual)
         return MatchResult(
             Pose2.from_array(found.pose),
-            found.covariance,
+            self._honest_covariance(found, base, predictions[0]),
             found.score,
             found.inliers,
             found.iterations,
         )
+
+    def _honest_covariance(self, found: _Refined, base: Pose2, prediction: Prediction) -> Floats:
+        """Spread a doubtful match over its own place and the predicted one.
+
+        Moments of a mixture of both, the match weighing the less the worse it fits than usual.
+        """
+        least, usual = self._config.min_score, _DOUBTFUL_SHARE * self._usual_score
+        if found.score >= usual:
+            return found.covariance
+        share = (found.score - least) / (usual - least)
+        away = between(found.pose, compose(base.as_array(), prediction.motion))
+        between_them = share * (1.0 - share) * np.outer(away, away)
+        return share * found.covariance + (1.0 - share) * prediction.covariance + between_them
 
     def _refine(
         self,
@@ -173,8 +186,7 @@ class LocalMatcher:
             start = _best_in_window(few, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             other = self._refine(points, grid, base, loose, start)
-            if other.score > found.score + _BETTER + _margin(other, base, predictions):
-                found = other
+            found = _better(found, other, base, predictions)
         return found
 
     def _is_after_gap(self, found: _Refined, prediction: Prediction) -> bool:
@@ -187,13 +199,14 @@ class LocalMatcher:
         points: Floats,
         grid: LikelihoodGrid,
         base: Pose2,
-        prediction: Prediction,
+        predictions: tuple[Prediction, ...],
         found: _Refined,
     ) -> _Refined:
         """Look all round the place where the robot was lost; rarer the longer ago that is."""
         if self.lost & (self.lost - 1):
             return found
-        expected = base @ Pose2.from_array(prediction.motion)
+        motion = predictions[0].motion
+        expected = base @ Pose2.from_array(motion)
         hit = search(
             build_pyramid(grid),
             points[:: max(1, len(points) // _SEARCH_POINTS)],
@@ -203,8 +216,9 @@ class LocalMatcher:
         )
         if hit is None:
             return found
-        anywhere = Prediction(prediction.motion, _ANYWHERE)
-        return self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
+        anywhere = Prediction(motion, _ANYWHERE)
+        other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
+        return _better(found, other, base, predictions)
 
 
 def _failed(
@@ -217,6 +231,14 @@ def _failed(
     return MatchResult(
         expected, prediction.covariance, found.score, found.inliers, found.iterations, reason
     )
+
+
+def _better(
+    found: _Refined, other: _Refined, base: Pose2, predictions: tuple[Prediction, ...]
+) -> _Refined:
+    """Choose the other place when it fits better by more than its distance may explain."""
+    margin = _BETTER + _margin(other, base, predictions)
+    return other if other.score > found.score + margin else found
 
 
 def _margin(found: _Refined, base: Pose2, predictions: tuple[Prediction, ...]) -> float:
