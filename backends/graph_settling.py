@@ -14,7 +14,7 @@ from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats
 
-SLIP_SIGMAS = 2.0
+_SLIP_SIGMAS = 2.0
 _BELIEVED = 0.5
 _MIN_WEIGHT = 1e-6
 
@@ -42,7 +42,7 @@ def settle(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Settled:
     it; there its covariance is widened. Then graduated non-convexity weighs the closures, trusting
     the odometry.
     """
-    soft = optimize(graph, kernel=Kernel.CAUCHY, slip_sigmas=SLIP_SIGMAS, heartbeat=heartbeat)
+    soft = optimize(graph, kernel=Kernel.CAUCHY, slip_sigmas=_SLIP_SIGMAS, heartbeat=heartbeat)
     eased = PoseGraph(soft.poses, _eased(graph.constraints, soft.weights))
     found = optimize_gnc(eased, heartbeat=heartbeat)
     believed = found.weights >= _BELIEVED

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import SLIP_SIGMAS, Settled, settle
+from slarm_graph.backends.graph_settling import Settled, settle
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.loop_closure import Closure, Expectations
@@ -23,6 +23,8 @@ from slarm_graph.geometry import Floats, Pose2, between, compose, transform_poin
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 _CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
+# Wider than for the finished graph: on the way few closures speak against odometry.
+_SLIP_SIGMAS = 3.0
 _LOCAL_NODES = 200
 _FULL_GROWTH = 1.25
 _VIEW_REACH_M = 3.0
@@ -209,7 +211,7 @@ class SubmapGraph:
         found = optimizer.optimize(
             graph,
             kernel=optimizer.Kernel.CAUCHY,
-            slip_sigmas=SLIP_SIGMAS,
+            slip_sigmas=_SLIP_SIGMAS,
             tolerance=1e-4,
             heartbeat=heartbeat,
         )

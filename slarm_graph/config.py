@@ -109,8 +109,8 @@ class LoopClosureConfig(Stage):
     """Agreement a refined match must reach."""
     max_sigma_m: float = Field(default=0.15, gt=0)
     """A match less certain than this in any direction closes no loop."""
-    confirm_after: int = Field(default=3, ge=1)
-    """Keyframes until a searched match is confirmed by a second one."""
+    confirm_m: float = Field(default=1.0, ge=0)
+    """Way to the second match that confirms a searched one; from one place both could err alike."""
 
 
 class PoseGraphConfig(Stage):

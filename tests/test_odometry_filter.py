@@ -98,6 +98,21 @@ def test_after_a_long_gap_anything_is_possible() -> None:
     assert np.all(np.sqrt(np.diag(prediction.covariance)) >= 1.0)
 
 
+@pytest.mark.parametrize("jitter_m", [0.0, 0.1])
+def test_predictions_know_how_unsteadily_the_robot_moves(jitter_m: float) -> None:
+    rng = np.random.default_rng(1)
+    odometry, squares = OdometryFilter(), []
+    for step in range(400):
+        prediction = odometry.predict(0.1, None)[0]
+        moved = Pose2(0.1 + jitter_m * rng.standard_normal(), 0.0, 0.0)
+        if step >= 100:
+            miss = prediction.motion - moved.as_array()
+            squares.append(squared_sigmas(miss, prediction.covariance + SURE))
+        odometry.correct(0.1, moved, SURE)
+    assert np.mean(squares) < 5.0
+    assert np.mean(squares) > 1.0 or jitter_m == 0.0
+
+
 def test_the_velocity_fades_while_nothing_matches() -> None:
     odometry = run(5, None, FORWARD)
     for _ in range(20):

@@ -217,12 +217,12 @@ class LoopCloser:
         done: list[Closure] = []
         kept: list[Closure] = []
         for first in self._tentative:
-            if k - first.keyframe < self._config.confirm_after:
-                kept.append(first)
-                continue
             moved = keyframes[first.keyframe].local_from_robot.between(
                 keyframes[k].local_from_robot
             )
+            if math.hypot(moved.x, moved.y) < self._config.confirm_m:
+                kept.append(first)
+                continue
             predicted = compose(first.submap_from_keyframe, moved.as_array())
             second = self._refine(k, first.submap, predicted, keyframes, submaps)
             away = between(predicted, second.submap_from_keyframe)

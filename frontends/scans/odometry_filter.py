@@ -47,7 +47,8 @@ class OdometryFilter:
 
     A Kalman filter whose state is the robot's velocity in its own frame. Odometry, where there is
     any that ever moved, measures it by the way made in between, with a noise that grows when
-    matches contradict it; where there is none, the velocity is constant but for accelerations.
+    matches contradict it; where there is none, the velocity is constant but for accelerations,
+    which grow when matches show the robot, or the log's clock, to be less steady than that.
     """
 
     def __init__(self) -> None:
@@ -57,6 +58,8 @@ class OdometryFilter:
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
         self._distrust = 1.0
+        self._unsteadiness = 1.0
+        self._steady_motion: Prediction | None = None
         self._measured: tuple[Floats, Floats] | None = None
         self._usual_span_s = 0.0
 
@@ -83,8 +86,8 @@ class OdometryFilter:
         if span_s > _MAX_COASTING_S:
             self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
-            self._kalman.predict(Q=np.diag((_ACCELERATION * span) ** 2))
-        steady = self._motion(span)
+            self._kalman.predict(Q=self._unsteadiness * np.diag((_ACCELERATION * span) ** 2))
+        self._steady_motion = steady = self._motion(span)
         self._measured = None
         increment = self._increment(odom_from_robot)
         if increment is None:
@@ -103,8 +106,13 @@ class OdometryFilter:
         moved = motion.as_array()
         if self._measured is not None:
             increment, noise = self._measured
-            surprise = squared_sigmas(increment - moved, noise / self._distrust + covariance)
-            self._distrust = max(1.0, _MEMORY * self._distrust + (1 - _MEMORY) * surprise / 3.0)
+            apart = squared_sigmas(increment - moved, noise / self._distrust + covariance)
+            self._distrust = _learned(self._distrust, apart)
+        if self._steady_motion is not None:
+            steady = self._steady_motion
+            noise = steady.covariance / self._unsteadiness + covariance
+            apart = squared_sigmas(steady.motion - moved, noise)
+            self._unsteadiness = _learned(self._unsteadiness, apart)
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 
@@ -143,6 +151,11 @@ class OdometryFilter:
         # Odometry that never moved is a placeholder, not a measurement of standing still.
         self._odometry_lives = self._odometry_lives or bool(np.any(increment != 0.0))
         return increment if self._odometry_lives else None
+
+
+def _learned(factor: float, squared: float) -> float:
+    """Bring a factor on a variance, at least 1, nearer to what the latest miss calls for."""
+    return max(1.0, _MEMORY * factor + (1.0 - _MEMORY) * squared / 3.0)
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,75 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Old places found by search count only once the robot has seen them from a second place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.config import FrontendConfig, LoopClosureConfig, SimulationConfig
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.loop_closure import Closure, Expectations, LoopCloser
+from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap, view_center
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
+from slarm_graph.geometry import between, compose
+
+ROUTE = np.array([[-3.0, -2.8], [4.4, -2.0]])
+OLD = 12
+OFF = np.array([0.6, -0.3, 0.05])
+
+
+@pytest.fixture(scope="module")
+def way() -> list[Keyframe]:
+    """Keyframes of a drive through the paper's room, placed by the tracker."""
+    source = SourceFromWorld(
+        load_world("paper_room"), SimulationConfig(), seed=3, script=waypoints(ROUTE)
+    )
+    tracker = ScanTracker(FrontendConfig())
+    tracked = [tracker.track(reading) for reading in source]
+    return [
+        Keyframe(k, t.points_m, t.local_from_robot, np.eye(3) * 1e-4, view_center(t.points_m))
+        for k, t in enumerate(tracked)
+        if t.is_keyframe
+    ]
+
+
+def closures(
+    keyframes: Sequence[Keyframe], later: Sequence[Keyframe], submap: Submap
+) -> list[Closure]:
+    """Drive along `later`, not knowing well where the submap is, and collect what is found."""
+    closer = LoopCloser(LoopClosureConfig(), FrontendConfig().matching)
+    anchor = keyframes[submap.anchor].local_from_robot.as_array()
+    met, done = list(keyframes), []
+    for keyframe in later:
+        met.append(keyframe)
+        true = between(anchor, keyframe.local_from_robot.as_array())
+        expected = Expectations(
+            np.array([0]), compose(true, OFF)[None], np.array([0.4]), np.array([0.1])
+        )
+        if closer.is_due(len(met) - 1):
+            done += closer.examine(met, [submap], expected)
+    return done
+
+
+def test_a_place_seen_from_one_spot_only_closes_no_loop(way: list[Keyframe]) -> None:
+    submap = make_submap(way, 0, OLD, 6)
+    here = [replace(way[8], scan=100 + k) for k in range(30)]
+    assert closures(way[:OLD], here, submap) == []
+
+
+def test_a_place_seen_from_two_spots_closes_the_loop_where_it_is(way: list[Keyframe]) -> None:
+    submap = make_submap(way, 0, OLD, 6)
+    done = closures(way[:OLD], way[2:OLD], submap)
+    assert len(done) >= 2
+    for closure in done:
+        assert closure.reason == ""
+        keyframe = way[2 + closure.keyframe - OLD]
+        true = between(way[6].local_from_robot.as_array(), keyframe.local_from_robot.as_array())
+        miss = between(true, closure.submap_from_keyframe)
+        assert np.hypot(miss[0], miss[1]) < 0.02
+        assert abs(miss[2]) < 0.005
