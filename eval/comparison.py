@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +22,9 @@ HEADLINES = (
     "scans_per_s",
     "peak_memory_mb",
 )
-"""Figures of the short table, in this order, where any run has them."""
+"""Figures of the short tables, in this order, where any run has them."""
+
+_MORE_IS_BETTER = frozenset({"accuracy", "scans_per_s"})
 
 Columns = tuple[str, ...]
 
@@ -64,10 +66,17 @@ class Spread:
     worst: float
     count: int
 
-    def __str__(self) -> str:
+    def of_mean(self) -> str:
+        """Write mean and standard deviation."""
         if not self.count:
             return "-"
         return f"{self.mean:.4g}" + (f" ± {self.sd:.2g}" if self.count > 1 else "")
+
+    def of_median(self) -> str:
+        """Write median and worst."""
+        if not self.count:
+            return "-"
+        return f"{self.median:.4g}" + (f" | {self.worst:.4g}" if self.count > 1 else "")
 
 
 def run_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:
@@ -84,25 +93,59 @@ def run_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell
     return columns, rows
 
 
-def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[str, ...]]]:
-    """Return columns and one row per source and backend; failures stay in the count."""
+Rows = tuple[Columns, list[tuple[str, ...]]]
+
+
+def summaries(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
+    """Return titled short tables, one row per source and backend, of as many as are needed.
+
+    Runs that are not ok stay in the count, and out of the figures.
+    """
+    if len({outcome.seed for outcome in outcomes}) < 2:
+        return [("Every source with every backend", _summary(outcomes, Spread.of_median))]
+    return [
+        ("Median | worst over seeds", _summary(outcomes, Spread.of_median)),
+        ("Mean ± standard deviation over seeds", _summary(outcomes, Spread.of_mean)),
+    ]
+
+
+def _summary(outcomes: Sequence[Outcome], written: Callable[[Spread], str]) -> Rows:
     names = [n for n in HEADLINES if any(n in outcome.figures for outcome in outcomes)]
     rows = []
     for source, backend, group in _groups(outcomes):
         good = [o for o in group if o.status == "ok"]
         problems = sorted({f"{o.status}: {o.problem}" for o in group if o.status != "ok"})
-        cells = (str(spread([o.figures[n] for o in good if n in o.figures])) for n in names)
+        cells = (written(_spread_of(good, name)) for name in names)
         rows.append((source, backend, f"{len(good)} of {len(group)}", *cells, "; ".join(problems)))
     return ("source", "backend", "ok", *names, "problems"), rows
 
 
-def spread(values: Sequence[float]) -> Spread:
-    """Summarise values; larger counts as worse."""
+def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:
+    """Return columns and one row per source, backend and figure of the short tables."""
+    columns = ("source", "backend", "figure", "runs", "median", "worst", "mean", "sd")
+    rows: list[tuple[html.Cell, ...]] = []
+    for source, backend, group in _groups(outcomes):
+        good = [o for o in group if o.status == "ok"]
+        for name in HEADLINES:
+            s = _spread_of(good, name)
+            if s.count:
+                rows.append((source, backend, name, s.count, s.median, s.worst, s.mean, s.sd))
+    return columns, rows
+
+
+def _spread_of(outcomes: Sequence[Outcome], name: str) -> Spread:
+    values = [o.figures[name] for o in outcomes if name in o.figures]
+    return spread(values, more_is_better=name in _MORE_IS_BETTER)
+
+
+def spread(values: Sequence[float], *, more_is_better: bool = False) -> Spread:
+    """Summarise values; the worst is the largest, or the smallest where more is better."""
     if not values:
         return Spread(math.nan, math.nan, math.nan, math.nan, 0)
     v = np.array(values, dtype=np.float64)
     sd = float(v.std(ddof=1)) if len(v) > 1 else 0.0
-    return Spread(float(v.mean()), sd, float(np.median(v)), float(v.max()), len(v))
+    worst = float(v.min() if more_is_better else v.max())
+    return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v))
 
 
 def comparison_html(
@@ -117,8 +160,8 @@ def comparison_html(
         One line below the title.
     pictures : sequence of (caption, PNG content)
     """
-    columns, rows = summary_rows(outcomes)
     all_columns, all_rows = run_rows(outcomes)
+    short = [html.section(title, html.table(*rows)) for title, rows in summaries(outcomes)]
     figures = [
         html.section(name, html.figure(_strip(outcomes, name), 380))
         for name in HEADLINES
@@ -129,7 +172,7 @@ def comparison_html(
         "Backend comparison",
         [
             html.heading("Backend comparison", lead),
-            html.section("Mean ± standard deviation over seeds", html.table(columns, rows)),
+            *short,
             html.section("Radio maps", html.gallery(pictures)),
             *figures,
             html.section("Every run", html.table(all_columns, all_rows)),

@@ -16,7 +16,14 @@ from test_cli import room_bag, run
 from slarm_graph.app.compare import carry_out, compare
 from slarm_graph.app.trials import Source, Trial, find_sources, trials
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.comparison import Outcome, comparison_html, run_rows, spread, summary_rows
+from slarm_graph.eval.comparison import (
+    Outcome,
+    comparison_html,
+    run_rows,
+    spread,
+    summaries,
+    summary_rows,
+)
 
 
 def outcomes() -> list[Outcome]:
@@ -25,10 +32,38 @@ def outcomes() -> list[Outcome]:
 
 
 def test_failures_stay_in_the_count_and_are_told() -> None:
-    columns, rows = summary_rows(outcomes())
+    (_, (columns, rows)), (title, (_, by_mean)) = summaries(outcomes())
     assert columns == ("source", "backend", "ok", "ate_rmse_m", "problems")
-    assert rows[0] == ("a.bag", "x", "3 of 4", "2 ± 1", "failed: it broke")
+    assert rows[0] == ("a.bag", "x", "3 of 4", "2 | 3", "failed: it broke")
     assert rows[1] == ("b.bag", "x", "1 of 1", "-", "")
+    assert title.startswith("Mean")
+    assert by_mean[0][3] == "2 ± 1"
+
+
+def test_one_seed_needs_one_table_of_plain_values() -> None:
+    ((_, (_, rows)),) = summaries(outcomes()[:1])
+    assert rows == [("a.bag", "x", "1 of 1", "1", "")]
+
+
+def test_the_summary_says_what_the_runs_say() -> None:
+    columns, rows = summary_rows(outcomes())
+    assert [dict(zip(columns, row, strict=True)) for row in rows] == [
+        {
+            "source": "a.bag",
+            "backend": "x",
+            "figure": "ate_rmse_m",
+            "runs": 3,
+            "median": 2.0,
+            "worst": 3.0,
+            "mean": 2.0,
+            "sd": 1.0,
+        }
+    ]
+
+
+def test_the_worst_accuracy_is_the_least() -> None:
+    runs = [Outcome("a", "x", i, "ok", figures={"accuracy": 0.9 + i / 100}) for i in range(3)]
+    assert summary_rows(runs)[1][0][5] == 0.9
 
 
 def test_every_run_has_a_row_with_every_figure() -> None:
@@ -43,7 +78,8 @@ def test_spread_is_that_of_a_sample() -> None:
     s = spread([1.0, 2.0, 6.0])
     assert (s.mean, s.median, s.worst, s.count) == (3.0, 2.0, 6.0, 3)
     assert s.sd == pytest.approx(7.0**0.5)
-    assert str(spread([])) == "-"
+    assert spread([1.0, 2.0], more_is_better=True).worst == 1.0
+    assert spread([]).of_mean() == spread([]).of_median() == "-"
 
 
 def test_page_escapes_what_it_shows() -> None:

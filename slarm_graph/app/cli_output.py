@@ -64,13 +64,19 @@ def show_scans(scans: Sequence[ScanStatus]) -> None:
 
 
 def show_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
-    """Print and write a comparison: table, `comparison.csv` and `report.html`."""
+    """Print and write a comparison: tables, as CSV by run and by backend, and `report.html`."""
     from slarm_graph.app.outputs import csv_text
-    from slarm_graph.eval.comparison import comparison_html, run_rows, summary_rows
+    from slarm_graph.eval.comparison import (
+        comparison_html,
+        run_rows,
+        summaries,
+        summary_rows,
+    )
 
-    columns, rows = summary_rows(outcomes)
-    show_table(columns, rows, title="mean ± standard deviation over seeds")
+    for title, (columns, rows) in summaries(outcomes):
+        show_table(columns, rows, title=title)
     folder.write_text("comparison.csv", csv_text(*run_rows(outcomes)))
+    folder.write_text("summary.csv", csv_text(*summary_rows(outcomes)))
     good = sum(outcome.status == "ok" for outcome in outcomes)
     lead = f"{what}; {good} of {len(outcomes)} runs ok"
     page = comparison_html(outcomes, lead, _pictures(folder, outcomes))
