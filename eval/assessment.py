@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slarm_graph.eval.association import associate
@@ -35,6 +35,10 @@ class References:
 
     ground_truth: Trajectory | None = None
     relations: Relations | None = None
+
+    def or_truth(self, truth: Trajectory | None) -> References:
+        """Fill in what a source knows of itself, where no ground truth is given."""
+        return replace(self, ground_truth=truth) if self.ground_truth is None else self
 
 
 def read_references(ground_truth: Path | None, relations: Path | None) -> References:

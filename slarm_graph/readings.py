@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats, Pose2, transform_points
+from slarm_graph.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,11 +102,15 @@ class SourceInfo:
         Number of scans, where known in advance (for progress).
     notices : tuple of str
         What a user should know: choices made, defects found and mended.
+    truth : Trajectory or None
+        `map_from_robot` at every reading so far, where it is known: in a world, whose frame the
+        map then takes.
     """
 
     description: str
     scan_count: int | None = None
     notices: tuple[str, ...] = ()
+    truth: Trajectory | None = None
 
 
 class Source(Protocol):

@@ -21,6 +21,7 @@ from slarm_graph.app.cli import main
 from slarm_graph.config import RunConfig
 from slarm_graph.files.configs import load_config
 from slarm_graph.files.trajectories import read_trajectory
+from slarm_graph.radio.files import read_radio_npz
 
 CONTRACT = {
     *("run.json", "config.yaml", "trajectory.tum", "odometry.tum", "map.pgm", "map.yaml"),
@@ -297,3 +298,32 @@ def test_resume_refuses_another_configuration(
     capsys.readouterr()
     line = refused(capsys, "run", "--resume", tmp_path / "r", "--set", "mapping.resolution_m=0.1")
     assert "mapping.resolution_m: 0.05 -> 0.1" in line
+
+
+ROOM = """
+name: closet
+ceiling_m: 3
+boundary_m: [[10, 20], [14, 20], [14, 23], [10, 23]]
+start: {x_m: 11, y_m: 21, heading_deg: 90}
+access_points: [{name: router, x_m: 12, y_m: 22.9, z_m: 2.5}]
+"""
+
+
+def test_a_world_is_driven_through_in_its_own_frame(tmp_path: Path) -> None:
+    room = tmp_path / "room.yaml"
+    room.write_text(ROOM)
+    drive = ("--backend", "odometry", "--out", tmp_path, "--name")
+    assert run("run", room, *drive, "r") == 0
+    folder = tmp_path / "r"
+    start = read_trajectory(folder / "trajectory.tum").poses[0]
+    np.testing.assert_allclose(start, [11.0, 21.0, np.pi / 2], atol=1e-6)
+    origin = yaml.safe_load((folder / "map.yaml").read_text())["origin"]
+    np.testing.assert_allclose(origin, [10.0, 20.0, 0.0], atol=0.3)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    assert metrics["ate_rmse_unaligned_m"]["value"] < 0.1
+    radio = read_radio_npz(folder / "radio_map.npz")
+    assert [ap.name for ap in radio.access_points] == ["router"]
+    assert run("run", room, *drive, "s", "--seed", 1) == 0
+    paths = [(tmp_path / name / "odometry.tum").read_bytes() for name in "rs"]
+    assert paths[0] != paths[1]
+    assert run("check", room) == 0

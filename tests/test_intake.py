@@ -64,7 +64,7 @@ def test_interrupt_stops_between_readings_and_keeps_what_came_before() -> None:
     taker = backend()
     intake = fed(Circle(at=10, event="interrupt"), taker)
     assert intake.interrupted
-    assert intake.problem == "interrupted after 11 scans"
+    assert intake.problem.startswith("interrupted after 11 scans (t = ")
     assert len(taker.result().trajectory) == 11
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 

@@ -34,7 +34,12 @@ from slarm_graph.frontends.recordings.packed import Ints, Malformed
 from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
-from slarm_graph.frontends.recordings.sources import existing_paths, is_carmen, open_source
+from slarm_graph.frontends.recordings.sources import (
+    existing_paths,
+    is_carmen,
+    open_source,
+    open_world,
+)
 
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 
@@ -62,8 +67,7 @@ def check(
     readings = 0
     try:
         files = existing_paths(paths)
-        look = _check_carmen if is_carmen(files[0]) else _check_ros
-        description, topics, findings = look(files, config)
+        description, topics, findings = _look(files, config)
         source = open_source(files, config)
         readings = len(list(source))
         findings += [Finding("note", "as used", notice) for notice in source.info().notices]
@@ -79,6 +83,14 @@ def check(
 
 
 Look = tuple[str, tuple[TopicFacts, ...], list[Finding]]
+
+
+def _look(files: Sequence[Path], config: SourceConfig) -> Look:
+    """Look into what the kind of file holds; a world holds no messages that could be wrong."""
+    if is_carmen(files[0]):
+        return _check_carmen(files, config)
+    world = open_world(files)
+    return _check_ros(files, config) if world is None else (world.info().description, (), [])
 
 
 def _check_ros(files: Sequence[Path], config: SourceConfig) -> Look:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slarm_graph.config import SourceConfig
+from slarm_graph.config import SimulationConfig, SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.carmen import looks_like_carmen, read_carmen
 from slarm_graph.frontends.recordings.carmen_lines import LASERS
@@ -27,7 +27,13 @@ if TYPE_CHECKING:
     from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 
 
-def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) -> Source:
+def open_source(
+    paths: Sequence[Path | str] | Path | str,
+    config: SourceConfig,
+    simulation: SimulationConfig | None = None,
+    *,
+    seed: int = 0,
+) -> Source:
     """Open one recording; its kind is told from its content.
 
     Parameters
@@ -36,6 +42,10 @@ def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) 
         A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, a CARMEN
         log, plain or gzipped, or the YAML file of a world, through which a robot is then driven.
     config : SourceConfig
+    simulation : SimulationConfig, optional
+        The robot that is driven through a world.
+    seed : int
+        Of its noise.
 
     Raises
     ------
@@ -48,7 +58,7 @@ def open_source(paths: Sequence[Path | str] | Path | str, config: SourceConfig) 
         raise BadInput(f"{logs[0]} is a CARMEN log; only one at a time can be read")
     if logs:
         return open_carmen(logs[0], config)
-    world = open_world(files)
+    world = open_world(files, simulation, seed=seed)
     if world is not None:
         return world
     from slarm_graph.frontends.recordings.ros_source import open_ros
@@ -76,7 +86,9 @@ def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
     return files
 
 
-def open_world(files: Sequence[Path]) -> SourceFromWorld | None:
+def open_world(
+    files: Sequence[Path], simulation: SimulationConfig | None = None, *, seed: int = 0
+) -> SourceFromWorld | None:
     """Open a world file as a drive through all of the world; None when it is something else."""
     from slarm_graph.files.worlds import is_world_file, load_world
 
@@ -84,7 +96,7 @@ def open_world(files: Sequence[Path]) -> SourceFromWorld | None:
         return None
     from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 
-    return SourceFromWorld(load_world(files[0]))
+    return SourceFromWorld(load_world(files[0]), simulation, seed=seed)
 
 
 def is_carmen(path: Path) -> bool:

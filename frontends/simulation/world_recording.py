@@ -33,7 +33,8 @@ class SourceFromWorld:
     world : WorldMap
     config : SimulationConfig
     seed : int
-        The same seed gives the same readings.
+        The same seed gives the same readings; they are independent of numbers drawn from the same
+        seed elsewhere.
     script : callable, optional
         Yields commands for a simulated world; by default the robot tours the whole world.
     """
@@ -59,7 +60,8 @@ class SourceFromWorld:
         notices: tuple[str, ...] = ()
         if self._collisions:
             notices = (f"the robot ran into solids {self._collisions} times",)
-        return SourceInfo(f"simulated drive through {self.map.name}", None, notices)
+        description = f"simulated drive through {self.map.name}"
+        return SourceInfo(description, None, notices, self.truth())
 
     def scan_statuses(self) -> tuple[ScanStatus, ...]:
         """Return every scan so far; none is lost in a simulation."""
@@ -71,7 +73,8 @@ class SourceFromWorld:
 
     def __iter__(self) -> Iterator[Reading]:
         """Drive, yielding the readings."""
-        simulated = SimulatedWorld(self.map, self.config, np.random.default_rng(self._seed))
+        (rng,) = np.random.default_rng(self._seed).spawn(1)
+        simulated = SimulatedWorld(self.map, self.config, rng)
         self._stamps_ns, self._truth, self._collisions = [], [], 0
         yield self._read(simulated)
         for command in self._script(simulated):

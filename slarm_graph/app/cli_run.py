@@ -70,7 +70,7 @@ def run_command(
         typer.Argument(
             metavar="SOURCE...",
             help="A recording: .bag (several count as one), ROS 2 folder, metadata.yaml, .mcap,"
-            " .db3, or CARMEN .clf/.log[.gz].",
+            " .db3, or CARMEN .clf/.log[.gz]; or a world's YAML, to be driven through.",
         ),
     ] = None,
     backend: Backend = None,
@@ -107,8 +107,9 @@ def run_command(
     from slarm_graph.frontends.recordings.sources import existing_paths
 
     resolved = load_config(config, overrides)
-    points = access_points(ap or (), resolved)
-    job = Job(tuple(existing_paths(sources)), resolved, points, ground_truth, relations)
+    paths = tuple(existing_paths(sources))
+    points = access_points(ap or (), resolved) or _of_world(paths)
+    job = Job(paths, resolved, points, ground_truth, relations)
     return _execute(job, create_run_folder(out, name))
 
 
@@ -137,6 +138,14 @@ def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint,
         radio = config.radio
         points.append(AccessPoint(f"AP{number}", x, y, z, radio.power_dbm, radio.frequency_hz))
     return tuple(points)
+
+
+def _of_world(paths: Sequence[Path]) -> tuple[AccessPoint, ...]:
+    """Return the access points that a world has of its own; a recording has none."""
+    from slarm_graph.frontends.recordings.sources import open_world
+
+    world = open_world(paths)
+    return () if world is None else world.map.access_points
 
 
 def _set(key: str, value: object) -> list[str]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,15 @@ from slarm_graph import backends
 from slarm_graph.app.driven_world import DrivenWorld
 from slarm_graph.app.intake import stop_on_signal
 from slarm_graph.app.job import Run
-from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
+from slarm_graph.app.live_files import LiveFiles
+from slarm_graph.app.outputs import save_geographic, save_radio, save_slam
+from slarm_graph.app.placing import along
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
 from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
+from slarm_graph.errors import BadInput
 from slarm_graph.eval.assessment import References, assess
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.radio_accuracy import radio_accuracy
@@ -27,12 +31,13 @@ from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.mapping import render
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.radio_words import RadioMap
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
+
+_log = logging.getLogger(__name__)
 
 _FINE_M = 0.02
 """Lattice of `accuracy_area`, on which different resolutions can be compared."""
@@ -59,8 +64,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         simulated = make_world(world, config.simulation, for_world)
         driven = DrivenWorld(simulated, f"simulated world {world.name}", progress)
         backend = backends.make(config.backend, config, for_backend, progress.say)
-        drive = _drive(driven, backend, world, config)
-        save_readings(folder, driven.intake, driven.scan_statuses())
+        drive = _drive(driven, backend, world, config, folder)
     # trajectory -> occupancy grid
     with folder.stage("map", progress):
         slam = _in_world(drive, config)
@@ -94,9 +98,13 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
 
 
 def _drive(
-    driven: DrivenWorld, backend: SlamBackend, world: WorldMap, config: RunConfig
+    driven: DrivenWorld,
+    backend: SlamBackend,
+    world: WorldMap,
+    config: RunConfig,
+    folder: RunFolder,
 ) -> Exploration:
-    """Close the loop until the explorer has finished, or the user wishes to stop."""
+    """Close the loop until the explorer has finished, the user wishes to stop, or it fails."""
     explorer = explorers.make(config.explore)
     loop = ClosedLoop(
         driven,
@@ -106,25 +114,32 @@ def _drive(
         extent_m=world.extent_m(),
         start=world.start,
     )
+    live = LiveFiles(folder, driven, loop, config.checkpoint.every_s)
     with stop_on_signal() as stop:
-        while loop.step():
-            if stop:
-                driven.intake.interrupted = True
-                driven.intake.problem = f"interrupted after {loop.readings} scans"
-                break
+        try:
+            while loop.step():
+                live.note()
+                if stop:
+                    driven.intake.stop("interrupted", by_user=True)
+                    break
+        except BadInput:
+            raise
+        except Exception as error:
+            if not driven.intake.stamps_ns:
+                raise
+            driven.intake.stop("failed", str(error))
+            _log.error(driven.intake.problem, exc_info=error)
+        finally:
+            live.write()
     return loop.outcome()
 
 
 def _in_world(drive: Exploration, config: RunConfig) -> SlamResult:
     """Return the backend's result in the world's frame, mapped at the wanted resolution."""
     mapping = config.mapping.model_copy(update={"resolution_m": config.explore.resolution_m})
-    grid = render(drive.scans, drive.trajectory, mapping)
-    return replace(
-        drive.slam,
-        trajectory=drive.trajectory,
-        grid=grid,
-        notices=(*drive.slam.notices, f"exploration ended: {drive.finished.reason}"),
-    )
+    notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
+    slam = replace(drive.slam, notices=notices)
+    return along(slam, drive.trajectory, drive.scans, mapping)
 
 
 def accuracy_metrics(

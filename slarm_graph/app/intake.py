@@ -57,6 +57,12 @@ class Intake:
         self.odometry.append((pose.x, pose.y, pose.theta) if pose else (np.nan,) * 3)
         self.robot_from_laser = reading.scan.robot_from_laser
 
+    def stop(self, how: str, why: str = "", *, by_user: bool = False) -> None:
+        """Note that it ended here, before the source did."""
+        at = f" (t = {ns_to_seconds(self.stamps_ns[-1])} s)" if self.stamps_ns else ""
+        self.problem = f"{how} after {len(self.stamps_ns)} scans{at}" + (f": {why}" if why else "")
+        self.interrupted = by_user
+
     def odometry_trajectory(self) -> Trajectory | None:
         """Return `odom_from_robot` of the readings that had one."""
         poses = np.array(self.odometry).reshape(-1, 3)
@@ -134,8 +140,7 @@ def feed(
                     intake.note(reading)
                     saver.maybe(backend, intake)
                 if stop:
-                    intake.interrupted = True
-                    intake.problem = f"interrupted after {len(intake.stamps_ns)} scans"
+                    intake.stop("interrupted", by_user=True)
                     break
             saver.now(backend, intake)
         except BadInput:
@@ -143,9 +148,7 @@ def feed(
         except Exception as error:
             if not intake.stamps_ns:
                 raise
-            at = ns_to_seconds(intake.stamps_ns[-1])
-            count = len(intake.stamps_ns)
-            intake.problem = f"failed after {count} scans (t = {at} s): {error}"
+            intake.stop("failed", str(error))
             _log.error(intake.problem, exc_info=error)
 
 

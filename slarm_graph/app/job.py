@@ -27,7 +27,8 @@ class Job:
         The recording; several ROS 1 bags count as one.
     config : RunConfig
     access_points : tuple of AccessPoint
-        In the map, whose origin is the robot's first pose. Without any there is no radio map.
+        In the map, whose origin is the robot's first pose, or that of a world. Without any there
+        is no radio map.
     ground_truth, relations : Path or None
         Files with what is known to be true.
     """

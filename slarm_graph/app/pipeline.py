@@ -13,6 +13,7 @@ from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
 from slarm_graph.app.intake import Saver, feed, scans_at
 from slarm_graph.app.job import Job, Run
 from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
+from slarm_graph.app.placing import placed
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -45,7 +46,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
-        source = open_source(job.paths, config.source)
+        source = open_source(job.paths, config.source, config.simulation, seed=config.seed)
     with folder.stage("loading", progress):
         backend = backends.make(config.backend, config, rng, progress.say)
     # readings -> SLAM backend
@@ -56,7 +57,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_readings(folder, intake, source.scan_statuses())
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
-        slam = backend.result()
+        slam = placed(backend.result(), source, config.mapping)
         save_slam(folder, slam)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
@@ -71,6 +72,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_radio(folder, radio)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
+        references = references.or_truth(source.info().truth)
         metrics = assess(slam.trajectory, references, intake.robot_from_laser)
         metrics += sharpness_metrics(sharpness(ends))
         title = f"{job.paths[0].name}, {config.backend}"
