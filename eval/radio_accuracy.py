@@ -8,6 +8,7 @@ the final map calls accessible and whose gain is right within the tolerance.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,48 +124,68 @@ def radio_accuracy(
     """
     if not reference_accessible.any():
         raise BadInput("the reference has no accessible cell")
-    lattice, centers = geographic.geometry, reference.geometry.centers()
     area = cell_weights(reference.geometry, extent_m)
-
-    def look_up(layer: Mask) -> Mask:
-        return lattice.sample(layer, centers, outside=False)
-
-    called = look_up(geographic.accessible)
-    both = called & reference_accessible
-    gain_db = lattice.sample(estimate.channel_power_gain_db[access_point], centers, np.nan)
-    error_db = np.abs(gain_db - reference.channel_power_gain_db[access_point]).astype(np.float64)
-    hit = both & (error_db <= tolerance_db)
-    agree = both & (
-        look_up(estimate.line_of_sight[access_point]) == reference.line_of_sight[access_point]
-    )
+    cells = _looked_up(reference, geographic, estimate, access_point)
+    both = cells.accessible & reference_accessible
+    hit = both & (cells.gain_error_db <= tolerance_db)
     # Missing gains count as misses; the dB figures are over the gains that exist.
-    known_db = np.where(np.isfinite(error_db), error_db, 0.0)
-    compared = both & np.isfinite(error_db)
-    coverage = geographic.coverage
-
-    def share(of: Mask, among: Mask) -> float:
-        total = float(area[among].sum())
-        return float(area[of & among].sum()) / total if total else 0.0
-
-    def mean(values: Floats) -> float:
-        total = float(area[compared].sum())
-        return float((area * values)[compared].sum()) / total if total else float("nan")
-
+    compared = both & np.isfinite(cells.gain_error_db)
+    errors_db, weights = cells.gain_error_db[compared], area[compared]
     return RadioAccuracy(
-        accuracy=share(hit, reference_accessible),
-        coverage_accessible=share(both, reference_accessible),
-        gain_hit=share(hit, both),
-        coverage_observed=share(look_up(coverage.observed), reference_accessible),
-        coverage_visited=share(look_up(coverage.visited), reference_accessible),
-        coverage_footprint=share(look_up(coverage.footprint), reference_accessible),
-        los_agreement=share(agree, both),
-        gain_rmse_db=mean(known_db**2) ** 0.5,
-        gain_mae_db=mean(known_db),
+        accuracy=_share(area, hit, reference_accessible),
+        coverage_accessible=_share(area, both, reference_accessible),
+        gain_hit=_share(area, hit, both),
+        coverage_observed=_share(area, cells.observed, reference_accessible),
+        coverage_visited=_share(area, cells.visited, reference_accessible),
+        coverage_footprint=_share(area, cells.footprint, reference_accessible),
+        los_agreement=_share(area, cells.sight_agrees, both),
+        gain_rmse_db=_mean(errors_db**2, weights) ** 0.5,
+        gain_mae_db=_mean(errors_db, weights),
         false_accessible=_false_share(geographic, reference, reference_accessible),
-        iou=share(both, called | reference_accessible),
+        iou=_share(area, both, cells.accessible | reference_accessible),
         tolerance_db=tolerance_db,
         smallest_gap_db=_smallest_gap_db(reference, reference_accessible, access_point),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _LookedUp:
+    """The estimate at every cell centre (rows, cols) of the reference; nan where it has no gain."""
+
+    accessible: Mask
+    observed: Mask
+    visited: Mask
+    footprint: Mask
+    sight_agrees: Mask
+    gain_error_db: Floats
+
+
+def _looked_up(
+    reference: RadioMap, geographic: GeographicMap, estimate: RadioMap, access_point: int
+) -> _LookedUp:
+    lattice, centers = geographic.geometry, reference.geometry.centers()
+    sight = lattice.sample(estimate.line_of_sight[access_point], centers, outside=False)
+    gain_db = lattice.sample(estimate.channel_power_gain_db[access_point], centers, np.nan)
+    return _LookedUp(
+        lattice.sample(geographic.accessible, centers, outside=False),
+        lattice.sample(geographic.coverage.observed, centers, outside=False),
+        lattice.sample(geographic.coverage.visited, centers, outside=False),
+        lattice.sample(geographic.coverage.footprint, centers, outside=False),
+        sight == reference.line_of_sight[access_point],
+        np.abs(gain_db - reference.channel_power_gain_db[access_point]).astype(np.float64),
+    )
+
+
+def _share(area: Floats, of: Mask, among: Mask) -> float:
+    """Area of the cells in both masks over that of the second; 0 when that is empty."""
+    total = float(area[among].sum())
+    return float(area[of & among].sum()) / total if total else 0.0
+
+
+def _mean(values: Floats, weights: Floats) -> float:
+    """Weighted mean of (N,) values; nan when there are none."""
+    total = float(weights.sum())
+    return float((weights * values).sum()) / total if total else math.nan
 
 
 def cell_weights(
@@ -173,17 +194,18 @@ def cell_weights(
     """Area of every cell (rows, cols) inside the extent, as a share of a whole cell."""
     if extent_m is None:
         return np.ones(geometry.shape)
-    step = geometry.resolution_m
-
-    def inside(origin_m: float, count: int, low_m: float, high_m: float) -> Floats:
-        edges = np.clip(origin_m + np.arange(count + 1) * step, low_m, high_m)
-        # Rounded so that a lattice which fits exactly has weights of exactly one.
-        return np.asarray(np.round(np.diff(edges) / step, 9), dtype=np.float64)
-
     x_min, x_max, y_min, y_max = extent_m
-    across = inside(geometry.origin_x_m, geometry.cols, x_min, x_max)
-    up = inside(geometry.origin_y_m, geometry.rows, y_min, y_max)
+    g, step = geometry, geometry.resolution_m
+    across = _inside(g.origin_x_m + np.arange(g.cols + 1.0) * step, x_min, x_max)
+    up = _inside(g.origin_y_m + np.arange(g.rows + 1.0) * step, y_min, y_max)
     return np.outer(up, across)
+
+
+def _inside(edges_m: Floats, low_m: float, high_m: float) -> Floats:
+    """Share (N,) of every interval between equally spaced edges (N + 1,) within two limits."""
+    step = edges_m[1] - edges_m[0]
+    # Rounded so that a lattice which fits exactly has weights of exactly one.
+    return np.asarray(np.round(np.diff(np.clip(edges_m, low_m, high_m)) / step, 9))
 
 
 def _false_share(

@@ -17,7 +17,7 @@ from slarm_graph.errors import BadInput
 if TYPE_CHECKING:
     from slarm_graph.app.job import Job, Run
     from slarm_graph.app.run_folder import RunFolder
-    from slarm_graph.config import RunConfig
+    from slarm_graph.config import RunConfig, SourceConfig
     from slarm_graph.radio_words import AccessPoint
 
 POINT_OPTIONS = ("--ap",)
@@ -123,6 +123,21 @@ def source_settings(
         *_set("source.segment", segment),
         *_set("source.static_tf", static_tf or None),
     ]
+
+
+def source_config(
+    odom: str | None,
+    scan: str | None,
+    segment: int | None,
+    static_tf: list[str] | None,
+    config: Path | None,
+    settings: list[str] | None,
+) -> SourceConfig:
+    """Return what the options of `check` and `convert` say of how to read a recording."""
+    from slarm_graph.files.configs import load_config
+
+    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
+    return load_config(config, chosen).source
 
 
 def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:

@@ -21,7 +21,7 @@ from slarm_graph.app.cli_run import (
     Settings,
     StaticTf,
     access_points,
-    source_settings,
+    source_config,
 )
 
 
@@ -77,11 +77,9 @@ def check_command(
     settings: Settings = None,
 ) -> int:
     """Diagnose a recording before running it; exit code 1 for warnings, 2 when it is unusable."""
-    from slarm_graph.files.configs import load_config
     from slarm_graph.frontends.recordings.check import check
 
-    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
-    diagnosis = check(sources, load_config(config, chosen).source)
+    diagnosis = check(sources, source_config(odom, scan, segment, static_tf, config, settings))
     print(json.dumps(diagnosis.as_json(), indent=2) if as_json else diagnosis.text())
     return diagnosis.exit_code
 
@@ -105,12 +103,10 @@ def convert_command(
     settings: Settings = None,
 ) -> None:
     """Convert between ROS 1 bag, ROS 2 bag and CARMEN log."""
-    from slarm_graph.files.configs import load_config
     from slarm_graph.frontends.recordings.convert import convert
 
-    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
-    resolved = load_config(config, chosen)
-    print(convert(sources, destination, resolved.source, overwrite=overwrite))
+    chosen = source_config(odom, scan, segment, static_tf, config, settings)
+    print(convert(sources, destination, chosen, overwrite=overwrite))
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 
 from slarm_graph.app.explore import explore_world
@@ -97,17 +98,7 @@ def resumed_job(path: Path, config_file: Path | None, overrides: Iterable[str]) 
 
 def _job_facts(job: Job) -> dict[str, object]:
     return {
-        "access_points": [
-            {
-                "name": ap.name,
-                "x_m": ap.x_m,
-                "y_m": ap.y_m,
-                "z_m": ap.z_m,
-                "power_dbm": ap.power_dbm,
-                "frequency_hz": ap.frequency_hz,
-            }
-            for ap in job.access_points
-        ],
+        "access_points": [asdict(ap) for ap in job.access_points],
         "ground_truth": str(job.ground_truth.resolve()) if job.ground_truth else None,
         "relations": str(job.relations.resolve()) if job.relations else None,
     }

@@ -19,28 +19,22 @@ from slarm_graph.app.placing import along
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
+from slarm_graph.app.truth import accuracy_metrics
 from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.assessment import References, assess
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.radio_accuracy import radio_accuracy
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.frontends.simulation.worlds import make_world
-from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
-from slarm_graph.radio_words import RadioMap
+from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
-from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
-
-_FINE_M = 0.02
-"""Lattice of `accuracy_area`, on which different resolutions can be compared."""
 
 
 def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress) -> Run:
@@ -87,7 +81,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
         metrics = (
-            *accuracy_metrics(world, geographic, radio, config),
+            *accuracy_metrics(world, geographic, radio, config.radio),
             *_drive_metrics(drive),
             *assess(slam.trajectory, truth, Pose2())[1:],
         )
@@ -140,34 +134,6 @@ def _in_world(drive: Exploration, config: RunConfig) -> SlamResult:
     notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
     slam = replace(drive.slam, notices=notices)
     return along(slam, drive.trajectory, drive.scans, mapping)
-
-
-def accuracy_metrics(
-    world: WorldMap, geographic: GeographicMap, radio: RadioMap, config: RunConfig
-) -> tuple[Metric, ...]:
-    """Compare recovered maps with the truth: at the same resolution, and on a fine lattice."""
-    same = _accuracy(world, geographic, radio, config, config.explore.resolution_m)
-    fine = {m.name: m for m in _accuracy(world, geographic, radio, config, _FINE_M)}
-    area = replace(fine["accuracy"], name="accuracy_area", note=f"on a lattice of {_FINE_M:g} m")
-    return (same[0], area, *same[1:])
-
-
-def _accuracy(
-    world: WorldMap,
-    geographic: GeographicMap,
-    radio: RadioMap,
-    config: RunConfig,
-    resolution_m: float,
-) -> tuple[Metric, ...]:
-    truth = truth_map(world, resolution_m)
-    return radio_accuracy(
-        truth.reachable,
-        theoretical_radio_map(world, truth.geometry, config.radio),
-        geographic,
-        radio,
-        tolerance_db=config.radio.gain_tolerance_db,
-        extent_m=world.extent_m(),
-    ).metrics()
 
 
 def _drive_metrics(drive: Exploration) -> tuple[Metric, ...]:

@@ -11,24 +11,22 @@ from typing import Final, Literal
 import numpy as np
 
 from slarm_graph import backends
+from slarm_graph.app.truth import FINE_M, accuracy_on
 from slarm_graph.backend import silent
 from slarm_graph.config import DrivingConfig, ExploreConfig, RunConfig
 from slarm_graph.eval.association import associate
-from slarm_graph.eval.radio_accuracy import RadioAccuracy, radio_accuracy
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import Exploration, explore
 from slarm_graph.files.worlds import load_world
-from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
+from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.radio_words import RadioMap
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
-from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 PAPER_ROOM: Final = "paper_room"
-_FINE_M: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +103,7 @@ def run_trial(trial: Trial) -> tuple[Row, RadioMap]:
         update={"recovery": config.recovery.model_copy(update={"expansion_radius_m": radius_m})}
     )
     ring = recovered(world, drive, ring_config)
-    result = measured(world, maps, config, trial.resolution_m)
+    result = accuracy_on(world, maps.geographic, maps.radio, config.radio, trial.resolution_m)
     pairs = associate(drive.truth, drive.trajectory)
     apart_m = np.linalg.norm(pairs.reference[:, :2] - pairs.estimate[:, :2], axis=1)
     row = Row(
@@ -114,8 +112,8 @@ def run_trial(trial: Trial) -> tuple[Row, RadioMap]:
         trial.speed_m_s,
         trial.seed,
         result.accuracy,
-        measured(world, ring, config, trial.resolution_m).accuracy,
-        measured(world, maps, config, _FINE_M).accuracy,
+        accuracy_on(world, ring.geographic, ring.radio, config.radio, trial.resolution_m).accuracy,
+        accuracy_on(world, maps.geographic, maps.radio, config.radio, FINE_M).accuracy,
         result.false_accessible,
         result.iou,
         result.gain_hit,
@@ -146,24 +144,11 @@ def recovered(world: WorldMap, drive: Exploration, config: RunConfig) -> Maps:
     return Maps(geographic, radio_map(geographic, world.access_points, config.radio))
 
 
-def measured(world: WorldMap, maps: Maps, config: RunConfig, resolution_m: float) -> RadioAccuracy:
-    """Compare the maps of a trial with the truth on a lattice."""
-    truth = truth_map(world, resolution_m)
-    return radio_accuracy(
-        truth.reachable,
-        theoretical_radio_map(world, truth.geometry, config.radio),
-        maps.geographic,
-        maps.radio,
-        tolerance_db=config.radio.gain_tolerance_db,
-        extent_m=world.extent_m(),
-    )
-
-
 def driven(world: WorldMap, config: RunConfig) -> Exploration:
     """Let a robot find the world out."""
     for_world, for_backend = np.random.default_rng(config.seed).spawn(2)
     return explore(
-        SimulatedWorld(world, config.simulation, for_world),
+        make_world(world, config.simulation, for_world),
         backends.make(config.backend, config, for_backend, silent),
         explorers.make(config.explore),
         config.explore,

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Annotated
@@ -194,17 +195,7 @@ def world_to_yaml(world: WorldMap) -> str:
             "y_m": world.start.y,
             "heading_deg": math.degrees(world.start.theta),
         },
-        "access_points": [
-            {
-                "name": ap.name,
-                "x_m": ap.x_m,
-                "y_m": ap.y_m,
-                "z_m": ap.z_m,
-                "power_dbm": ap.power_dbm,
-                "frequency_hz": ap.frequency_hz,
-            }
-            for ap in world.access_points
-        ],
+        "access_points": [asdict(ap) for ap in world.access_points],
         "polygons": [
             {"name": s.name, "corners_m": s.corners_m.tolist(), "height_m": s.height_m}
             for s in world.solids

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Recovered maps against the world they are of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from slarm_graph.config import RadioConfig
+from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.radio_accuracy import RadioAccuracy, radio_accuracy
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.radio.radio_map import theoretical_radio_map
+from slarm_graph.radio_words import RadioMap
+from slarm_graph.truth_map import truth_map
+from slarm_graph.world import WorldMap
+
+FINE_M = 0.02
+"""Lattice of `accuracy_area`, on which different resolutions can be compared."""
+
+
+def accuracy_metrics(
+    world: WorldMap, geographic: GeographicMap, radio: RadioMap, config: RadioConfig
+) -> tuple[Metric, ...]:
+    """Compare recovered maps with the truth: at their own resolution, and on a fine lattice."""
+    same = accuracy_on(world, geographic, radio, config, geographic.geometry.resolution_m)
+    fine = accuracy_on(world, geographic, radio, config, FINE_M)
+    first, *others = same.metrics()
+    area = replace(fine.metrics()[0], name="accuracy_area", note=f"on a lattice of {FINE_M:g} m")
+    return (first, area, *others)
+
+
+def accuracy_on(
+    world: WorldMap,
+    geographic: GeographicMap,
+    radio: RadioMap,
+    config: RadioConfig,
+    resolution_m: float,
+) -> RadioAccuracy:
+    """Compare recovered maps with the truth on a lattice of the given cells."""
+    truth = truth_map(world, resolution_m)
+    return radio_accuracy(
+        truth.reachable,
+        theoretical_radio_map(world, truth.geometry, config),
+        geographic,
+        radio,
+        tolerance_db=config.gain_tolerance_db,
+        extent_m=world.extent_m(),
+    )
