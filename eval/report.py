@@ -10,8 +10,10 @@ from dataclasses import dataclass
 
 from slarm_graph.backend import Table
 from slarm_graph.eval import report_page as html
+from slarm_graph.eval.gain_figure import gain_figure
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.report_figures import gain_figure, trajectory_figure
+from slarm_graph.eval.report_figures import geographic_figure, trajectory_figure
+from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio_words import RadioMap
 from slarm_graph.readings import ScanStatus
@@ -30,6 +32,7 @@ class ReportContent:
     grid : OccupancyGrid
     trajectories : mapping of str to Trajectory
         By what to call them, all in the frame of the grid; the first is the estimate.
+    geographic : GeographicMap
     radio : RadioMap or None
     metrics : sequence of Metric
     record : mapping
@@ -46,6 +49,7 @@ class ReportContent:
     lead: str
     grid: OccupancyGrid
     trajectories: Mapping[str, Trajectory]
+    geographic: GeographicMap
     radio: RadioMap | None
     metrics: Sequence[Metric]
     record: Mapping[str, object]
@@ -66,6 +70,7 @@ def report_html(content: ReportContent) -> str:
             html.section(
                 "Trajectory over the map", trajectory_figure(content.grid, content.trajectories)
             ),
+            html.section("Geographic map", _geographic_part(content.geographic)),
             html.section("Channel power gain", _radio_part(content.radio)),
             html.section("Metrics", _metric_table(content.metrics)),
             html.side_by_side(
@@ -105,6 +110,23 @@ def backend_table(table: Table) -> str:
     more = f"<p>{left_out} more rows in {table.name}.csv</p>" if left_out > 0 else ""
     empty = "<p>none</p>" if not table.rows else ""
     return html.table(table.columns, table.rows[:_MAX_TABLE_ROWS]) + more + empty
+
+
+def _geographic_part(geographic: GeographicMap) -> str:
+    cell_m2 = geographic.geometry.resolution_m**2
+    area_m2 = float(geographic.accessible.sum()) * cell_m2
+    words = (
+        f"{area_m2:.1f} m² accessible, in cells of {geographic.geometry.resolution_m:g} m; recovery"
+        f" changed {geographic.changed_cells} of {geographic.states.size} cells. Obstacle heights:"
+        f" {geographic.height_source}."
+    )
+    if "infinite" in geographic.height_source:
+        words += (
+            " An obstacle of infinite height hides all behind it, which never promises a signal"
+            " that is not there; if heights are known, set recovery.known_sizes or"
+            " recovery.default_height_m."
+        )
+    return geographic_figure(geographic) + f"<p>{words}</p>"
 
 
 def _radio_part(radio: RadioMap | None) -> str:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's interactive figures: trajectories over the map, gain with hover values."""
+"""The report's maps: trajectories over the occupancy grid, and the recovered geographic map."""
 
 from __future__ import annotations
 
@@ -12,15 +12,26 @@ import plotly.graph_objects as go
 from numpy.typing import NDArray
 
 from slarm_graph.eval import report_page as html
+from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.radio_words import RadioMap
+from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
+from slarm_graph.world import Solid
 
 _MAX_MAP_PIXELS = 1_500_000
-_MAX_GAIN_CELLS = 90_000
+_SHARP_PIXELS = 1_000
+"""Browsers blur what they enlarge: pictures of few cells are made this wide or high."""
 _MAX_PATH_POINTS = 4_000
 _FREE, _UNKNOWN, _OCCUPIED = 255, 226, 40
+_GROUND = "#e2e2e2"
+_STATES = {
+    CellState.ACCESSIBLE: ("accessible", "#ffffff"),
+    CellState.EXPANSION: ("too near to an obstacle", "#f2cf8f"),
+    CellState.ENCLOSED: ("free, out of reach", "#9cc7ea"),
+    CellState.OBSTACLE: ("obstacle", "#282828"),
+    CellState.UNKNOWN: ("unknown", _GROUND),
+}
+_SOLID = "#b8541a"
 
 RAW_ODOMETRY, GROUND_TRUTH = "raw odometry", "ground truth"
 _ESTIMATE = {"color": "#1f5fbf", "width": 2}
@@ -28,6 +39,9 @@ _STYLES = {
     RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
     GROUND_TRUTH: {"color": "#9ad9b0", "width": 5},
 }
+
+
+_MAP_WORDS = "<p>White is free, black occupied, grey unknown.</p>"
 
 
 def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
@@ -47,7 +61,14 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
     shown = GridGeometry(
         g.origin_x_m, g.origin_y_m, g.resolution_m * step, rows // step, cols // step
     )
-    return html.png_uri(np.ascontiguousarray(coarse[::-1])), shown
+    return _sharp_uri(coarse), shown
+
+
+def _sharp_uri(cells: NDArray[np.uint8]) -> str:
+    """Return cells (rows, cols, ...), the lowest row first, as a picture's data address."""
+    times = math.ceil(_SHARP_PIXELS / max(cells.shape[:2]))
+    large = cells[::-1].repeat(times, axis=0).repeat(times, axis=1)
+    return html.png_uri(np.ascontiguousarray(large))
 
 
 def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory]) -> str:
@@ -64,18 +85,59 @@ def trajectory_figure(grid: OccupancyGrid, trajectories: Mapping[str, Trajectory
         x, y = trajectory.poses[::step, 0], trajectory.poses[::step, 1]
         seconds = (trajectory.stamps_ns[::step] - trajectory.stamps_ns[0]) * 1e-9
         fig.add_scattergl(
-            x=_single(x),
-            y=_single(y),
+            x=single(x),
+            y=single(y),
             mode="lines",
             name=name,
             line=style,
-            customdata=_single(seconds),
+            customdata=single(seconds),
             hovertemplate="%{x:.2f}, %{y:.2f} m<br>%{customdata:.1f} s<extra>" + name + "</extra>",
             visible="legendonly" if name == RAW_ODOMETRY else True,
         )
     _put_ends(fig, next(iter(trajectories.values())))
-    _metric_axes(fig, geometry)
-    return html.figure(fig, _height_px(geometry))
+    metric_axes(fig, geometry)
+    return html.figure(fig, height_px(geometry), _GROUND) + _MAP_WORDS
+
+
+def geographic_figure(geographic: GeographicMap) -> str:
+    """Return the recovered map by what its cells are, with the obstacles of known height."""
+    fig = go.Figure()
+    picture, geometry = _state_picture(geographic)
+    _put_map_below(fig, picture, geometry)
+    for state, (name, color) in _STATES.items():
+        if (geographic.states == state).any():
+            marker = {"symbol": "square", "size": 11, "color": color, "line": {"width": 1}}
+            fig.add_scatter(x=[None], y=[None], mode="markers", name=name, marker=marker)
+    for solid in geographic.solids:
+        if math.isfinite(solid.height_m):
+            _put_solid(fig, solid)
+    metric_axes(fig, geometry)
+    return html.figure(fig, height_px(geometry), _GROUND)
+
+
+def _state_picture(geographic: GeographicMap) -> tuple[str, GridGeometry]:
+    """Return the states as a picture's data address, every so many cells where there are many."""
+    g = geographic.geometry
+    step = max(1, math.ceil(math.sqrt(geographic.states.size / _MAX_MAP_PIXELS)))
+    states = geographic.states[::step, ::step]
+    shown = GridGeometry(g.origin_x_m, g.origin_y_m, g.resolution_m * step, *states.shape)
+    palette = np.zeros((256, 3), dtype=np.uint8)
+    for state, (_, color) in _STATES.items():
+        palette[state] = np.frombuffer(bytes.fromhex(color[1:]), dtype=np.uint8)
+    return _sharp_uri(palette[states]), shown
+
+
+def _put_solid(fig: go.Figure, solid: Solid) -> None:
+    """Outline an obstacle and write its height into it."""
+    ring = np.vstack([solid.corners_m, solid.corners_m[:1]])
+    line = {"color": _SOLID, "width": 2}
+    fig.add_scatter(
+        x=ring[:, 0], y=ring[:, 1], mode="lines", line=line, hoverinfo="skip", showlegend=False
+    )
+    x, y = solid.corners_m.mean(axis=0)
+    font = {"color": _SOLID}
+    label = f"<b>{solid.height_m:g} m</b>"
+    fig.add_annotation(x=x, y=y, text=label, showarrow=False, font=font, bgcolor="#ffffff")
 
 
 def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
@@ -102,13 +164,14 @@ def _put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None
     )
 
 
-def _height_px(geometry: GridGeometry) -> int:
-    """Return a height at which the map fills the page's width, within what fits a screen."""
+def height_px(geometry: GridGeometry) -> int:
+    """Return a figure height at which the map fills the page's width, within what fits a screen."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     return round(min(max(1000.0 * (y_max - y_min) / (x_max - x_min), 420.0), 860.0))
 
 
-def _metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
+def metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
+    """Show all of a grid and nothing else, a metre as long up as across."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     fig.update_xaxes(title="x [m]", range=[x_min, x_max], showgrid=False, zeroline=False)
     fig.update_yaxes(
@@ -120,75 +183,6 @@ def _metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
     )
 
 
-def gain_figure(radio: RadioMap) -> str:
-    """Return the gain of every access point with hover values, cells left out where too many."""
-    fig = go.Figure()
-    budget = _MAX_GAIN_CELLS / len(radio.access_points)
-    rows, cols = _mapped(radio)
-    size = (rows.stop - rows.start) * (cols.stop - cols.start)
-    step = max(1, math.ceil(math.sqrt(size / budget)))
-    g = radio.geometry
-    x = g.origin_x_m + (np.arange(cols.start, cols.stop, step) + 0.5) * g.resolution_m
-    y = g.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * g.resolution_m
-    gain_db = radio.channel_power_gain_db[:, rows, cols][:, ::step, ::step]
-    clear = radio.line_of_sight[:, rows, cols][:, ::step, ::step]
-    low, high = radio.gain_span_db()
-    for index, ap in enumerate(radio.access_points):
-        fig.add_heatmap(
-            x=_single(x),
-            y=_single(y),
-            z=np.round(gain_db[index], 2),
-            customdata=clear[index].astype(np.uint8),
-            hovertemplate="%{x:.2f}, %{y:.2f} m<br>%{z:.2f} dB<br>line of sight: %{customdata}"
-            f"<extra>{ap.name}</extra>",
-            colorscale="Viridis",
-            zmin=low,
-            zmax=high,
-            colorbar={"title": "gain [dB]"},
-            visible=index == 0,
-            hoverongaps=False,
-        )
-    _put_access_points(fig, radio)
-    shown = GridGeometry(
-        float(x[0]), float(y[0]), g.resolution_m, rows.stop - rows.start, cols.stop - cols.start
-    )
-    _metric_axes(fig, shown)
-    return html.figure(fig, _height_px(shown))
-
-
-def _mapped(radio: RadioMap) -> tuple[slice, slice]:
-    """Return the rows and columns with a value in them."""
-    known: Mask = np.asarray(np.isfinite(radio.path_loss_db).any(axis=0))
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not len(rows):
-        return slice(0, radio.geometry.rows), slice(0, radio.geometry.cols)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
-
-
-def _put_access_points(fig: go.Figure, radio: RadioMap) -> None:
-    fig.add_scatter(
-        x=[ap.x_m for ap in radio.access_points],
-        y=[ap.y_m for ap in radio.access_points],
-        text=[f"{ap.name}, {ap.z_m:g} m high" for ap in radio.access_points],
-        mode="markers",
-        name="access points",
-        marker={"symbol": "star", "size": 15, "color": "#e63946", "line": {"width": 1}},
-        hovertemplate="%{text}<extra></extra>",
-    )
-    if len(radio.access_points) < 2:
-        return
-    count = len(radio.access_points)
-    buttons = [
-        {
-            "label": ap.name,
-            "method": "restyle",
-            "args": [{"visible": [i == index for i in range(count)] + [True]}],
-        }
-        for index, ap in enumerate(radio.access_points)
-    ]
-    fig.update_layout(updatemenus=[{"buttons": buttons, "x": 0, "y": 1.12, "xanchor": "left"}])
-
-
-def _single(values: Floats) -> NDArray[np.float32]:
+def single(values: Floats) -> NDArray[np.float32]:
     """Halve the page's size: single precision is far below a pixel."""
     return np.asarray(values, dtype=np.float32)

@@ -19,6 +19,9 @@ from slarm_graph.files.maps import png_bytes
 Cell = float | int | str | None
 
 _SHORT = 32
+_MANY_ROWS = 40
+_COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
+"""Okabe and Ito's, which colour-blind people can tell apart."""
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1c2430; --soft: #5b6675; --line: #dfe4ea; --tint: #f5f7f9; }
@@ -31,13 +34,13 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 th, td { padding: .28rem .8rem .28rem 0; border-bottom: 1px solid var(--line); text-align: left;
   vertical-align: top; }
 th { color: var(--soft); font-weight: 600; } td.number, th.number { text-align: right; }
-.wide { overflow-x: auto; max-height: 36rem; overflow-y: auto; }
+.wide { overflow-x: auto; } .long { max-height: 36rem; overflow-y: auto; }
 .short { white-space: nowrap; }
 .gallery { display: grid; gap: 1rem;
   grid-template-columns: repeat(auto-fit, minmax(min(100%, 30rem), 1fr)); }
 .gallery figure { margin: 0; } .gallery img { width: 100%; }
 figcaption { color: var(--soft); font-size: .9rem; }
-.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(9.5rem, 1fr)); gap: .7rem;
+.facts { display: grid; grid-template-columns: repeat(auto-fit, minmax(8rem, 1fr)); gap: .7rem;
   margin: 1.2rem 0; }
 .fact { background: var(--tint); border: 1px solid var(--line); border-radius: 8px;
   padding: .6rem .8rem; }
@@ -110,7 +113,8 @@ def table(columns: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
         for row in rows
     )
     inside = f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody>"
-    return f'<div class="wide"><table>{inside}</table></div>'
+    looks = "wide long" if len(rows) > _MANY_ROWS else "wide"
+    return f'<div class="{looks}"><table>{inside}</table></div>'
 
 
 def _cell(tag: str, text: str, right: bool) -> str:
@@ -170,14 +174,15 @@ def code(text: str) -> str:
     return f"<pre>{escape(text)}</pre>"
 
 
-def figure(content: go.Figure, height_px: int = 620) -> str:
-    """Return an interactive figure."""
+def figure(content: go.Figure, height_px: int = 620, ground: str = "white") -> str:
+    """Return an interactive figure; `ground` is the colour behind what is plotted."""
     content.update_layout(
         height=height_px,
         margin={"l": 60, "r": 20, "t": 30, "b": 50},
         paper_bgcolor="white",
-        plot_bgcolor="white",
+        plot_bgcolor=ground,
         font={"family": "system-ui, sans-serif", "size": 13},
+        colorway=_COLORS,
         legend={"orientation": "h", "y": 1.06, "x": 0},
     )
     config = {"displaylogo": False, "responsive": True, "scrollZoom": True}

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -12,11 +13,14 @@ import pytest
 
 from slarm_graph.backend import Table
 from slarm_graph.eval import report_page as html
+from slarm_graph.eval.gain_figure import gain_figure
 from slarm_graph.eval.report import backend_table, count_by_reason, dropped_table
-from slarm_graph.eval.report_figures import gain_figure, map_picture
+from slarm_graph.eval.report_figures import geographic_figure, map_picture
+from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.readings import ScanStatus
+from slarm_graph.world import Solid
 
 
 def decoded(uri: str) -> np.ndarray:
@@ -77,3 +81,28 @@ def test_text_is_escaped() -> None:
     assert "&lt;c&gt;" in page
     assert "&lt;v&gt;" in page
     assert "&lt;n&gt;" in page
+
+
+def test_few_cells_are_drawn_sharply() -> None:
+    p = np.zeros((3, 4), dtype=np.float32)
+    p[0, 1] = 1.0
+    picture, shown = map_picture(OccupancyGrid(GridGeometry(0.0, 0.0, 0.25, 3, 4), p))
+    image = decoded(picture)
+    assert shown.shape == (3, 4)
+    times = image.shape[1] // 4
+    assert image.shape == (3 * times, 4 * times)
+    assert times >= 100
+    assert np.array_equal(np.argwhere(image == 40).min(axis=0), [2 * times, times])
+    assert (image == 40).sum() == times**2
+
+
+def test_the_geographic_map_tells_states_and_heights() -> None:
+    p = np.zeros((20, 30), dtype=np.float32)
+    p[5, :] = 1.0
+    box = Solid("box", np.array([[0.1, 0.2], [0.3, 0.2], [0.3, 0.4], [0.1, 0.4]]), 1.25)
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.05, 20, 30), p)
+    page = geographic_figure(replace(as_geographic(grid), solids=(box,)))
+    assert "1.25 m" in page
+    assert "accessible" in page
+    assert "obstacle" in page
+    assert "out of reach" not in page

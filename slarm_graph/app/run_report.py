@@ -34,6 +34,7 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         lead=f"{info.description}; seed {run.config.seed}",
         grid=run.slam.grid,
         trajectories=_trajectories(run, references),
+        geographic=run.geographic,
         radio=run.radio,
         metrics=run.metrics,
         record=folder.record(),

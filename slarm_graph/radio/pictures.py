@@ -10,14 +10,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
+from matplotlib.patheffects import withStroke
 
-from slarm_graph.radio_words import RadioMap
+from slarm_graph.radio_words import AccessPoint, RadioMap
 
 _DPI = 130
 _WIDTH_IN = 7.0
 _GROUND = "#d9d9d9"
+_SERVERS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
+"""Okabe and Ito's colours, which colour-blind people can tell apart."""
 
 
 def write_radio_png(path: Path, radio: RadioMap) -> None:
@@ -30,13 +34,13 @@ def radio_figure(radio: RadioMap) -> Figure:
     """Draw the expected gain per access point, and which is strongest where there are several."""
     count = len(radio.access_points)
     x_min, x_max, y_min, y_max = _extent_of_values(radio)
-    tall_in = min(max(0.8 * _WIDTH_IN * (y_max - y_min) / (x_max - x_min), 2.0), 9.0)
+    tall_in = min(max(0.7 * _WIDTH_IN * (y_max - y_min) / (x_max - x_min), 2.0), 9.0)
     panels = count + (count > 1)
     figure = Figure(figsize=(_WIDTH_IN, panels * (tall_in + 0.7)), layout="constrained")
     FigureCanvasAgg(figure)
     all_axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
     for index in range(count):
-        draw_gain(all_axes[index], radio, index)
+        draw_gain(all_axes[index], radio, index, limits_db=radio.gain_span_db())
     if count > 1:
         draw_best_access_point(all_axes[-1], radio)
     for axes in all_axes:
@@ -92,7 +96,7 @@ def draw_best_access_point(axes: Axes, radio: RadioMap) -> None:
         np.ma.masked_less(best, 0),
         origin="lower",
         extent=radio.geometry.extent_m,
-        cmap="tab20",
+        cmap=ListedColormap([_SERVERS[i % len(_SERVERS)] for i in range(count)]),
         vmin=-0.5,
         vmax=count - 0.5,
         interpolation="nearest",
@@ -109,10 +113,27 @@ def _finish(axes: Axes, radio: RadioMap, indices: list[int]) -> None:
         ap = radio.access_points[index]
         # One far outside would squeeze the map to nothing.
         if x_min <= ap.x_m <= x_max and y_min <= ap.y_m <= y_max:
-            axes.plot(ap.x_m, ap.y_m, "^", color="red", mec="white", ms=9, clip_on=False, zorder=5)
+            _draw_access_point(axes, ap)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_aspect("equal")
+
+
+def _draw_access_point(axes: Axes, ap: AccessPoint) -> None:
+    place = (ap.x_m, ap.y_m)
+    axes.plot(*place, "*", color="white", mec="black", ms=13, clip_on=False, zorder=5)
+    label = axes.annotate(
+        ap.name,
+        place,
+        (0.0, -9.0),
+        textcoords="offset points",
+        ha="center",
+        va="top",
+        fontsize=8,
+        color="white",
+        zorder=6,
+    )
+    label.set_path_effects([withStroke(linewidth=2, foreground="black")])
 
 
 def _extent_of_values(radio: RadioMap) -> tuple[float, float, float, float]:
