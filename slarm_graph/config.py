@@ -352,7 +352,7 @@ class RunConfig(Stage):
     """Everything a run needs besides its source."""
 
     backend: str = "pose_graph"
-    seed: int = 0
+    seed: int = Field(default=0, ge=0)
     source: SourceConfig = SourceConfig()
     frontend: FrontendConfig = FrontendConfig()
     pose_graph: PoseGraphConfig = PoseGraphConfig()

@@ -135,7 +135,7 @@ def _two_parents(make: Writer, messages: list[Recorded]) -> list[Recorded]:
         (_zero_stamps, "warning", "/scan", "all stamps are 0"),
         (_late, "note", "/scan", "2 of 60 out of order, at most 200 ms"),
         (_twice, "warning", "/scan", "1 of 61 repeat the stamp before"),
-        (_silence, "warning", "/scan", "1 gaps (longest 2.00 s, usual 0.100 s)"),
+        (_silence, "warning", "/scan", "gaps: 1 (longest 2.00 s, usual 0.100 s)"),
         (_another_clock, "note", "/scan", "stamps are 500.000 s behind the time of recording"),
         (_stuck, "warning", "/scan", "the scan data never change"),
         (_at_maximum, "warning", "/scan", "50% of all beams are exactly range_max"),

@@ -66,7 +66,7 @@ def test_typos_in_a_file(tmp_path: Path, text: str, words: str) -> None:
     ],
 )
 def test_typos_on_the_command_line(override: str, words: str) -> None:
-    with pytest.raises(BadInput, match=r"--set") as refused:
+    with pytest.raises(BadInput) as refused:
         load_config(overrides=[override])
     assert words in str(refused.value)
 

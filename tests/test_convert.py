@@ -128,3 +128,21 @@ def test_what_cannot_be_converted_leaves_nothing_behind(tmp_path: Path) -> None:
         with pytest.raises(BadInput):
             convert(tmp_path / "text.bag", tmp_path / name)
     assert [path.name for path in tmp_path.iterdir()] == ["text.bag"]
+
+
+def test_of_a_damaged_bag_the_scans_are_saved(tmp_path: Path) -> None:
+    write_readings(tmp_path / "a.bag", drive())
+    whole = (tmp_path / "a.bag").read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: int(0.8 * len(whole))])
+    said = convert(tmp_path / "cut.bag", tmp_path / "b.mcap")
+    assert "only scans and odometry" in said
+    saved = read(tmp_path / "b.mcap")
+    assert 0 < len(saved) <= 20
+    assert_same(saved, read(tmp_path / "cut.bag"))
+
+
+def test_a_folder_without_metadata(tmp_path: Path) -> None:
+    (tmp_path / "folder").mkdir()
+    write_readings(tmp_path / "folder" / "a.db3", drive())
+    assert "every message" in convert(tmp_path / "folder", tmp_path / "b.bag")
+    assert_same(read(tmp_path / "b.bag"), drive())

@@ -141,7 +141,7 @@ def test_tilt_is_refused_beyond_five_degrees(axis: str, turned_over: bool) -> No
         with pytest.raises(BadInput) as caught:
             mounting_in_plane(turn.as_matrix(), np.zeros(3), "laser")
         want = f"laser frame laser is tilted {tilt_deg:.1f} deg about {axis}; 2D needs < 5 deg"
-        assert str(caught.value) == want
+        assert str(caught.value).startswith(want)
 
 
 MOUNTS = {

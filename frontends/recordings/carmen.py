@@ -94,7 +94,9 @@ def read_carmen(path: Path) -> CarmenLog:
         faults.append(f"{path.name} ends early ({error}); what came before is used")
     if not scans:
         raise BadInput(
-            faults[0] if faults else f"{path} holds no FLASER, ROBOTLASER or RAWLASER line"
+            f"{path} has no laser line that can be read ({faults[0]})"
+            if faults
+            else f"{path} holds no FLASER, ROBOTLASER or RAWLASER line"
         )
     notices = _notices(faults, unknown)
     by_logger = _ipc_unusable([scan.stamps_s for some in scans.values() for scan in some])

@@ -70,7 +70,9 @@ def check(
         description, topics, findings = _look(files, config)
         source = open_source(files, config)
         readings = len(list(source))
-        findings += [Finding("note", "as used", notice) for notice in source.info().notices]
+        known = {finding.what for finding in findings}
+        notices = (notice for notice in source.info().notices if notice not in known)
+        findings += [Finding("note", "as used", notice) for notice in notices]
     except BadInput as error:
         findings.append(Finding("error", "recording", str(error)))
     except Exception as error:  # a diagnosis has to end in words on any file

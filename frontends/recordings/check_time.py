@@ -61,7 +61,7 @@ def _check_gaps(where: str, stamps: Ints) -> list[Finding]:
     long = np.concatenate([[False], steps > limit_ns])
     worst = f"longest {steps.max() * 1e-9:.2f} s, usual {usual * 1e-9:.3f} s"
     return counted(
-        "warning", where, f"{{count}} gaps ({worst})", long, np.sort(stamps),
+        "warning", where, f"gaps: {{count}} ({worst})", long, np.sort(stamps),
         "lost messages: record less, or on a faster disk",
     )  # fmt: skip
 
@@ -73,7 +73,8 @@ def _check_skew(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
     usual = float(np.median(skew))
     found: list[Finding] = []
     if abs(usual) > _OTHER_CLOCK_S:
-        told = f"stamps are {usual:.3f} s behind the time of recording: another clock"
+        side = "behind" if usual > 0 else "ahead of"
+        told = f"stamps are {abs(usual):.3f} s {side} the time of recording: another clock"
         found.append(Finding("note", where, told, "only header stamps are used", len(stamps)))
     return found + counted(
         "note", where, f"{{count}} of {{total}} recorded more than {_SKEW_WARNING_S} s off beat",

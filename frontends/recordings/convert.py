@@ -19,6 +19,7 @@ import numpy as np
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.ros_writing import prepare_destination, remove, write_readings
+from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
 from slarm_graph.frontends.recordings.sources import (
     existing_paths,
     is_carmen,
@@ -44,9 +45,9 @@ def convert(
 ) -> str:
     """Convert a recording; the destination's ending says into what.
 
-    ROS to ROS keeps every topic, message by message. To and from CARMEN goes through readings:
-    scans with the odometry at their stamps. A world file becomes the recording of a drive through
-    it, with the true poses on /ground_truth.
+    ROS to ROS keeps every topic, message by message. To and from CARMEN, and from a damaged
+    recording, goes through readings: scans with the odometry at their stamps. A world file becomes
+    the recording of a drive through it, with the true poses on /ground_truth.
 
     Parameters
     ----------
@@ -75,15 +76,19 @@ def convert(
     if world is not None and not to_carmen:
         count = write_readings(destination, world, truth=_truth(world), overwrite=overwrite)
         return f"{destination}: {count} scans of a {world.info().description}, with ground truth"
+    loss = ""
     if not to_carmen and not is_carmen(paths[0]):
-        _convert_messages(paths, destination)
-        return f"{destination}: every message of {', '.join(path.name for path in paths)}"
+        open_recording(paths)  # tells what is wrong with a file that is none
+        loss = _convert_messages(paths, destination)
+        if not loss:
+            return f"{destination}: every message of {', '.join(path.name for path in paths)}"
     source = open_source(paths, config or SourceConfig())
     if to_carmen:
         count = write_carmen(destination, source)
     else:
         count = write_readings(destination, source, overwrite=overwrite)
-    return f"{destination}: {count} scans of {source.info().description}"
+    others = f"; only scans and odometry, for {loss}" if loss else ""
+    return f"{destination}: {count} scans of {source.info().description}{others}"
 
 
 def _truth(world: SourceFromWorld) -> Iterator[tuple[int, Pose2]]:
@@ -93,8 +98,8 @@ def _truth(world: SourceFromWorld) -> Iterator[tuple[int, Pose2]]:
         yield stamp_ns, Pose2.from_array(pose)
 
 
-def _convert_messages(paths: Sequence[Path], destination: Path) -> None:
-    """ROS to ROS by rosbags, to a place beside the destination first."""
+def _convert_messages(paths: Sequence[Path], destination: Path) -> str:
+    """ROS to ROS by rosbags, to a place beside the destination first; return why it cannot."""
     from rosbags.convert.converter import ConverterError
     from rosbags.convert.converter import convert as convert_bags
     from rosbags.typesys import Stores, get_typestore
@@ -104,6 +109,8 @@ def _convert_messages(paths: Sequence[Path], destination: Path) -> None:
     made = folder / (destination.stem if single else destination.name)
     storage = "sqlite3" if destination.suffix == ".db3" else "mcap"
     inputs = [path.parent if path.name == "metadata.yaml" else path for path in paths]
+    if any(path.is_dir() and not (path / "metadata.yaml").exists() for path in inputs):
+        inputs, _ = storage_files(paths)
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             convert_bags(
@@ -113,10 +120,10 @@ def _convert_messages(paths: Sequence[Path], destination: Path) -> None:
         remove(destination)
         shutil.move(made / f"{made.name}{destination.suffix}" if single else made, destination)
     except (ConverterError, AssertionError, OSError) as error:
-        reason = str(error) or "its index is damaged"
-        raise BadInput(f"cannot convert {', '.join(map(str, paths))}: {reason}") from error
+        return str(error) or "its index is damaged"
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+    return ""
 
 
 def write_carmen(destination: Path, readings: Iterable[Reading]) -> int:

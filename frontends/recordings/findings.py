@@ -107,7 +107,8 @@ class Diagnosis:
                 f"  {topic.name:<{width}}  {topic.count:>7}  {topic.rate_hz:6.1f} Hz"
                 f"  {topic.msgtype}{frame}"
             )
-        lines.append("")
+        if self.topics:
+            lines.append("")
         for finding in self.findings:
             lines += _paragraph(finding)
         lines.append(_verdict(self))

@@ -63,7 +63,7 @@ def mounting_in_plane(rotation: Floats, translation_m: Floats, frame: str) -> Mo
     if tilt_deg > MAX_TILT_DEG:
         raise BadInput(
             f"laser frame {frame} is tilted {tilt_deg:.1f} deg about {_tilt_axis(up)}; "
-            f"2D needs < {MAX_TILT_DEG:g} deg"
+            f"2D needs < {MAX_TILT_DEG:g} deg: choose a level laser with --scan"
         )
     heading = math.atan2(rotation[1, 0], rotation[0, 0])
     place = Pose2(float(translation_m[0]), float(translation_m[1]), heading)

@@ -37,7 +37,7 @@ def open_recording(paths: Sequence[Path]) -> Recording:
     BadInput
         When a file is no recording, is damaged, or kinds are mixed.
     """
-    files, notices = _storage_files(paths)
+    files, notices = storage_files(paths)
     kinds = {path: _kind(path) for path in files}
     if set(kinds.values()) == {"ROS 1"}:
         return Ros1Recording(files)
@@ -72,7 +72,7 @@ def _kind(path: Path) -> str:
     )
 
 
-def _storage_files(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
+def storage_files(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
     """Replace folders by what lies inside, where rosbags would not find it."""
     files: list[Path] = []
     notices: list[str] = []

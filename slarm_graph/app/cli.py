@@ -103,9 +103,14 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
                 numbers.append(rest.pop(0))
             if len(numbers) == 3:
                 joined[-1] = f"{word}={' '.join(numbers)}"
-            elif numbers or not rest:
+            elif numbers or not (rest and _is_point(rest[0])):
                 raise BadInput(f"{word} needs three numbers X Y Z [m], got {len(numbers)}")
     return joined
+
+
+def _is_point(text: str) -> bool:
+    """Whether one word holds all three numbers, as in `--ap "1 2 3"`."""
+    return len(text.replace(",", " ").split()) > 1
 
 
 def _is_number(text: str) -> bool:

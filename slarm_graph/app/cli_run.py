@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import math
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -150,6 +151,8 @@ def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint,
             x, y, z = (float(word) for word in text.replace(",", " ").split())
         except ValueError:
             raise BadInput(f"--ap {text}: expected three numbers X Y Z [m]") from None
+        if not all(map(math.isfinite, (x, y, z))) or z < 0.0:
+            raise BadInput(f"--ap {text}: X Y Z must be finite, and Z not below the floor [m]")
         radio = config.radio
         points.append(AccessPoint(f"AP{number}", x, y, z, radio.power_dbm, radio.frequency_hz))
     return tuple(points)

@@ -61,7 +61,7 @@ def radio_command(
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
     low, high = radio.gain_span_db()
     print(
-        f"{len(points)} access points, expected gain {low:.1f} to {high:.1f} dB"
+        f"{', '.join(ap.name for ap in points)}: expected gain {low:.1f} to {high:.1f} dB"
         f" -> {folder.path}/radio_map.png"
     )
 

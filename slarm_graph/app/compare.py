@@ -137,7 +137,7 @@ def _on_cluster(address: str) -> Runner:
 
         try:
             client = Client(address, timeout="10s")  # type: ignore[no-untyped-call]
-        except OSError as error:
+        except (OSError, ValueError) as error:
             raise BadInput(f"--scheduler {address}: no dask scheduler answers ({error})") from None
         with client:
             futures = {client.submit(carry_out, t, pure=False): t for t in planned}

@@ -17,6 +17,8 @@ from slarm_graph import config as config_module
 from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
 
+_SETTING = "--set"
+
 Tree = dict[str, object]
 """Nested keys and values, as in the YAML."""
 
@@ -42,7 +44,7 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
         tree, places = _read(path)
     for override in overrides:
         key, value = _split(override)
-        places[key] = "--set"
+        places[key] = _SETTING
         _put(tree, key, value)
     for key in _keys(tree):
         _refuse_unknown(key, places)
@@ -127,7 +129,10 @@ def _first_problem(error: ValidationError, places: Mapping[str, str]) -> str:
     parts = [str(part) for part in first["loc"]]
     known = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
     key = next((k for k in known if k in places), ".".join(parts))
-    return f"{places.get(key, 'configuration')}: {key}: {first['msg']}, got {first['input']!r}"
+    place = places.get(key, "configuration")
+    # Options such as --resolution arrive as settings too: the key alone says what is meant.
+    where = key if place == _SETTING else f"{place}: {key}"
+    return f"{where}: {first['msg']}, got {first['input']!r}"
 
 
 def config_yaml(config: RunConfig, *, comments: bool = False) -> str:

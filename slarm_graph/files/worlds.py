@@ -129,9 +129,10 @@ def load_world(name_or_path: str | Path) -> WorldMap:
     try:
         text = path.read_text("utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        known = ", ".join(shipped_worlds())
+        reason = (error.strerror if isinstance(error, OSError) else None) or "not a text file"
         raise BadInput(
-            f"{path}: cannot read the world ({error}); give a YAML file or one of {known}"
+            f"{path}: cannot read the world ({reason}); give a YAML file or one of"
+            f" {', '.join(shipped_worlds())}"
         ) from error
     if _is_map(text):
         return world_from_map(read_map(path), name=path.stem)

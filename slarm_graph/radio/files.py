@@ -57,7 +57,7 @@ def read_radio_npz(path: Path) -> RadioMap:
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None
     except (BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
-        raise BadInput(f"{path}: not a radio map written by slarm ({error})") from error
+        raise BadInput(f"{path}: not a radio map written by slarm (a radio_map.npz)") from error
 
 
 def write_radio_netcdf(path: Path, radio: RadioMap) -> None:
