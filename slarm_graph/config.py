@@ -230,6 +230,10 @@ class RecoveryConfig(Stage):
     """Global geographic map recovery (GGMR)."""
 
     expansion_radius_m: float = Field(default=0.0, ge=0)
+    """How far to keep from obstacles; where that leaves no way, what lies beyond is out of reach.
+
+    The robot's radius gives what it can drive to.
+    """
     default_height_m: float | None = Field(default=None, gt=0)
     """Height of obstacles with no better information; null means infinitely high."""
     known_sizes: tuple[tuple[float, float, float], ...] = ()

@@ -49,7 +49,7 @@ class RadioMap:
     geometry : GridGeometry
     access_points : tuple of AccessPoint, length A
     path_loss_db : (A, rows, cols) float32
-        nan where no antenna can be (obstacles, unknown cells).
+        nan where no antenna can be (obstacles, cells unknown or out of reach).
     line_of_sight : (A, rows, cols) bool
         Whether the straight segment to the antenna is clear of obstacles, with their heights.
     antenna_height_m : float

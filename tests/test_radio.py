@@ -44,11 +44,11 @@ def test_one_cell_by_hand():
     assert radio.channel_power_gain_db[0, 30, 40] == -radio.path_loss_db[0, 30, 40]
 
 
-def test_gain_exists_exactly_where_an_antenna_can_be():
+def test_gain_exists_exactly_where_the_robot_can_get():
     rng = np.random.default_rng(0)
     states = rng.integers(0, 5, (20, 30))
     radio = radio_map(geographic(states), [AccessPoint("ap", 1.0, 1.0, 2.5)], CONFIG)
-    blocked = (states == CellState.UNKNOWN) | (states == CellState.OBSTACLE)
+    blocked = ~np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))
     np.testing.assert_array_equal(np.isnan(radio.path_loss_db[0]), blocked)
     assert not radio.line_of_sight[0][blocked].any()
 

@@ -73,12 +73,18 @@ def test_invariants_on_any_grid(drawn, expansion_radius_m, straighten):
     room_cells = ndimage.distance_transform_edt(~(grid.occupied & ~visited))
     fits = room_cells > config.robot_radius_m / grid.geometry.resolution_m
     passable = cleaned(grid, visited, config).reached & ((grid.free & fits) | visited)
-    still = np.isin(recovered.states, (CellState.ACCESSIBLE, CellState.EXPANSION))
+    within = np.isin(recovered.states, (CellState.ACCESSIBLE, CellState.EXPANSION))
+    still = within | (recovered.states == CellState.ENCLOSED)
     assert not np.any(passable & ~still)
     before, _ = ndimage.label(passable)
     after, _ = ndimage.label(still)
     for label in range(1, before.max() + 1):
         assert len(np.unique(after[before == label])) == 1
+        if expansion_radius_m == 0.0 and (visited & (before == label)).any():
+            assert within[before == label].all()
+    # What is accessible can be driven to.
+    ways, _ = ndimage.label(recovered.accessible)
+    assert set(np.unique(ways)) <= {0, *np.unique(ways[visited])}
     # Heights exist exactly on obstacles, and changes are counted.
     assert ((recovered.heights_m > 0) == recovered.obstacle).all()
     assert 0 <= recovered.changed_cells <= grid.probability.size
@@ -119,6 +125,35 @@ def test_free_space_behind_a_wall_is_enclosed():
     recovered = recover(grid_of(rows), path((0.1, 0.1), (0.4, 0.4)), RecoveryConfig())
     assert (recovered.states[:, :10] == CellState.ACCESSIBLE).all()
     assert (recovered.states[:, 11:] == CellState.ENCLOSED).all()
+
+
+def test_a_beam_through_a_window_leads_nowhere():
+    rows = [
+        "." * 20 + "#" + "." * 20 if n in (2, 11) else "." * 20 + "#" + " " * 20 for n in range(14)
+    ]
+    rows[2] = "." * 41
+    rows[11] = rows[10] = "." * 41
+    rows += ["." * 20 + "#" + "." * 20] * 6 + ["." * 41] * 4 + ["." * 20 + "#" + "." * 20] * 6
+    recovered = recover(
+        grid_of(rows), path((0.1, 0.1), (0.9, 1.2)), RecoveryConfig(straighten=False)
+    )
+    states = recovered.states[::-1]
+    assert (states[:, :20] == CellState.ACCESSIBLE).all()
+    # Lines of one and two cells lead nowhere beyond their first centimetres, a door of four does.
+    for row in (2, 10, 11):
+        assert (states[row, 24:] == CellState.ENCLOSED).all()
+    assert (states[14:, 21:] == CellState.ACCESSIBLE).all()
+
+
+def test_what_the_expansion_radius_cuts_off_is_out_of_reach():
+    rows = ["." * 9 + "#" + "." * 9] * 9
+    rows[4] = rows[5] = "." * 19
+    grid = grid_of(rows)
+    wide = OccupancyGrid(GridGeometry(0.0, 0.0, 0.25, *grid.geometry.shape), grid.probability)
+    for radius_m, beyond in ((0.0, CellState.ACCESSIBLE), (0.25, CellState.ENCLOSED)):
+        config = RecoveryConfig(expansion_radius_m=radius_m, straighten=False)
+        recovered = recover(wide, path((0.3, 0.3), (1.5, 1.2)), config)
+        assert (recovered.states[:, 12:] == beyond).all()
 
 
 def test_expansion_radius_is_rounded_up_to_cells():

@@ -31,13 +31,14 @@ from slarm_graph.world import WorldMap
 _log = logging.getLogger(__name__)
 
 _MOUNT_STEP_M = 0.001
-_FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
+_REACHABLE = (CellState.ACCESSIBLE, CellState.EXPANSION)
+_FREE = (*_REACHABLE, CellState.ENCLOSED)
 
 
 def radio_map(
     geographic: GeographicMap, access_points: Sequence[AccessPoint], config: RadioConfig
 ) -> RadioMap:
-    """Compute the expected path loss from every access point to every free cell (eq. (15)-(16)).
+    """Compute the path loss from every access point to every reachable cell, eq. (15)-(16).
 
     Line of sight is decided on the map's solids where it has any, else on its cells.
 
@@ -61,8 +62,9 @@ def radio_map(
     def sight(position_m: Floats) -> Mask:
         return _recovered_sight(geographic, free, position_m, config)
 
+    reachable = np.isin(geographic.states, _REACHABLE)
     return _map_of(
-        geographic.geometry, free, access_points, config, sight, geographic.height_source
+        geographic.geometry, reachable, access_points, config, sight, geographic.height_source
     )
 
 

@@ -16,6 +16,7 @@ from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
 
 _EIGHT = np.ones((3, 3), dtype=np.bool_)
+_LEAST_CELLS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +29,7 @@ class CleanGrid:
     occupied, free : (rows, cols) bool
         Cells in neither are unknown.
     reached : (rows, cols) bool
-        Free cells joined over sides to those the robot visited.
+        Free cells that those the robot visited lead to, by ways wider than a beam is seen to be.
     passable : (rows, cols) bool
         Those of them that it visited or where its disc fits.
     """
@@ -63,7 +64,7 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     occupied |= closed & ~passable
     free &= ~occupied
     free |= _small_holes(free, occupied, config.hole_area_m2 / grid.geometry.resolution_m**2)
-    reached = _reached(free, visited)
+    reached = _reached(free, visited, config.robot_radius_m / grid.geometry.resolution_m)
     return CleanGrid(grid.geometry, occupied, free, reached, passable & reached)
 
 
@@ -124,11 +125,27 @@ def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:
     return np.asarray(small[labels])
 
 
-def _reached(free: Mask, visited: Mask) -> Mask:
-    """Free cells joined over sides to visited ones; without a path, the largest free area."""
-    _, labels = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
-    if (visited & free).any():
-        wanted = np.unique(labels[visited & free])
+def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
+    """Free cells that visited ones lead to, by ways of three cells and more.
+
+    A beam through a window or between the legs of a chair leaves a free line behind it, one or two
+    cells wide, that leads nowhere. Where cells are so large that the robot fits through two, every
+    way counts.
+    """
+    if 2.0 * radius_cells < _LEAST_CELLS:
+        return joined(free, visited)
+    ways = cv2.erode(free.astype(np.uint8), np.ones((_LEAST_CELLS, _LEAST_CELLS), np.uint8))
+    region = joined(ways.astype(np.bool_) | (visited & free), visited)
+    for _ in range(_LEAST_CELLS - 1):
+        region = (cv2.dilate(region.astype(np.uint8), _EIGHT.astype(np.uint8)) > 0) & free
+    return region
+
+
+def joined(cells: Mask, visited: Mask) -> Mask:
+    """Cells joined over sides to visited ones; where there are none, the largest patch."""
+    _, labels = cv2.connectedComponents(cells.astype(np.uint8), connectivity=4)
+    if (visited & cells).any():
+        wanted = np.unique(labels[visited & cells])
     else:
         sizes = np.bincount(labels.ravel())
         sizes[0] = 0

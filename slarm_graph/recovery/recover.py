@@ -3,8 +3,9 @@
 """Map recovery, the second half of GGMR: from an occupancy grid to the geographic map.
 
 Threshold; drop specks; close pinholes; straighten walls on lines fitted to the laser's returns;
-match obstacles to known sizes for their heights; expansion radius; coverage. No visited cell ever
-becomes an obstacle, and where the robot fits, free space keeps its connections.
+match obstacles to known sizes for their heights; expansion radius; what can be driven to; coverage.
+No visited cell ever becomes an obstacle, and where the robot fits, free space keeps its
+connections.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.grid_cleaning import CleanGrid, cleaned, visited_cells, within_m
+from slarm_graph.recovery.grid_cleaning import CleanGrid, cleaned, joined, visited_cells, within_m
 from slarm_graph.recovery.obstacles import known_sizes_of, matched_blocks, wall_strips
 from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m
 from slarm_graph.recovery.walls import Outline, gathered, returns_of_cells, straightened
@@ -74,6 +75,8 @@ def recover(
     states = _states(shape.clean, target, region, behind)
     expanded = _expanded(target, states, config.expansion_radius_m) & ~visited
     states[expanded] = CellState.EXPANSION
+    accessible = states == CellState.ACCESSIBLE
+    states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
     heights_m, source = _heights(shape, target, states, config)
     centers = target.centers()
     footprint = _footprint(target, trajectory, config) & (states != CellState.OBSTACLE)
