@@ -99,6 +99,19 @@ class GridGeometry:
         values[inside] = layer[rows[inside], cols[inside]]
         return values
 
+    def resample(
+        self, layer: NDArray[Scalar], target: GridGeometry, outside: float
+    ) -> NDArray[Scalar]:
+        """Look a layer (rows, cols) up at the centres of another grid's cells, as `sample` does."""
+        corner = np.array([target.origin_x_m, target.origin_y_m])
+        count = np.arange(max(target.shape))[:, None]
+        cells = self.cell_of(corner + (count + 0.5) * target.resolution_m)
+        rows, cols = cells[: target.rows, 0], cells[: target.cols, 1]
+        row_in, col_in = (rows >= 0) & (rows < self.rows), (cols >= 0) & (cols < self.cols)
+        values = np.full(target.shape, outside, dtype=layer.dtype)
+        values[np.ix_(row_in, col_in)] = layer[np.ix_(rows[row_in], cols[col_in])]
+        return values
+
 
 @dataclass(frozen=True, slots=True)
 class OccupancyGrid:

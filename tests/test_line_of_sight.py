@@ -10,9 +10,14 @@ import numpy as np
 import pytest
 
 from slarm_graph.convex import convex_pieces, is_convex
+from slarm_graph.frontends.simulation.random_worlds import random_world
 from slarm_graph.grid import GridGeometry
-from slarm_graph.polygons import signed_area_m2
-from slarm_graph.radio.line_of_sight import line_of_sight_over_cells, line_of_sight_past_solids
+from slarm_graph.polygons import contains, signed_area_m2
+from slarm_graph.radio.line_of_sight import (
+    line_of_sight_over_cells,
+    line_of_sight_past_solids,
+    line_of_sight_to_points,
+)
 from slarm_graph.world import Solid
 
 HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]
@@ -184,3 +189,18 @@ def test_nothing_hides_anything_in_the_open():
     geometry = GridGeometry(0.0, 0.0, 0.1, 7, 9)
     assert line_of_sight_over_cells(geometry, np.zeros((7, 9)), [5.0, -2.0, 2.5], 0.5).all()
     assert line_of_sight_past_solids(geometry, [], [5.0, -2.0, 2.5], 0.5).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("antenna_m", [0.5, 2.0])
+def test_points_and_cells_see_the_same(seed: int, antenna_m: float) -> None:
+    world = random_world(np.random.default_rng(seed), things=8)
+    geometry = GridGeometry(-6.0, -4.5, 0.1, 90, 120)
+    centers, ap = geometry.centers(), world.access_points[0].position_m()
+    boxes = [solid for solid in world.solids if len(solid.corners_m) == 4]
+    outside = ~np.any([contains(solid.corners_m, centers) for solid in boxes], axis=0)
+    cells = line_of_sight_past_solids(geometry, boxes, ap, antenna_m)
+    points = line_of_sight_to_points(centers[outside], boxes, ap, antenna_m)
+    assert (points != cells[outside]).sum() <= 2
+    assert 0 < points.sum() <= len(points)
+    assert line_of_sight_to_points(centers[0], [], ap, antenna_m).all()

@@ -20,7 +20,7 @@ from slarm_graph.geographic import CellState
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.grid_cleaning import cleaned, visited_cells
+from slarm_graph.recovery.grid_cleaning import cleaned, visited_cells, within_m
 from slarm_graph.recovery.obstacles import known_sizes_of
 from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
 from slarm_graph.recovery.walls import gathered
@@ -175,12 +175,37 @@ def test_thin_curved_wall_survives_straightening():
     assert near[(values > 0) & ~ndimage.binary_dilation(visited, iterations=3)].max() <= 1.5
 
 
+@given(
+    st.tuples(st.floats(-2, 2), st.floats(-2, 2), st.floats(0.03, 0.4), st.floats(0.03, 0.4)),
+    st.integers(0, 2**32 - 1),
+)
+def test_another_lattice_is_looked_up_at_its_centres(frame, seed):
+    x_m, y_m, mine_m, its_m = frame
+    rng = np.random.default_rng(seed)
+    mine = GridGeometry(0.3, -0.7, mine_m, 13, 9)
+    layer = rng.integers(1, 1000, mine.shape)
+    target = GridGeometry(x_m, y_m, its_m, 7, 11)
+    expected = mine.sample(layer, target.centers(), outside=0)
+    np.testing.assert_array_equal(mine.resample(layer, target, outside=0), expected)
+
+
+@pytest.mark.parametrize("radius_m", [0.0, 0.05, 0.112, 0.3, 0.4, 0.45, 0.9])
+def test_cells_within_a_distance(radius_m):
+    rng = np.random.default_rng(3)
+    geometry = GridGeometry(0.0, 0.0, 0.05, 40, 30)
+    mask = rng.random(geometry.shape) < 0.01
+    off = geometry.centers()[:, :, None] - geometry.center_of(np.argwhere(mask))
+    near = (np.linalg.norm(off, axis=-1) <= radius_m + 1e-6).any(axis=-1)
+    np.testing.assert_array_equal(within_m(geometry, mask, radius_m), near)
+    assert not within_m(geometry, np.zeros_like(mask), radius_m).any()
+
+
 def test_footprint_is_the_disc_around_the_path():
     rows = ["." * 40] * 30
     recovered = recover(grid_of(rows), path((0.5, 0.75), (1.5, 0.75)), RecoveryConfig())
     centers = recovered.geometry.centers()
     inside = np.hypot(np.maximum(np.abs(centers[..., 0] - 1.0) - 0.5, 0.0), centers[..., 1] - 0.75)
-    clear = np.abs(inside - 0.18) > 0.03
+    clear = np.abs(inside - 0.18) > 1e-3
     np.testing.assert_array_equal(recovered.coverage.footprint[clear], (inside < 0.18)[clear])
 
 

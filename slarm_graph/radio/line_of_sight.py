@@ -105,10 +105,10 @@ def line_of_sight_past_solids(
     for plans, slack in ((whole, 1.0), (cut, -1.0)):
         if not plans:
             continue
-        corners = _in_cells(geometry, np.concatenate([corners for corners, _ in plans]))
-        starts = np.cumsum([0, *(len(corners) for corners, _ in plans)])
-        scales = _scales(np.array([top for _, top in plans]), z, antenna_height_m)
-        blocked |= _shadow(geometry.shape, eye, corners, starts, scales, slack)
+        corners, starts, tops_m = _end_to_end(plans)
+        scales = _scales(tops_m, z, antenna_height_m)
+        inside = _in_cells(geometry, corners)
+        blocked |= _shadow(geometry.shape, eye, inside, starts, scales, slack)
     return ~blocked
 
 
@@ -155,28 +155,12 @@ def line_of_sight_to_points(
         for index in np.flatnonzero(contains(solid.corners_m, points)):
             foot, normal = nearest_on_outline(solid.corners_m, points[index])
             points[index] = foot + _OFF_WALL_M * normal
-    clear = np.ones(len(points), dtype=np.bool_)
     whole, cut = _plans(solids, None)
-    plans = whole + cut
-    scales = _scales(np.array([top for _, top in plans]), float(z), antenna_height_m)
-    for (corners, _), (near, far) in zip(plans, scales, strict=True):
-        if not math.isnan(near):
-            clear &= ~_crosses(np.array([x, y]), points, corners, 1.0 / far, 1.0 / near)
-    return clear
-
-
-def _crosses(eye: Floats, points: Floats, corners: Floats, begin: float, end: float) -> Mask:
-    """Whether eye + u (point - eye) enters a convex polygon (K, 2) for begin < u < end."""
-    edges = np.roll(corners, -1, axis=0) - corners
-    inward = np.stack([-edges[:, 1], edges[:, 0]], axis=1)
-    ahead = (points - eye) @ inward.T
-    inside = ((eye - corners) * inward).sum(axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        meets = -inside / ahead
-    enters = np.where(ahead > 0.0, meets, -np.inf).max(axis=1, initial=begin)
-    leaves = np.where(ahead < 0.0, meets, np.inf).min(axis=1, initial=end)
-    outside = ((ahead == 0.0) & (inside <= 0.0)).any(axis=1)
-    return np.asarray((leaves - enters > 1e-9) & ~outside)
+    if not solids:
+        return np.ones(len(points), dtype=np.bool_)
+    corners, starts, tops_m = _end_to_end(whole + cut)
+    scales = _scales(tops_m, float(z), antenna_height_m)
+    return ~_hidden(np.array([x, y]), points, corners, starts, scales)
 
 
 def _plans(
@@ -192,6 +176,15 @@ def _plans(
         ends = np.roll(boundary_m, -1, axis=0)
         whole += [(np.stack([a, b]), math.inf) for a, b in zip(boundary_m, ends, strict=True)]
     return whole, cut
+
+
+def _end_to_end(
+    plans: Sequence[tuple[Floats, float]],
+) -> tuple[Floats, NDArray[np.int64], Floats]:
+    """Corners of all plans in one array (N, 2) [m], where each starts, and the tops [m]."""
+    corners = np.concatenate([corners for corners, _ in plans])
+    starts = np.cumsum([0, *(len(corners) for corners, _ in plans)])
+    return corners, starts, np.array([top for _, top in plans])
 
 
 def _on_face(
@@ -303,6 +296,42 @@ def _shadow(
             covers += steps[row, col]
             mask[row, col] = covers > 0
     return mask
+
+
+@njit(cache=True, nogil=True)
+def _hidden(
+    eye: Floats, points: Floats, corners: Floats, starts: NDArray[np.int64], scales: Floats
+) -> Mask:
+    """Whether any prism hides each point (N, 2) from the eye (2,); lengths in metres."""
+    hidden = np.zeros(len(points), dtype=np.bool_)
+    for n in range(len(points)):
+        for i in range(len(scales)):
+            near, far = scales[i, 0], scales[i, 1]
+            if not math.isnan(near) and _crosses(
+                eye, points[n], corners[starts[i] : starts[i + 1]], 1.0 / far, 1.0 / near
+            ):
+                hidden[n] = True
+                break
+    return hidden
+
+
+@njit(cache=True, nogil=True)
+def _crosses(eye: Floats, point: Floats, corners: Floats, begin: float, end: float) -> bool:
+    """Whether eye + u (point - eye) enters a convex polygon (K, 2) for begin < u < end."""
+    enters, leaves = begin, end
+    for k in range(len(corners)):
+        x, y = corners[k - 1, 0], corners[k - 1, 1]
+        along_x, along_y = corners[k, 0] - x, corners[k, 1] - y
+        ahead = along_x * (point[1] - eye[1]) - along_y * (point[0] - eye[0])
+        inside = along_x * (eye[1] - y) - along_y * (eye[0] - x)
+        if ahead == 0.0:
+            if inside <= 0.0:
+                return False
+        elif ahead > 0.0:
+            enters = max(enters, -inside / ahead)
+        else:
+            leaves = min(leaves, -inside / ahead)
+    return leaves - enters > 1e-9
 
 
 @njit(cache=True, nogil=True)

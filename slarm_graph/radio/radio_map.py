@@ -31,8 +31,6 @@ from slarm_graph.world import WorldMap
 _log = logging.getLogger(__name__)
 
 _MOUNT_STEP_M = 0.001
-_REACHABLE = (CellState.ACCESSIBLE, CellState.EXPANSION)
-_FREE = (*_REACHABLE, CellState.ENCLOSED)
 
 
 def radio_map(
@@ -57,12 +55,12 @@ def radio_map(
     for notice in radio_notices(geographic.geometry, access_points, config):
         _log.warning(notice)
 
-    free = np.isin(geographic.states, _FREE)
+    reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)
+    free = reachable | (geographic.states == CellState.ENCLOSED)
 
     def sight(position_m: Floats) -> Mask:
         return _recovered_sight(geographic, free, position_m, config)
 
-    reachable = np.isin(geographic.states, _REACHABLE)
     return _map_of(
         geographic.geometry, reachable, access_points, config, sight, geographic.height_source
     )
@@ -155,14 +153,23 @@ def radio_notices(
                 f" ({x_min:.2f} to {x_max:.2f}, {y_min:.2f} to {y_max:.2f}) m; computed all the"
                 " same"
             )
+        low, high = find_scenario(config.scenario).distance_m
+        if low <= abs(ap.z_m - config.antenna_height_m) and _farthest_m(geometry, ap) <= high:
+            continue
         far = outside_range(_distances_m(geometry, ap, config), config.scenario)
         if far.any():
-            low, high = find_scenario(config.scenario).distance_m
             notices.append(
                 f"{far.mean():.1%} of the cells are outside the {low:g} to {high:g} m for which"
                 f" {config.scenario} holds (access point {ap.name})"
             )
     return tuple(notices)
+
+
+def _farthest_m(geometry: GridGeometry, ap: AccessPoint) -> float:
+    """A distance that no antenna over the grid exceeds [m]."""
+    x_min, x_max, y_min, y_max = geometry.extent_m
+    away_x, away_y = max(ap.x_m - x_min, x_max - ap.x_m), max(ap.y_m - y_min, y_max - ap.y_m)
+    return math.hypot(away_x, away_y, ap.z_m)
 
 
 def _map_of(
@@ -197,7 +204,7 @@ def _map_of(
 
 def _distances_m(geometry: GridGeometry, ap: AccessPoint, config: RadioConfig) -> Floats:
     """3D distance from the access point to the antenna over every cell (rows, cols) [m]."""
-    x = geometry.center_of(np.stack([np.zeros(geometry.cols), np.arange(geometry.cols)], -1))[:, 0]
-    y = geometry.center_of(np.stack([np.arange(geometry.rows), np.zeros(geometry.rows)], -1))[:, 1]
+    x = geometry.origin_x_m + (np.arange(geometry.cols) + 0.5) * geometry.resolution_m
+    y = geometry.origin_y_m + (np.arange(geometry.rows) + 0.5) * geometry.resolution_m
     flat_sq = (y[:, None] - ap.y_m) ** 2 + (x[None, :] - ap.x_m) ** 2
     return np.sqrt(flat_sq + (ap.z_m - config.antenna_height_m) ** 2)

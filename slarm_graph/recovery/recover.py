@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from slarm_graph.config import MappingConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
@@ -22,7 +23,14 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.grid_cleaning import CleanGrid, cleaned, joined, visited_cells, within_m
+from slarm_graph.recovery.grid_cleaning import (
+    CleanGrid,
+    cleaned,
+    joined,
+    path_points_m,
+    visited_cells,
+    within_m,
+)
 from slarm_graph.recovery.obstacles import known_sizes_of, matched_blocks, wall_strips
 from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m
 from slarm_graph.recovery.walls import Outline, gathered, returns_of_cells, straightened
@@ -78,18 +86,19 @@ def recover(
     accessible = states == CellState.ACCESSIBLE
     states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
     heights_m, source = _heights(shape, target, states, config)
-    centers = target.centers()
     footprint = _footprint(target, trajectory, config) & (states != CellState.OBSTACLE)
-    seen = _looked_up(grid, ~np.isnan(grid.probability), centers)
+    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
     observed = (seen & np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))) | visited
-    observed |= _looked_up(grid, grid.free, centers) & (states != CellState.OBSTACLE)
+    observed |= grid.geometry.resample(grid.free, target, outside=False) & (
+        states != CellState.OBSTACLE
+    )
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(observed, visited, footprint),
-        changed_cells=_changed(grid, states, centers),
+        coverage=Coverage(_observed(grid, target, states) | visited, visited, footprint),
+        changed_cells=_changed(grid, target, states),
         solids=(*shape.blocks, *shape.strips),
     )
 
@@ -126,11 +135,6 @@ def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
     return config.model_copy(update={"known_sizes": known_sizes_of(world)})
 
 
-def _looked_up(grid: OccupancyGrid, layer: Mask, centers: Floats) -> Mask:
-    """Look a layer of the grid up at points (..., 2); False outside."""
-    return np.asarray(grid.geometry.sample(layer, centers, outside=False))
-
-
 def _shape(
     grid: OccupancyGrid,
     trajectory: Trajectory,
@@ -155,13 +159,13 @@ def _shape(
 
 def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
     """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
-    clean, centers = shape.clean, target.centers()
-    region = clean.geometry.sample(clean.reached, centers, outside=False)
+    clean = shape.clean
+    region = clean.geometry.resample(clean.reached, target, outside=False)
     if shape.outlines:
-        near = clean.geometry.sample(_near_border(clean), centers, outside=True)
+        near = clean.geometry.resample(_near_border(clean), target, outside=True)
         region = np.where(near, _straight(shape, target), region)
-        region &= ~clean.geometry.sample(_thin_walls(shape), centers, outside=False)
-        region |= clean.geometry.sample(clean.passable, centers, outside=False)
+        region &= ~clean.geometry.resample(_thin_walls(shape), target, outside=False)
+        region |= clean.geometry.resample(clean.passable, target, outside=False)
     return np.asarray(region | visited)
 
 
@@ -216,9 +220,8 @@ def _behind(shape: _Shape, target: GridGeometry) -> Mask:
 
 def _states(clean: CleanGrid, target: GridGeometry, region: Mask, behind: Mask) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
-    centers = target.centers()
-    occupied = clean.geometry.sample(clean.occupied, centers, outside=False)
-    free = clean.geometry.sample(clean.free & ~clean.reached, centers, outside=False)
+    occupied = clean.geometry.resample(clean.occupied, target, outside=False)
+    free = clean.geometry.resample(clean.free & ~clean.reached, target, outside=False)
     states = np.full(target.shape, CellState.UNKNOWN, dtype=np.uint8)
     states[free] = CellState.ENCLOSED
     states[occupied | behind] = CellState.OBSTACLE
@@ -250,26 +253,30 @@ def _heights(
     return heights_m, source
 
 
+def _observed(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> Mask:
+    """Cells seen free, and cells seen at all of which recovery says that they are."""
+    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
+    free = grid.geometry.resample(grid.free, target, outside=False)
+    known_free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))
+    return np.asarray((seen & known_free) | (free & (states != CellState.OBSTACLE)))
+
+
 def _footprint(target: GridGeometry, trajectory: Trajectory, config: RecoveryConfig) -> Mask:
     """Cells whose centre the robot's disc passed over."""
-    fine = min(target.resolution_m, config.robot_radius_m / 4)
-    factor = math.ceil(target.resolution_m / fine)
-    factor += 1 - factor % 2
-    lattice = GridGeometry(
-        target.origin_x_m,
-        target.origin_y_m,
-        target.resolution_m / factor,
-        target.rows * factor,
-        target.cols * factor,
-    )
-    over = within_m(lattice, visited_cells(lattice, trajectory), config.robot_radius_m)
-    return over[factor // 2 :: factor, factor // 2 :: factor]
+    radius_m, cell_m = config.robot_radius_m, target.resolution_m
+    over = within_m(target, visited_cells(target, trajectory), radius_m + 1.5 * cell_m)
+    path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
+    centers = target.center_of(np.argwhere(over))
+    if len(centers):
+        apart_m, _ = cKDTree(path).query(centers, distance_upper_bound=radius_m + 1e-6)
+        over[over] = np.isfinite(apart_m)
+    return over
 
 
-def _changed(grid: OccupancyGrid, states: np.ndarray, centers: Floats) -> int:
+def _changed(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> int:
     """Cells whose class differs from that of the grid at their centre."""
-    occupied = _looked_up(grid, grid.occupied, centers)
-    free = _looked_up(grid, grid.free, centers)
+    occupied = grid.geometry.resample(grid.occupied, target, outside=False)
+    free = grid.geometry.resample(grid.free, target, outside=False)
     now_occupied = states == CellState.OBSTACLE
     now_free = ~now_occupied & (states != CellState.UNKNOWN)
     return int(np.sum((occupied != now_occupied) | (free != now_free)))
