@@ -7,6 +7,7 @@ from __future__ import annotations
 import csv
 import json
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -122,6 +123,31 @@ def test_a_crash_is_one_failed_run(tmp_path: Path) -> None:
     outcome = carry_out(crash)
     assert outcome.status == "failed"
     assert outcome.problem
+
+
+class Waiting(Trial):
+    """A trial that says it has begun, and takes long to end unless it is told to stop."""
+
+    def command(self) -> list[str]:
+        place = str(self.folder)
+        wait = f"import time; open({place!r} + '.begun', 'w'); time.sleep(60)"
+        return [sys.executable, "-c", f"{wait}; open({place!r} + '.ended', 'w')"]
+
+
+def test_an_interrupt_stops_what_runs(tmp_path: Path) -> None:
+    source = Source("x.bag", False)
+    waiting = Waiting(source, "odometry", 1, tmp_path / "waiting")
+    begun, ended = (tmp_path / f"waiting.{how}" for how in ("begun", "ended"))
+
+    def interrupt(_outcome: Outcome) -> None:
+        while not begun.exists():
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+
+    first = Crashing(source, "odometry", 0, tmp_path / "x")
+    with pytest.raises(KeyboardInterrupt):
+        compare([first, waiting], workers=2, tell=interrupt)
+    assert not ended.exists()
 
 
 def test_the_command_compares_and_one_failure_does_not_stop_the_rest(

@@ -65,6 +65,7 @@ def reproduce_command(
     """Make the paper's figures and table, and show them beside the paper's."""
     from dataclasses import replace
 
+    from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.reproduce import QUICK, Plan, reproduce
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.eval.gallery_page import gallery_html
@@ -72,7 +73,8 @@ def reproduce_command(
     plan = QUICK if quick else Plan()
     plan = plan if seeds is None else replace(plan, seeds=seeds)
     folder = create_run_folder(out, name)
-    rows = reproduce(folder.path, plan, jobs=jobs, tell=print)
+    with early_end_noted(folder):
+        rows = reproduce(folder.path, plan, jobs=jobs, tell=print)
     lead = f"{len(rows)} closed loops in the paper's room; resolutions in m, speeds in m/s"
     pictures = sorted(path.name for path in folder.path.glob("*.png"))
     tables = ("summary.csv", "hypotheses.csv", "complexity.csv", "results.csv")
@@ -137,13 +139,27 @@ def _compare(
     """Carry trials out, show and write the comparison; 1 when one of them failed."""
     from slarm_graph.app.cli_output import show_comparison
     from slarm_graph.app.compare import compare
+    from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.progress import shown
 
-    with shown() as progress:
-        outcomes = compare(
-            planned, workers=jobs, scheduler=scheduler, tell=_tell_outcome, progress=progress
-        )
-    show_comparison(folder, outcomes, what)
+    done: list[Outcome] = []
+
+    def tell(outcome: Outcome) -> None:
+        """Keep an outcome for when the rest does not come, and print it."""
+        done.append(outcome)
+        _tell_outcome(outcome)
+
+    with early_end_noted(folder):
+        try:
+            with shown() as progress:
+                outcomes = compare(
+                    planned, workers=jobs, scheduler=scheduler, tell=tell, progress=progress
+                )
+        except KeyboardInterrupt:
+            if done:
+                show_comparison(folder, done, f"{what}, interrupted")
+            raise
+        show_comparison(folder, outcomes, what)
     return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
 
 

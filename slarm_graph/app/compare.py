@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from contextlib import closing
 from pathlib import Path
 
 from slarm_graph.app.progress import Progress, Quiet
@@ -27,13 +29,26 @@ _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 
 def carry_out(trial: Trial) -> Outcome:
     """Run a trial in a process of its own and read what it left."""
-    environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
-    done = subprocess.run(
-        trial.command(), capture_output=True, text=True, env=environment, check=False
+    return _waited_for(trial, _started(trial))
+
+
+def _started(trial: Trial) -> subprocess.Popen[str]:
+    """Start a trial's process, in a session of its own: Ctrl-C does not reach it by itself."""
+    return subprocess.Popen(
+        trial.command(),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        start_new_session=True,
     )
-    said = done.stderr.strip().splitlines()
-    problem = said[-1].removeprefix("slarm: ") if said and done.returncode else ""
-    return read_outcome(trial, problem or f"exit code {done.returncode}")
+
+
+def _waited_for(trial: Trial, process: subprocess.Popen[str]) -> Outcome:
+    _, errors = process.communicate()
+    said = errors.strip().splitlines()
+    problem = said[-1].removeprefix("slarm: ") if said and process.returncode else ""
+    return read_outcome(trial, problem or f"exit code {process.returncode}")
 
 
 def read_outcome(trial: Trial, problem: str = "") -> Outcome:
@@ -94,13 +109,15 @@ def compare(
     workers = workers or os.cpu_count() or 1
     run = _on_cluster(scheduler) if scheduler else _locally(workers, progress or Quiet())
     outcomes: dict[Trial, Outcome] = {}
-    for trial, outcome in run(planned):
-        outcomes[trial] = outcome
-        tell(outcome)
+    with closing(run(planned)) as coming:
+        for trial, outcome in coming:
+            outcomes[trial] = outcome
+            tell(outcome)
     return tuple(outcomes[trial] for trial in planned)
 
 
-Runner = Callable[[Sequence[Trial]], Iterator[tuple[Trial, Outcome]]]
+Outcomes = Generator[tuple[Trial, Outcome]]
+Runner = Callable[[Sequence[Trial]], Outcomes]
 
 
 def _as_they_end(
@@ -118,20 +135,38 @@ def _as_they_end(
 
 
 def _locally(workers: int, progress: Progress) -> Runner:
-    def run(planned: Sequence[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+    """Run trials on this machine; Ctrl-C stops those that run after their present scan."""
+    running: set[subprocess.Popen[str]] = set()
+
+    def carry_out_here(trial: Trial) -> Outcome:
+        """Run a trial and be there to be stopped."""
+        process = _started(trial)
+        running.add(process)
+        try:
+            return _waited_for(trial, process)
+        finally:
+            running.discard(process)
+
+    def run(planned: Sequence[Trial]) -> Outcomes:
+        """Yield outcomes as trials end."""
         with ThreadPoolExecutor(workers) as pool:
-            futures = {pool.submit(carry_out, trial): trial for trial in planned}
+            futures = {pool.submit(carry_out_here, trial): trial for trial in planned}
             try:
                 yield from _as_they_end(futures, progress)
-            except KeyboardInterrupt:
+            except BaseException:  # Ctrl-C may strike in whoever takes the outcomes, too
                 pool.shutdown(wait=False, cancel_futures=True)
+                for process in tuple(running):
+                    process.send_signal(signal.SIGINT)
                 raise
 
     return run
 
 
 def _on_cluster(address: str) -> Runner:
-    def run(planned: Sequence[Trial]) -> Iterator[tuple[Trial, Outcome]]:
+    """Run trials on a dask cluster."""
+
+    def run(planned: Sequence[Trial]) -> Outcomes:
+        """Yield outcomes as trials end."""
         from distributed import Client
         from distributed import as_completed as as_completed_on_cluster
 

@@ -113,17 +113,23 @@ def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     """Record the configuration; on failure why, and whether there are results all the same."""
     folder.write_text("config.yaml", config_yaml(config))
     folder.note(seed=config.seed, backend=config.backend)
-    with _logged(folder):
-        try:
-            yield
-        except KeyboardInterrupt:
-            folder.note(status="partial", problem="interrupted")
-            raise
-        except Exception as error:
-            there = (folder.path / "trajectory.tum").is_file()
-            _log.error("%s", error, exc_info=error)
-            folder.note(status="partial" if there else "failed", problem=str(error))
-            raise
+    with _logged(folder), early_end_noted(folder):
+        yield
+
+
+@contextmanager
+def early_end_noted(folder: RunFolder) -> Iterator[None]:
+    """Record why what is done inside ended early, `partial` when there are results all the same."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        folder.note(status="partial", problem="interrupted")
+        raise
+    except Exception as error:
+        there = (folder.path / "trajectory.tum").is_file()
+        _log.error("%s", error, exc_info=error)
+        folder.note(status="partial" if there else "failed", problem=str(error))
+        raise
 
 
 @contextmanager
