@@ -20,10 +20,11 @@ from slarm_graph.geographic import CellState
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.grid_cleaning import cleaned, visited_cells, within_m
+from slarm_graph.recovery.coverage import visited_cells
+from slarm_graph.recovery.grid_cleaning import cleaned, within_m
 from slarm_graph.recovery.obstacles import known_sizes_of
 from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
-from slarm_graph.recovery.walls import gathered
+from slarm_graph.recovery.returns import gathered
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 

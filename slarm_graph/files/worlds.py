@@ -8,101 +8,20 @@ import math
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import yaml
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import ValidationError
 
-from slarm_graph.config import Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
+from slarm_graph.files.world_model import WallModel, WorldModel
 from slarm_graph.geometry import Pose2
 from slarm_graph.polygons import counter_clockwise, is_simple
 from slarm_graph.radio_words import AccessPoint
 from slarm_graph.recovery.wall_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.world import Solid, WorldMap
 from slarm_graph.world_from_map import world_from_map
-
-
-def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("must be a finite number")
-    return value
-
-
-Number = Annotated[float, AfterValidator(_finite)]
-Length = Annotated[float, Field(gt=0), AfterValidator(_finite)]
-Point = tuple[Number, Number]
-Size = tuple[Length, Length]
-
-
-class _Wall(Stage):
-    """A centre line with a thickness, or a closed rectangle given by its outer size."""
-
-    name: str = "wall"
-    line_m: tuple[Point, ...] | None = None
-    closed: bool = False
-    center_m: Point | None = None
-    size_m: Size | None = None
-    heading_deg: Number = 0.0
-    thickness_m: Length
-    height_m: Length
-
-    @model_validator(mode="after")
-    def _one_form(self) -> _Wall:
-        rectangle = self.center_m is not None and self.size_m is not None
-        if rectangle == (self.line_m is not None):
-            raise ValueError("needs either line_m, or center_m and size_m")
-        if self.line_m is not None and len(self.line_m) < (3 if self.closed else 2):
-            raise ValueError("line_m needs at least 2 points, 3 when closed")
-        if self.size_m is not None and 2 * self.thickness_m >= min(self.size_m):
-            raise ValueError("thickness_m leaves no inside; use a box")
-        return self
-
-
-class _Box(Stage):
-    """A rectangle filled up to its height."""
-
-    name: str = "box"
-    center_m: Point
-    size_m: Size
-    heading_deg: Number = 0.0
-    height_m: Length
-
-
-class _Polygon(Stage):
-    """A simple polygon filled up to its height."""
-
-    name: str = "polygon"
-    corners_m: tuple[Point, ...] = Field(min_length=3)
-    height_m: Length
-
-
-class _AccessPoint(Stage):
-    name: str
-    x_m: Number
-    y_m: Number
-    z_m: Number
-    power_dbm: Number = 20.0
-    frequency_hz: Length = 3.5e9
-
-
-class _Start(Stage):
-    x_m: Number
-    y_m: Number
-    heading_deg: Number = 0.0
-
-
-class _World(Stage):
-    name: str
-    ceiling_m: Length
-    boundary_m: tuple[Point, ...] = Field(min_length=3)
-    start: _Start
-    access_points: tuple[_AccessPoint, ...] = ()
-    walls: tuple[_Wall, ...] = ()
-    boxes: tuple[_Box, ...] = ()
-    polygons: tuple[_Polygon, ...] = ()
 
 
 def shipped_worlds() -> tuple[str, ...]:
@@ -172,7 +91,7 @@ def world_from_yaml(text: str, where: str = "world") -> WorldMap:
     if not isinstance(document, dict):
         raise BadInput(f"{where}: a world is a mapping with name, boundary_m, start, ...")
     try:
-        model = _World.model_validate(document)
+        model = WorldModel.model_validate(document)
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "world"
@@ -205,7 +124,7 @@ def world_to_yaml(world: WorldMap) -> str:
     return yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=100)
 
 
-def _build(model: _World) -> WorldMap:
+def _build(model: WorldModel) -> WorldMap:
     solids = [solid for wall in model.walls for solid in _wall_solids(wall)]
     solids += [
         Solid(box.name, rectangle_m(box.center_m, box.size_m, box.heading_deg), box.height_m)
@@ -241,7 +160,7 @@ def _checked(world: WorldMap, where: str) -> WorldMap:
     return world
 
 
-def _wall_solids(wall: _Wall) -> list[Solid]:
+def _wall_solids(wall: WallModel) -> list[Solid]:
     if wall.line_m is not None:
         pieces = wall_pieces_m(np.array(wall.line_m), wall.thickness_m, closed=wall.closed)
     else:

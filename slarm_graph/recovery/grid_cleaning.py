@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from slarm_graph.config import RecoveryConfig
-from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.trajectory import Trajectory
 
 _EIGHT = np.ones((3, 3), dtype=np.bool_)
 _LEAST_CELLS = 3
@@ -70,28 +68,6 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     free |= _small_holes(free, occupied, config.hole_area_m2 / grid.geometry.resolution_m**2)
     reached = _reached(free, visited, config.robot_radius_m / grid.geometry.resolution_m)
     return CleanGrid(grid.geometry, occupied, free, reached, passable & reached)
-
-
-def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
-    """Mark the cells (rows, cols) that the robot's centre passed through."""
-    visited = np.zeros(geometry.shape, dtype=np.bool_)
-    if not len(trajectory):
-        return visited
-    # A tenth of a cell between samples leaves out no more than the tip of a corner.
-    cells = geometry.cell_of(path_points_m(trajectory, 0.1 * geometry.resolution_m))
-    cells = cells[geometry.contains(cells)]
-    visited[cells[:, 0], cells[:, 1]] = True
-    return visited
-
-
-def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
-    """Points (N, 2) of the path [m]: every pose's, and in between at most a step apart."""
-    points = trajectory.poses[:, :2]
-    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    along = np.concatenate([[0.0], np.cumsum(lengths)])
-    samples = np.arange(0.0, along[-1], step_m)
-    way = np.column_stack([np.interp(samples, along, points[:, axis]) for axis in range(2)])
-    return np.concatenate([points, way])
 
 
 def within_m(geometry: GridGeometry, mask: Mask, radius_m: float) -> Mask:

@@ -15,7 +15,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from slarm_graph.config import MappingConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
@@ -23,17 +22,17 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.readings import LaserScan
+from slarm_graph.recovery.coverage import footprint_cells, observed_cells, visited_cells
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     cleaned,
     joined,
-    path_points_m,
-    visited_cells,
     within_m,
 )
 from slarm_graph.recovery.obstacles import known_sizes_of, matched_blocks, wall_strips
 from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m
-from slarm_graph.recovery.walls import Outline, gathered, returns_of_cells, straightened
+from slarm_graph.recovery.returns import gathered, returns_of_cells
+from slarm_graph.recovery.walls import Outline, straightened
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid, WorldMap
 
@@ -86,7 +85,8 @@ def recover(
     accessible = states == CellState.ACCESSIBLE
     states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
     heights_m, source = _heights(shape, target, states, config)
-    footprint = _footprint(target, trajectory, config) & (states != CellState.OBSTACLE)
+    footprint = footprint_cells(target, trajectory, config.robot_radius_m)
+    footprint &= states != CellState.OBSTACLE
     seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
     observed = (seen & np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))) | visited
     observed |= grid.geometry.resample(grid.free, target, outside=False) & (
@@ -97,7 +97,7 @@ def recover(
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(_observed(grid, target, states) | visited, visited, footprint),
+        coverage=Coverage(observed_cells(grid, target, states) | visited, visited, footprint),
         changed_cells=_changed(grid, target, states),
         solids=(*shape.blocks, *shape.strips),
     )
@@ -251,26 +251,6 @@ def _heights(
     if shape.blocks:
         source = f"matched sizes ({len(shape.blocks)} obstacles), else {source}"
     return heights_m, source
-
-
-def _observed(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> Mask:
-    """Cells seen free, and cells seen at all of which recovery says that they are."""
-    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
-    free = grid.geometry.resample(grid.free, target, outside=False)
-    known_free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))
-    return np.asarray((seen & known_free) | (free & (states != CellState.OBSTACLE)))
-
-
-def _footprint(target: GridGeometry, trajectory: Trajectory, config: RecoveryConfig) -> Mask:
-    """Cells whose centre the robot's disc passed over."""
-    radius_m, cell_m = config.robot_radius_m, target.resolution_m
-    over = within_m(target, visited_cells(target, trajectory), radius_m + 1.5 * cell_m)
-    path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
-    centers = target.center_of(np.argwhere(over))
-    if len(centers):
-        apart_m, _ = cKDTree(path).query(centers, distance_upper_bound=radius_m + 1e-6)
-        over[over] = np.isfinite(apart_m)
-    return over
 
 
 def _changed(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> int:

@@ -14,11 +14,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import Mask
 from slarm_graph.recovery.outlines import simplified_m
+from slarm_graph.recovery.returns import NO_RETURNS, Returns
 
 _SIMPLIFY_CELLS = 1.5
 _BAND_CELLS = 2.0
@@ -35,35 +35,6 @@ _CORNER_CELLS = 4.0
 _JUT_CELLS = 2.5
 _MOST_TAKEN_IN = 5
 _LEAST_MAIN_M = 1.0
-
-
-@dataclass(frozen=True, slots=True)
-class Returns:
-    """Laser returns gathered per cell.
-
-    Parameters
-    ----------
-    points : (M, 2) float64
-        Mean of a cell's returns [m].
-    weights : (M,) float64
-        How many there were.
-    tree : cKDTree
-        Of the points.
-    """
-
-    points: Floats
-    weights: Floats
-    tree: cKDTree
-
-    @staticmethod
-    def of(points: Floats, weights: Floats) -> Returns:
-        """Index returns by place."""
-        return Returns(points, weights, cKDTree(points))
-
-    def around(self, center: Floats, radius_m: float) -> tuple[Floats, Floats]:
-        """Points (K, 2) and weights (K,) within a radius of a place."""
-        near = self.tree.query_ball_point(center, radius_m, return_sorted=True)
-        return self.points[near], self.weights[near]
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,35 +83,6 @@ class Outline:
     fitted: Mask
 
 
-_NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
-
-
-def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
-    """Reduce end points (N, 2) [m] to their mean per cell, which keeps lines through them."""
-    if not len(end_points_m):
-        return _NO_RETURNS
-    cells = np.floor(end_points_m / resolution_m).astype(np.int64)
-    low = cells.min(axis=0)
-    width = int(cells[:, 1].max() - low[1]) + 1
-    keys = (cells[:, 0] - low[0]) * width + cells[:, 1] - low[1]
-    _, index, counts = np.unique(keys, return_inverse=True, return_counts=True)
-    sums = [np.bincount(index, weights=end_points_m[:, axis]) for axis in range(2)]
-    return Returns.of(np.stack(sums, axis=1) / counts[:, None], counts.astype(np.float64))
-
-
-def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> Returns:
-    """Take the sides that occupied and reached cells share for returns, where none are known."""
-    points = []
-    padded = np.pad(reached, 1)
-    for up, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        rows, cols = reached.shape
-        neighbour = padded[1 + up : 1 + up + rows, 1 + right : 1 + right + cols]
-        half = 0.5 * geometry.resolution_m * np.array([right, up])
-        points.append(geometry.center_of(np.argwhere(occupied & neighbour)) + half)
-    sides = np.concatenate(points)
-    return Returns.of(sides, np.ones(len(sides)))
-
-
 def straightened(
     outlines_m: Sequence[Floats], returns: Returns, resolution_m: float
 ) -> list[Outline]:
@@ -150,7 +92,7 @@ def straightened(
         corners = simplified_m(outline, _SIMPLIFY_CELLS * resolution_m)
         ends = np.roll(corners, -1, axis=0)
         # Nothing is fitted to what is smaller than the shortest wall.
-        near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else _NO_RETURNS
+        near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else NO_RETURNS
         rings.append([_fit(a, b, near, resolution_m) for a, b in zip(corners, ends, strict=True)])
     main_rad = main_direction_rad([wall for ring in rings for wall in ring])
     return [_closed(_joined(ring, returns, resolution_m), main_rad, resolution_m) for ring in rings]

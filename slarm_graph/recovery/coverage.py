@@ -1,0 +1,56 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What the robot has covered: cells seen, cells its centre and its body passed over."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from slarm_graph.geographic import CellState
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.recovery.grid_cleaning import within_m
+from slarm_graph.trajectory import Trajectory
+
+
+def observed_cells(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> Mask:
+    """Mark the cells (rows, cols) seen free, or seen and free as recovery has it."""
+    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
+    free = grid.geometry.resample(grid.free, target, outside=False)
+    known_free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))
+    return np.asarray((seen & known_free) | (free & (states != CellState.OBSTACLE)))
+
+
+def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
+    """Mark the cells (rows, cols) that the robot's centre passed through."""
+    visited = np.zeros(geometry.shape, dtype=np.bool_)
+    if not len(trajectory):
+        return visited
+    # A tenth of a cell between samples leaves out no more than the tip of a corner.
+    cells = geometry.cell_of(path_points_m(trajectory, 0.1 * geometry.resolution_m))
+    cells = cells[geometry.contains(cells)]
+    visited[cells[:, 0], cells[:, 1]] = True
+    return visited
+
+
+def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
+    """Points (N, 2) of the path [m]: every pose's, and in between at most a step apart."""
+    points = trajectory.poses[:, :2]
+    lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    along = np.concatenate([[0.0], np.cumsum(lengths)])
+    samples = np.arange(0.0, along[-1], step_m)
+    way = np.column_stack([np.interp(samples, along, points[:, axis]) for axis in range(2)])
+    return np.concatenate([points, way])
+
+
+def footprint_cells(geometry: GridGeometry, trajectory: Trajectory, radius_m: float) -> Mask:
+    """Mark the cells (rows, cols) whose centre a disc on the path passed over."""
+    cell_m = geometry.resolution_m
+    over = within_m(geometry, visited_cells(geometry, trajectory), radius_m + 1.5 * cell_m)
+    path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
+    centers = geometry.center_of(np.argwhere(over))
+    if len(centers):
+        apart_m, _ = cKDTree(path).query(centers, distance_upper_bound=radius_m + 1e-6)
+        over[over] = np.isfinite(apart_m)
+    return over
