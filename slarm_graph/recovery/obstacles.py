@@ -178,7 +178,6 @@ def _is_wall(
     """Whether most of what lies just behind a side is occupied."""
     count = max(2, int(np.linalg.norm(end - start) / geometry.resolution_m) + 1)
     along = start + np.linspace(0.05, 0.95, count)[:, None] * (end - start)
-    hits = geometry.sample(occupied, along + 0.5 * back, outside=False) | geometry.sample(
-        occupied, along + 1.5 * back, outside=False
-    )
+    behind = np.stack([along + 0.5 * back, along + 1.5 * back])
+    hits = geometry.sample(occupied, behind, outside=False).any(axis=0)
     return bool(hits.mean() >= 0.5)
