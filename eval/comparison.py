@@ -70,7 +70,8 @@ class Spread:
         """Write mean and standard deviation."""
         if not self.count:
             return "-"
-        return f"{self.mean:.4g}" + (f" ± {self.sd:.2g}" if self.count > 1 else "")
+        sd = f"{self.sd:.2g}" if self.sd < 100.0 else f"{self.sd:.0f}"
+        return f"{self.mean:.4g}" + (f" ± {sd}" if self.count > 1 else "")
 
     def of_median(self) -> str:
         """Write median and worst."""
@@ -111,13 +112,19 @@ def summaries(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
 
 def _summary(outcomes: Sequence[Outcome], written: Callable[[Spread], str]) -> Rows:
     names = [n for n in HEADLINES if any(n in outcome.figures for outcome in outcomes)]
-    rows = []
+    some_failed = bool(_problems_of(outcomes))
+    rows: list[tuple[str, ...]] = []
     for source, backend, group in _groups(outcomes):
         good = [o for o in group if o.status == "ok"]
-        problems = sorted({f"{o.status}: {o.problem}" for o in group if o.status != "ok"})
         cells = (written(_spread_of(good, name)) for name in names)
-        rows.append((source, backend, f"{len(good)} of {len(group)}", *cells, "; ".join(problems)))
-    return ("source", "backend", "ok", *names, "problems"), rows
+        row = (source, backend, f"{len(good)} of {len(group)}", *cells)
+        rows.append((*row, _problems_of(group)) if some_failed else row)
+    columns = ("source", "backend", "ok", *names)
+    return (*columns, "problems") if some_failed else columns, rows
+
+
+def _problems_of(outcomes: Sequence[Outcome]) -> str:
+    return "; ".join(sorted({f"{o.status}: {o.problem}" for o in outcomes if o.status != "ok"}))
 
 
 def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:

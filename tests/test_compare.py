@@ -43,7 +43,7 @@ def test_failures_stay_in_the_count_and_are_told() -> None:
 
 def test_one_seed_needs_one_table_of_plain_values() -> None:
     ((_, (_, rows)),) = summaries(outcomes()[:1])
-    assert rows == [("a.bag", "x", "1 of 1", "1", "")]
+    assert rows == [("a.bag", "x", "1 of 1", "1")]
 
 
 def test_the_summary_says_what_the_runs_say() -> None:
@@ -80,6 +80,7 @@ def test_spread_is_that_of_a_sample() -> None:
     assert (s.mean, s.median, s.worst, s.count) == (3.0, 2.0, 6.0, 3)
     assert s.sd == pytest.approx(7.0**0.5)
     assert spread([1.0, 2.0], more_is_better=True).worst == 1.0
+    assert spread([1000.0, 1300.0]).of_mean() == "1150 ± 212"
     assert spread([]).of_mean() == spread([]).of_median() == "-"
 
 
