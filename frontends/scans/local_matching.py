@@ -21,6 +21,7 @@ from slarm_graph.geometry import Floats, Pose2, between, compose
 _DOUBTFUL_SURPRISE = 16.0
 _DOUBTFUL_SHIFT = 0.3
 _DOUBTFUL_SHARE = 0.85
+_LOST_SHARE = 0.5
 _BETTER = 0.02
 _PER_SIGMA = 0.02
 _MAX_MARGIN = 0.4
@@ -104,7 +105,7 @@ class LocalMatcher:
         assert found is not None
         if self._is_doubtful(found):
             found = self._search(points, grid, base, predictions, found)
-        if found.score < self._config.min_score or self._is_after_gap(found, predictions[0]):
+        if self._is_lost(found, predictions[0]):
             found = self._search_widely(points, grid, base, predictions, found)
         return self._conclude(found, base, predictions)
 
@@ -189,10 +190,11 @@ class LocalMatcher:
             found = _better(found, other, base, predictions)
         return found
 
-    def _is_after_gap(self, found: _Refined, prediction: Prediction) -> bool:
-        """Whether a scan that fits worse than usual could come from nearly anywhere."""
-        usual = _DOUBTFUL_SHARE * self._usual_score
-        return found.score < usual and prediction.covariance[2, 2] > _UNSURE_RAD**2
+    def _is_lost(self, found: _Refined, prediction: Prediction) -> bool:
+        """Whether a scan fits badly, or after a gap worse than usual: it may be from anywhere."""
+        could_be_turned = prediction.covariance[2, 2] > _UNSURE_RAD**2
+        share = _DOUBTFUL_SHARE if could_be_turned else _LOST_SHARE
+        return found.score < max(share * self._usual_score, self._config.min_score)
 
     def _search_widely(
         self,
@@ -202,23 +204,26 @@ class LocalMatcher:
         predictions: tuple[Prediction, ...],
         found: _Refined,
     ) -> _Refined:
-        """Look all round the place where the robot was lost; rarer the longer ago that is."""
+        """Look all round where the robot should be, and where it last was; rarer when lost long."""
         if self.lost & (self.lost - 1):
             return found
         motion = predictions[0].motion
         expected = base @ Pose2.from_array(motion)
-        hit = search(
-            build_pyramid(grid),
-            points[:: max(1, len(points) // _SEARCH_POINTS)],
-            expected,
-            reach_m=_LOST_REACH_M,
-            min_score=max(_LOST_SCORE, found.score + _BETTER),
-        )
-        if hit is None:
-            return found
-        anywhere = Prediction(motion, _ANYWHERE)
-        other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
-        return _better(found, other, base, predictions)
+        is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
+        for center in (expected, base) if is_far else (expected,):
+            hit = search(
+                build_pyramid(grid),
+                points[:: max(1, len(points) // _SEARCH_POINTS)],
+                center,
+                reach_m=_LOST_REACH_M,
+                min_score=max(_LOST_SCORE, found.score + _BETTER),
+            )
+            if hit is None:
+                continue
+            anywhere = Prediction(motion, _ANYWHERE)
+            other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
+            found = _better(found, other, base, predictions)
+        return found
 
 
 def _failed(
