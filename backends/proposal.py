@@ -15,6 +15,7 @@ from slarm_graph.backends.particle_matching import (
     associate,
     curvature,
     log_likelihood,
+    log_likelihoods,
     log_of_miss,
 )
 from slarm_graph.config import GmappingConfig
@@ -183,12 +184,11 @@ def _propose(
         )  # fmt: skip
         root = np.linalg.cholesky(np.linalg.inv(hessian))
         offsets = lattice @ root.T
+        log_likelihoods(points, lines, peak + offsets, sigma, miss, log_density)
         for j in range(len(lattice)):
             # log of p(o | m, x_j) p(x_j | x_t-1, l_t-1), eq. (7)
-            x = peak + offsets[j]
-            e = x - predicted
-            log_density[j] = gain * log_likelihood(points, lines, x, sigma, miss)
-            log_density[j] -= 0.5 * quadratic(prior, e)
+            e = peak + offsets[j] - predicted
+            log_density[j] = gain * log_density[j] - 0.5 * quadratic(prior, e)
         log_sum = gaussian_of(offsets, log_density, mean, covariance)
         new_poses[p] = peak + mean + np.linalg.cholesky(covariance) @ normals[p, :3]
         new_poses[p, 2] = math.atan2(math.sin(new_poses[p, 2]), math.cos(new_poses[p, 2]))
