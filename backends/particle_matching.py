@@ -14,7 +14,7 @@ from slarm_graph.geometry import Floats
 
 _SAME_SIDE = 0.5
 """Least cosine between the normals of a point and of the wall it may lie on."""
-_CHUNK = 32
+_BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _ALIGNED = 0.5
 """A cell has a normal when the mean of its points' normals is at least this long."""
@@ -60,12 +60,6 @@ def point_normals(points: Floats, origin: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def _outwards(i: int) -> int:
-    """0, -1, 1, -2, 2 ... for i = 0, 1, 2 ...: what is near is found first and ends the search."""
-    return -((i + 1) >> 1) if i & 1 else i >> 1
-
-
-@njit(cache=True, nogil=True)
 def associate(
     table: Tables,
     corner: Indices,
@@ -93,17 +87,13 @@ def associate(
         col0, row0 = math.floor(x), math.floor(y)
         best = (kernel + 0.5) ** 2
         lines[k, 4] = 0.0
-        for i in range(2 * kernel + 1):
-            row = row0 + _outwards(i)
-            off = max(row - y, y - row - 1.0, 0.0)
+        for row in range(row0 - kernel, row0 + kernel + 1):
             tile_row = (row >> TILE_BITS) - corner[0]
-            if off * off >= best or tile_row < 0 or tile_row >= rows:
+            if tile_row < 0 or tile_row >= rows:
                 continue
-            for j in range(2 * kernel + 1):
-                col = col0 + _outwards(j)
-                aside = max(col - x, x - col - 1.0, 0.0)
+            for col in range(col0 - kernel, col0 + kernel + 1):
                 tile_col = (col >> TILE_BITS) - corner[1]
-                if off * off + aside * aside >= best or tile_col < 0 or tile_col >= cols:
+                if tile_col < 0 or tile_col >= cols:
                     continue
                 tile = table[tile_row, tile_col]
                 if tile < 0:
@@ -172,35 +162,33 @@ def log_likelihoods(
     With normal n and mean end point l of a line, the distance of point p to it is linear in
     position, cosine and sine: r = n.t + cos n.p + sin n x p - n.l.
     """
-    forms, rest, count, others, missed = np.empty((5, len(points))), lines[:, 0] > np.inf, 0, 0, 0
+    # Blocks of fixed size are worked off several at a time; the rest of the last one adds nothing.
+    forms = np.zeros((len(points) // _BLOCK + 1, 5, _BLOCK))
+    undirected, count, missed = np.zeros(len(points), dtype=np.bool_), 0, 0
     for k in range(len(points)):
-        nx, ny = lines[k, 2], lines[k, 3]
+        nx, ny = lines[k, 2] / sigma, lines[k, 3] / sigma
         if lines[k, 4] == 0.0:
             missed += 1
         elif nx == 0.0 and ny == 0.0:
-            rest[k] = True
-            others += 1
+            undirected[k] = True
         else:
-            forms[0, count] = nx / sigma
-            forms[1, count] = ny / sigma
-            forms[2, count] = (points[k, 0] * nx + points[k, 1] * ny) / sigma
-            forms[3, count] = (points[k, 0] * ny - points[k, 1] * nx) / sigma
-            forms[4, count] = (lines[k, 0] * nx + lines[k, 1] * ny) / sigma
+            form, at = forms[count // _BLOCK], count % _BLOCK
+            form[0, at], form[1, at] = nx, ny
+            form[2, at] = points[k, 0] * nx + points[k, 1] * ny
+            form[3, at] = points[k, 0] * ny - points[k, 1] * nx
+            form[4, at] = lines[k, 0] * nx + lines[k, 1] * ny
             count += 1
+    others, other_lines = points[undirected], lines[undirected]
     for z in range(len(poses)):
         x, y = poses[z, 0], poses[z, 1]
         c, s = math.cos(poses[z, 2]), math.sin(poses[z, 2])
-        total = missed * miss
-        for first in range(0, count, _CHUNK):
-            product = 1.0
-            for k in range(first, min(first + _CHUNK, count)):
-                r = x * forms[0, k] + y * forms[1, k] + c * forms[2, k] + s * forms[3, k]
-                r -= forms[4, k]
+        out[z] = missed * miss + log_likelihood(others, other_lines, poses[z], sigma, miss)
+        for block in range(len(forms)):
+            form, product = forms[block], 1.0
+            for k in range(_BLOCK):
+                r = x * form[0, k] + y * form[1, k] + c * form[2, k] + s * form[3, k] - form[4, k]
                 product *= 1.0 + r * r
-            total -= math.log(product)
-        out[z] = total
-        if others:
-            out[z] += log_likelihood(points[rest], lines[rest], poses[z], sigma, miss)
+            out[z] -= math.log(product)
 
 
 @njit(cache=True, nogil=True)
