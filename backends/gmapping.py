@@ -44,6 +44,9 @@ _COLUMNS = (
     "mean_y_m",
     "mean_theta_rad",
 )
+_SURE_M = 0.1
+_SURE_RAD = 0.05
+"""A match with a larger standard deviation is as good as none."""
 
 
 @dataclass
@@ -148,11 +151,12 @@ class GmappingBackend:
             step.result()
 
     def _travel(self, scan: TrackedScan) -> None:
-        """Add up the motion since the last update, and the doubt where a scan was not matched."""
+        """Add up the motion since the last update, and the frontend's doubt where it has any."""
         state = self._state
         state.path_m += math.hypot(scan.motion.x, scan.motion.y)
         state.turned_rad += abs(scan.motion.theta)
-        if not scan.match:
+        sigma = np.sqrt(np.diag(scan.motion_covariance)).tolist()
+        if not scan.match or max(sigma[:2]) > _SURE_M or sigma[2] > _SURE_RAD:
             state.unmatched = state.unmatched + scan.motion_covariance
 
     def _is_due(self, scan: TrackedScan) -> bool:
