@@ -11,6 +11,7 @@ drawn from; the two are there to prevent just that.
 
 from __future__ import annotations
 
+import math
 import pickle
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -43,6 +44,9 @@ _COLUMNS = (
     "mean_y_m",
     "mean_theta_rad",
 )
+_SURE_M = 0.1
+_SURE_RAD = 0.05
+"""A match with a larger standard deviation is as good as none."""
 
 
 @dataclass
@@ -147,21 +151,22 @@ class GmappingBackend:
             step.result()
 
     def _travel(self, scan: TrackedScan) -> None:
-        """Add up the motion since the last update, and the doubt where a scan was not matched."""
+        """Add up the motion since the last update, and the frontend's doubt where it has any."""
         state = self._state
-        state.path_m += float(np.hypot(scan.motion.x, scan.motion.y))
+        state.path_m += math.hypot(scan.motion.x, scan.motion.y)
         state.turned_rad += abs(scan.motion.theta)
-        if not scan.match:
+        sigma = np.sqrt(np.diag(scan.motion_covariance)).tolist()
+        if not scan.match or max(sigma[:2]) > _SURE_M or sigma[2] > _SURE_RAD:
             state.unmatched = state.unmatched + scan.motion_covariance
 
     def _is_due(self, scan: TrackedScan) -> bool:
         state = self._state
         if len(scan.points_m) < self._config.likelihood.min_points:
             return False
-        moved = between(state.local[state.updates[-1]], state.local[-1])
-        return bool(
-            np.hypot(moved[0], moved[1]) >= self._config.linear_update_m
-            or abs(moved[2]) >= self._config.angular_update_rad
+        then, now = state.local[state.updates[-1]].tolist(), state.local[-1].tolist()
+        return (
+            math.hypot(now[0] - then[0], now[1] - then[1]) >= self._config.linear_update_m
+            or abs(math.remainder(now[2] - then[2], math.tau)) >= self._config.angular_update_rad
         )
 
     def _measurement(self, scan: TrackedScan, robot_from_laser: Pose2) -> Measurement:
@@ -173,6 +178,7 @@ class GmappingBackend:
             between(state.local[state.updates[-1]], state.local[-1]),
             covariance + state.unmatched,
             bool(state.unmatched.any()),
+            state.path_m,
         )
         state.updates.append(len(state.stamps_ns) - 1)
         state.path_m, state.turned_rad, state.unmatched = 0.0, 0.0, np.zeros((3, 3))

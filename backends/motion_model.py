@@ -6,11 +6,19 @@ l_t-1 is the lidar odometry of the shared frontend, which has matched every scan
 update, so its sigmas are those of scan matching rather than of wheels. As the frontend has seen
 the scan that the filter is about to weigh, the two are not quite independent; `beam_information`
 and `ogain` keep the filter from being sure of itself twice.
+
+Neither draws nor weights of independent updates know of an error that all of them share, such as
+that of a laser whose angles are a little off: particles would stay together while all of them turn
+away, and none would be there to close a long loop. Hence each supposes a steady drift of its own.
 """
 
 from __future__ import annotations
 
+import math
+from statistics import NormalDist
+
 import numpy as np
+from numpy.random import Generator
 
 from slarm_graph.config import ParticleMotionConfig
 from slarm_graph.geometry import Floats, compose
@@ -46,3 +54,18 @@ def draw_motion(poses: Floats, motion: Floats, covariance: Floats, normals: Floa
     """
     errors = normals @ np.linalg.cholesky(covariance).T
     return compose(compose(poses, motion), errors)
+
+
+def first_drifts(config: ParticleMotionConfig, particles: int) -> Floats:
+    """Drift (P,) [rad/m] of every particle: the quantiles of a normal distribution, no gaps."""
+    quantiles = [NormalDist().inv_cdf((i + 0.5) / particles) for i in range(particles)]
+    return config.drift_rad_per_m * np.array(quantiles)
+
+
+def next_drifts(
+    drifts: Floats, config: ParticleMotionConfig, path_m: float, rng: Generator
+) -> Floats:
+    """Let drifts (P,) [rad/m] change along a way: an Ornstein-Uhlenbeck process of its length."""
+    kept = math.exp(-path_m / config.drift_length_m)
+    fresh = config.drift_rad_per_m * rng.standard_normal(len(drifts))
+    return np.asarray(kept * drifts + math.sqrt(1.0 - kept * kept) * fresh)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -151,10 +152,23 @@ class ParticleMaps:
                 " lower gmapping.particles or raise gmapping.maps.delta_m or"
                 " gmapping.maps.max_memory_mb"
             )
-        extra = wanted - capacity
-        more = np.empty((extra, *self.cells.shape[1:]), dtype=np.float32)
-        self.cells = np.concatenate([self.cells, more])
-        self.references = np.concatenate([self.references, np.zeros(extra, dtype=np.int32)])
+        # In place where the system can; nobody else keeps a view between two updates.
+        self.cells.resize((wanted, *self.cells.shape[1:]), refcheck=False)
+        self.references.resize(wanted, refcheck=False)
+
+    def __getstate__(self) -> dict[str, object]:
+        """Leave out of a snapshot what is empty: most of a tile is, walls being thin."""
+        filled = np.flatnonzero((self.cells[..., 0] != 0.0) & (self.references > 0)[:, None])
+        state = dict(vars(self))
+        state["cells"] = len(self.cells), filled, self.cells.reshape(-1, CELL_VALUES)[filled]
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Put the cells back into their tiles."""
+        tiles, filled, values = state.pop("cells")
+        self.cells = np.zeros((tiles, TILE_CELLS**2, CELL_VALUES), dtype=np.float32)
+        self.cells.reshape(-1, CELL_VALUES)[filled] = values
+        vars(self).update(state)
 
 
 def most_tiles(config: ParticleMapsConfig) -> int:

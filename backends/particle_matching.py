@@ -14,6 +14,8 @@ from slarm_graph.geometry import Floats
 
 _SAME_SIDE = 0.5
 """Least cosine between the normals of a point and of the wall it may lie on."""
+_BLOCK = 32
+"""Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _ALIGNED = 0.5
 """A cell has a normal when the mean of its points' normals is at least this long."""
 
@@ -149,6 +151,44 @@ def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, mi
             total -= math.log(product)
             product = 1.0
     return total - math.log(product)
+
+
+@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+def log_likelihoods(
+    points: Floats, lines: Floats, poses: Floats, sigma: float, miss: float, out: Floats
+) -> None:
+    """Fill `out` (Z,) with `log_likelihood` at poses (Z, 3), for many poses and one association.
+
+    With normal n and mean end point l of a line, the distance of point p to it is linear in
+    position, cosine and sine: r = n.t + cos n.p + sin n x p - n.l.
+    """
+    # Blocks of fixed size are worked off several at a time; the rest of the last one adds nothing.
+    forms = np.zeros((len(points) // _BLOCK + 1, 5, _BLOCK))
+    undirected, count, missed = np.zeros(len(points), dtype=np.bool_), 0, 0
+    for k in range(len(points)):
+        nx, ny = lines[k, 2] / sigma, lines[k, 3] / sigma
+        if lines[k, 4] == 0.0:
+            missed += 1
+        elif nx == 0.0 and ny == 0.0:
+            undirected[k] = True
+        else:
+            form, at = forms[count // _BLOCK], count % _BLOCK
+            form[0, at], form[1, at] = nx, ny
+            form[2, at] = points[k, 0] * nx + points[k, 1] * ny
+            form[3, at] = points[k, 0] * ny - points[k, 1] * nx
+            form[4, at] = lines[k, 0] * nx + lines[k, 1] * ny
+            count += 1
+    others, other_lines = points[undirected], lines[undirected]
+    for z in range(len(poses)):
+        x, y = poses[z, 0], poses[z, 1]
+        c, s = math.cos(poses[z, 2]), math.sin(poses[z, 2])
+        out[z] = missed * miss + log_likelihood(others, other_lines, poses[z], sigma, miss)
+        for block in range(len(forms)):
+            form, product = forms[block], 1.0
+            for k in range(_BLOCK):
+                r = x * form[0, k] + y * form[1, k] + c * form[2, k] + s * form[3, k] - form[4, k]
+                product *= 1.0 + r * r
+            out[z] -= math.log(product)
 
 
 @njit(cache=True, nogil=True)

@@ -15,6 +15,7 @@ from slarm_graph.backends.particle_matching import (
     associate,
     curvature,
     log_likelihood,
+    log_likelihoods,
     log_of_miss,
 )
 from slarm_graph.config import GmappingConfig
@@ -22,6 +23,8 @@ from slarm_graph.geometry import Floats
 
 _ENOUGH_M = 1e-3
 _ENOUGH_RAD = 5e-4
+_STEPS_A_LOOK = 2
+"""Gauss-Newton steps between two looks for walls, which take several times as long."""
 _LATTICE_CELL_VOLUME = 4.0
 _TINY_VARIANCE = 1e-12
 
@@ -55,12 +58,15 @@ class Measurement:
     is_lost : bool
         The frontend could not follow all of the motion, so the climb to the peak starts from
         draws of the motion model, another for every particle, instead of from its mean.
+    path_m : float
+        Length of the way, forth and back counted.
     """
 
     points: Floats
     motion: Floats
     motion_covariance: Floats
     is_lost: bool = False
+    path_m: float = 0.0
 
 
 def propose(
@@ -183,12 +189,11 @@ def _propose(
         )  # fmt: skip
         root = np.linalg.cholesky(np.linalg.inv(hessian))
         offsets = lattice @ root.T
+        log_likelihoods(points, lines, peak + offsets, sigma, miss, log_density)
         for j in range(len(lattice)):
             # log of p(o | m, x_j) p(x_j | x_t-1, l_t-1), eq. (7)
-            x = peak + offsets[j]
-            e = x - predicted
-            log_density[j] = gain * log_likelihood(points, lines, x, sigma, miss)
-            log_density[j] -= 0.5 * quadratic(prior, e)
+            e = peak + offsets[j] - predicted
+            log_density[j] = gain * log_density[j] - 0.5 * quadratic(prior, e)
         log_sum = gaussian_of(offsets, log_density, mean, covariance)
         new_poses[p] = peak + mean + np.linalg.cholesky(covariance) @ normals[p, :3]
         new_poses[p, 2] = math.atan2(math.sin(new_poses[p, 2]), math.cos(new_poses[p, 2]))
@@ -250,11 +255,13 @@ def find_peak(
     peak, hessian, gradient = start.copy(), np.empty((3, 3)), np.empty(3)
     for _ in range(iterations):
         associate(table, corner, cells, resolution, kernel, points, peak, lines)
-        hessian[:] = prior
-        gradient[:] = prior @ (peak - predicted)
-        curvature(points, lines, peak, sigma, gain, hessian, gradient)
-        step = np.linalg.solve(hessian, gradient)
-        peak -= step
+        before = peak.copy()
+        for _ in range(_STEPS_A_LOOK):
+            hessian[:] = prior
+            gradient[:] = prior @ (peak - predicted)
+            curvature(points, lines, peak, sigma, gain, hessian, gradient)
+            peak -= np.linalg.solve(hessian, gradient)
+        step = peak - before
         if abs(step[0]) + abs(step[1]) < _ENOUGH_M and abs(step[2]) < _ENOUGH_RAD:
             break
     associate(table, corner, cells, resolution, kernel, points, peak, lines)

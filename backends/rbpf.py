@@ -16,7 +16,7 @@ from functools import cache
 import numpy as np
 from numpy.random import Generator
 
-from slarm_graph.backends.motion_model import draw_motion
+from slarm_graph.backends.motion_model import draw_motion, first_drifts, next_drifts
 from slarm_graph.backends.particle_filter import (
     Ancestry,
     effective_sample_size,
@@ -27,7 +27,7 @@ from slarm_graph.backends.particle_filter import (
 from slarm_graph.backends.particle_maps import ParticleMaps, most_tiles
 from slarm_graph.backends.proposal import Measurement, propose, weigh
 from slarm_graph.config import GmappingConfig
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, wrap_angles
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,8 +69,8 @@ class MappingFilter:
     log_evidence : (P,) float64
         What the whole path of each particle has gained.
     ancestry : Ancestry
-    drawn : (P, 3) float64
-        Standard normal draws of the last update, (0, 3) before the first.
+    drifts : (P,) float64
+        What each particle supposes that matching turns wrongly per metre [rad/m].
     selections : list of Selection
         One per update.
     """
@@ -81,7 +81,7 @@ class MappingFilter:
     log_weights: Floats
     log_evidence: Floats
     ancestry: Ancestry
-    drawn: Floats = field(default_factory=lambda: np.empty((0, 3)))
+    drifts: Floats
     selections: list[Selection] = field(default_factory=list)
 
     @staticmethod
@@ -95,6 +95,7 @@ class MappingFilter:
             np.zeros(count),
             np.zeros(count),
             Ancestry(count),
+            first_drifts(config.motion, count),
         )
 
     def start(self, points: Floats) -> None:
@@ -103,8 +104,9 @@ class MappingFilter:
         self.ancestry.append(np.arange(len(self.poses)), self.poses)
 
     def step(self, measurement: Measurement, rng: Generator) -> None:
-        """Propose, weigh, resample where due, map."""
+        """Propose, weigh, drift, resample where due, map."""
         self.poses, gained = self._propose(measurement, rng)
+        self._drift(measurement.path_m, rng)
         self.log_evidence = self.log_evidence + gained
         # eq. (8), tempered: the errors of a map are common to all scans matched to it
         self.log_weights = self.log_weights + gained / self.config.likelihood.ogain
@@ -132,8 +134,6 @@ class MappingFilter:
                 self.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
             )
             return poses, weigh(self.maps, measurement.points, self.config, poses)
-        self.drawn = correlated(self.drawn, normals[:, :3], self.config.proposal.error_correlation)
-        normals = np.hstack([self.drawn, normals[:, 3:]])
         jobs = [
             _threads().submit(
                 propose,
@@ -148,6 +148,11 @@ class MappingFilter:
         poses, gained = zip(*(job.result() for job in jobs), strict=True)
         return np.concatenate(poses), np.concatenate(gained)
 
+    def _drift(self, path_m: float, rng: Generator) -> None:
+        """Turn every particle by what it supposes that odometry and matching both missed."""
+        self.drifts = next_drifts(self.drifts, self.config.motion, path_m, rng)
+        self.poses[:, 2] = wrap_angles(self.poses[:, 2] + self.drifts * path_m)
+
     def _select(self, rng: Generator) -> None:
         """Resample where N_eff has fallen below the threshold, and keep the books."""
         count, rule = len(self.poses), self.config.resampling
@@ -160,33 +165,11 @@ class MappingFilter:
             self.maps.resample(ancestors)
             self.poses = self.poses[ancestors]
             self.log_evidence = self.log_evidence[ancestors]
-            self.drawn = self.drawn[ancestors] if len(self.drawn) else self.drawn
+            self.drifts = self.drifts[ancestors]
             self.log_weights = np.zeros(count)
         self.ancestry.append(ancestors, self.poses)
         distinct, common = len(np.unique(ancestors)), self.ancestry.common_update()
         self.selections.append(Selection(n_eff, resampled, distinct, common, mean))
-
-
-def correlated(before: Floats, fresh: Floats, correlation: float) -> Floats:
-    """Return standard normal draws (P, 3) correlated with those of the update before.
-
-    A first-order autoregressive process: every single draw still is standard normal, so each
-    proposal keeps the mean and covariance of eq. (9)-(10), but over n >> 1 updates the variance of
-    the sum is (1 + c) / (1 - c) times that of independent draws. Without that the particles would
-    stay closer together than their common drift, and none would be there to close a late loop.
-
-    Parameters
-    ----------
-    before : (P, 3) or (0, 3) float64
-        Empty at the first update.
-    fresh : (P, 3) float64
-        Independent draws.
-    correlation : float
-        From 0 to below 1.
-    """
-    if not len(before):
-        return fresh
-    return np.asarray(correlation * before + np.sqrt(1.0 - correlation**2) * fresh)
 
 
 def _parts(count: int) -> list[slice]:

@@ -143,6 +143,14 @@ class ParticleMotionConfig(Stage):
     least_m: float = Field(default=0.005, gt=0)
     least_rad: float = Field(default=0.002, gt=0)
     """Standard deviations of a motion of length zero."""
+    drift_rad_per_m: float = Field(default=1e-3, ge=0)
+    """Standard deviation of the rotation per metre that matching gets wrong steadily [rad/m].
+
+    No sensor is perfect: where a laser's angles are a little off, for example, matching turns the
+    same way for the whole drive. Every particle supposes a drift of its own.
+    """
+    drift_length_m: float = Field(default=100.0, gt=0)
+    """Way in which the drift changes to another one."""
 
 
 class ParticleLikelihoodConfig(Stage):
@@ -173,15 +181,9 @@ class ProposalConfig(Stage):
     kernel_size: int = Field(default=1, ge=0)
     """Walls are looked for this many cells around a return."""
     iterations: int = Field(default=12, ge=1)
-    """Most Gauss-Newton steps to the peak."""
+    """How often walls are looked for on the way to the peak at most."""
     lattice_radius: float = Field(default=2.9, ge=1.8, le=6)
     """Extent of the z poses around the peak in standard deviations; 2.9 gives z = 27."""
-    error_correlation: float = Field(default=0.9, ge=0, lt=1)
-    """How much of its error a scan match shares with the one at the update before.
-
-    Scans that follow each other see the same walls with the same errors, so a particle strays one
-    way for some metres. 0: every update errs anew, as the paper has it.
-    """
 
 
 class ResamplingConfig(Stage):

@@ -4,9 +4,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
-from slarm_graph.backends.motion_model import draw_motion, motion_covariance
+from slarm_graph.backends.motion_model import (
+    draw_motion,
+    first_drifts,
+    motion_covariance,
+    next_drifts,
+)
 from slarm_graph.config import ParticleMotionConfig
 from slarm_graph.geometry import between, compose
 
@@ -40,3 +47,23 @@ def test_each_sigma_does_what_its_name_says() -> None:
     assert np.allclose(sigma[:2], 0.01 + 0.1 * 2.0 + 0.3 * 0.5)
     assert np.isclose(sigma[2], 0.02 + 0.2 * 2.0 + 0.4 * 0.5)
     assert np.allclose(np.sqrt(np.diag(motion_covariance(config, 0.0, 0.0))), [0.01, 0.01, 0.02])
+
+
+def test_first_drifts_leave_no_gap() -> None:
+    """Between two neighbours lies the same share of a normal distribution everywhere."""
+    drifts = first_drifts(ParticleMotionConfig(drift_rad_per_m=0.5), 1001)
+    assert np.isclose(drifts.std(), 0.5, rtol=0.01)
+    assert np.allclose(drifts, -drifts[::-1])
+    shares = np.array([0.5 * (1.0 + math.erf(d / 0.5 / math.sqrt(2.0))) for d in drifts])
+    assert np.allclose(np.diff(shares), 1.0 / 1001)
+
+
+def test_drifts_stay_as_wide_as_they_are_and_forget_over_their_length() -> None:
+    config = ParticleMotionConfig(drift_rad_per_m=0.5, drift_length_m=20.0)
+    rng, first = np.random.default_rng(0), first_drifts(config, 20_000)
+    drifts = first
+    for _ in range(40):
+        drifts = next_drifts(drifts, config, 0.5, rng)
+    assert np.isclose(drifts.std(), 0.5, rtol=0.03)
+    assert np.isclose(np.corrcoef(first, drifts)[0, 1], math.exp(-1.0), atol=0.03)
+    assert np.array_equal(next_drifts(first, config, 0.0, rng), first)

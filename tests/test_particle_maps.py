@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -130,3 +131,37 @@ def test_much_memory_is_told_before() -> None:
     assert memory_notice(30, ParticleMapsConfig()) == ()
     (notice,) = memory_notice(1000, ParticleMapsConfig(delta_m=0.02))
     assert "1000 particles with 0.02 m cells may need" in notice
+
+
+def test_a_snapshot_holds_the_cells_and_little_else() -> None:
+    rng, maps = np.random.default_rng(3), ParticleMaps.empty(4, RESOLUTION_M)
+    for _ in range(6):
+        maps.insert(random_scan(rng), rng.normal(0.0, 2.0, (4, 3)))
+        maps.resample(rng.integers(0, 4, 4))
+    packed = pickle.dumps(maps)
+    assert len(packed) < 0.1 * maps.memory_bytes
+    restored = pickle.loads(packed)
+    scan, poses = random_scan(rng), rng.normal(0.0, 2.0, (4, 3))
+    for each in (maps, restored):
+        each.insert(scan, poses)
+        check_books(each)
+    assert np.array_equal(maps.tables, restored.tables)
+    for particle in range(4):
+        one, other = as_naive(maps, particle), as_naive(restored, particle)
+        assert one.keys() == other.keys()
+        assert all(np.array_equal(one[at], other[at]) for at in one)
+
+
+def test_a_growing_pool_keeps_its_cells() -> None:
+    rng, maps = np.random.default_rng(4), ParticleMaps.empty(3, RESOLUTION_M)
+    naive: NaiveMap = {}
+    poses = np.zeros((3, 3))
+    before = len(maps.cells)
+    while len(maps.cells) < 3 * before:
+        scan = random_scan(rng)
+        maps.insert(scan, poses)
+        naive_insert(naive, scan, poses[0])
+        poses = poses + np.array([5.0, 0.0, 0.0])
+    found = as_naive(maps, 0)
+    assert found.keys() == naive.keys()
+    assert all(np.allclose(found[at], naive[at], atol=1e-4) for at in found)

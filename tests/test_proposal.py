@@ -14,6 +14,7 @@ from slarm_graph.backends.particle_matching import (
     associate,
     curvature,
     log_likelihood,
+    log_likelihoods,
     log_of_miss,
     point_normals,
 )
@@ -92,6 +93,20 @@ def test_gradient_is_that_of_the_likelihood() -> None:
         assert np.isclose(gradient[axis], -0.2 * (ahead - behind) / (2.0 * step), rtol=1e-4)
     assert np.allclose(hessian, hessian.T)
     assert (np.linalg.eigvalsh(hessian) > 0.0).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, 31, 32, 33, 400])
+def test_many_poses_are_as_likely_as_one_by_one(count: int) -> None:
+    """With lines of all kinds: directed, without a direction, and none at all."""
+    rng = np.random.default_rng(count)
+    points, lines = rng.normal(size=(count, 4)), rng.normal(size=(count, 5))
+    lines[:, 2:4] /= np.linalg.norm(lines[:, 2:4], axis=1, keepdims=True)
+    lines[::5, 2:4] = 0.0
+    lines[:, 4] = np.arange(count) % 3 > 0
+    poses, many = rng.normal(size=(27, 3)), np.empty(27)
+    log_likelihoods(points, lines, poses, 0.03, -1.5, many)
+    single = [log_likelihood(points, lines, pose, 0.03, -1.5) for pose in poses]
+    assert np.allclose(many, single, rtol=1e-12, atol=1e-9)
 
 
 def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:

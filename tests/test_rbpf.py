@@ -1,31 +1,45 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Draws that a particle's successive proposals share."""
+"""What particles hand on to their descendants."""
 
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from slarm_graph.backends.rbpf import correlated
+from slarm_graph.backends.proposal import Measurement
+from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.config import GmappingConfig, ParticleMotionConfig, ResamplingConfig
 
-
-@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
-def test_correlated_draws_stay_standard_normal_and_add_up(correlation: float) -> None:
-    rng, count, updates = np.random.default_rng(0), 20_000, 100
-    drawn, total = np.empty((0, 3)), np.zeros((count, 3))
-    for _ in range(updates):
-        before = drawn
-        drawn = correlated(drawn, rng.standard_normal((count, 3)), correlation)
-        total += drawn
-    assert np.abs(drawn.mean(axis=0)).max() < 0.04
-    assert np.allclose(np.cov(drawn.T), np.eye(3), atol=0.05)
-    assert np.allclose((drawn * before).mean(axis=0), correlation, atol=0.03)
-    lags = np.arange(1, updates)
-    expected = updates + 2.0 * ((updates - lags) * correlation**lags).sum()
-    assert np.allclose(total.var(axis=0), expected, rtol=0.05)
+PARTICLES = 40
+PATH_M = 2.0
 
 
-def test_without_correlation_draws_are_as_they_come() -> None:
-    fresh = np.random.default_rng(1).standard_normal((5, 3))
-    assert np.array_equal(correlated(np.ones((5, 3)), fresh, 0.0), fresh)
+def stepped(drift_rad_per_m: float, threshold: float) -> MappingFilter:
+    """A filter that took one step of which it saw nothing."""
+    config = GmappingConfig(
+        particles=PARTICLES,
+        motion=ParticleMotionConfig(drift_rad_per_m=drift_rad_per_m),
+        resampling=ResamplingConfig(resample_threshold=threshold),
+    )
+    particles = MappingFilter.empty(config)
+    particles.log_weights = np.random.default_rng(1).normal(0.0, 2.0, PARTICLES)
+    motion = np.array([PATH_M, 0.0, 0.0])
+    blind = Measurement(np.empty((0, 4)), motion, 1e-6 * np.eye(3), path_m=PATH_M)
+    particles.step(blind, np.random.default_rng(0))
+    return particles
+
+
+def test_particles_turn_by_what_they_suppose() -> None:
+    still, drifting = stepped(0.0, 0.0), stepped(0.3, 0.0)
+    turned = drifting.poses[:, 2] - still.poses[:, 2]
+    assert np.allclose(turned, drifting.drifts * PATH_M)
+    assert not still.drifts.any()
+
+
+def test_a_descendant_supposes_what_its_ancestor_did() -> None:
+    before, after = stepped(0.3, 0.0), stepped(0.3, 1.0)
+    assert after.selections[-1].resampled
+    ancestors = after.ancestry._parents[len(after.ancestry) - 1]
+    assert len(np.unique(ancestors)) < PARTICLES
+    assert np.array_equal(after.drifts, before.drifts[ancestors])
+    assert np.array_equal(after.poses, before.poses[ancestors])
