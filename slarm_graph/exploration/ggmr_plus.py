@@ -3,23 +3,20 @@
 """GGMR+: cover with the body, see with the laser, and turn as little as possible.
 
 Against the literal algorithm: what the laser has seen free need not be driven to only to be known;
-lanes lie a body's width apart instead of a cell's; they run along the longer side of every part of
-the floor and hug its walls; turns between lanes are driven as arcs; and the order of the parts is
-planned anew on every map.
+lanes lie a body's width apart instead of a cell's and follow the walls; and their order is a tour
+that is planned anew as the map grows, by the time that driving takes, turns included.
 """
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
-from dataclasses import dataclass
 from typing import Final, Literal
 
-import cv2
 import numpy as np
 
 from slarm_graph.config import ExploreConfig
+from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.explorer import (
     OPEN,
     CoverageGrid,
@@ -31,20 +28,26 @@ from slarm_graph.exploration.explorer import (
     without_straight_points,
 )
 from slarm_graph.exploration.frontier import look_at_unknown, unseen_cells
-from slarm_graph.exploration.lanes import Part, coverable, split_into_parts
-from slarm_graph.exploration.planning import distances_from, reachable, sees, shortcut
+from slarm_graph.exploration.lanes import coverable
+from slarm_graph.exploration.planning import distances_from, reachable
+from slarm_graph.exploration.baselines import _padded
+from slarm_graph.exploration.explorer import coverage_grid
+from slarm_graph.exploration.tour import ordered, without_detours
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
-from slarm_graph.grid import Mask
+from slarm_graph.grid import GridGeometry, Mask
 
 _TRACKING_M: Final = 0.01
-_MIN_PART_M2: Final = 0.01
+_MIN_LANE_M2: Final = 0.01
 _WORTH_S_M2: Final = 200.0
-_FIRST_REACH: Final = 64.0
-_MIN_WIDTH_M: Final = 0.025
-_ARC_WIDTHS_M: Final = (0.16, 0.6)
+_LANE_M: Final = 3.0
+_LEG_M: Final = 4.0
+_MOST_LANES: Final = 250
+_TOUR_CELL_M: Final = 0.2
+_NEWS_M2: Final = 0.25
 _MAX_TRIES: Final = 4
 _SAME_PLACE_M: Final = 0.1
-_ARC_STEP_RAD: Final = math.radians(15.0)
+_HEADING_CELLS: Final = 6
+_STOP_RAD: Final = math.radians(30.0)
 
 
 class GgmrPlus:
@@ -59,7 +62,7 @@ class GgmrPlus:
         self._config = config
         self._goal: Literal["observed", "footprint"] = config.goal
         self._tries: Counter[tuple[int, int]] = Counter()
-        self._parts: list[Part] = []
+        self._tour: list[Floats] = []
         self._planned_on: Mask | None = None
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
@@ -77,159 +80,134 @@ class GgmrPlus:
         return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
-        """Go over the next part; plan anew where floor was seen since, and once more at the end."""
-        if not self._parts or self._has_learnt(driving):
-            self._plan(driving, start)
+        """Drive on along the tour; plan anew where floor was seen since, and when it ends."""
+        if not self._tour or self._has_learnt(driving):
+            self._plan(driving, start, pose)
         fresh = self._planned_on is driving.observed
-        leg = self._next_part(driving, start, pose)
+        leg = self._next_leg(driving, pose)
         if leg is None and not fresh:
-            self._plan(driving, start)
-            leg = self._next_part(driving, start, pose)
+            self._plan(driving, start, pose)
+            leg = self._next_leg(driving, pose)
         return leg
 
-    def _plan(self, driving: DrivingGrid, start: tuple[int, int]) -> None:
+    def _plan(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> None:
         near = reachable(driving.moves, start)
-        self._parts = parts_to_cover(driving, near, self._config.driving.robot_radius_m)
+        lanes = lanes_to_cover(driving, near, self._config.driving.robot_radius_m)
+        lanes = [lane for lane in lanes if self._tries[self._place(lane.points, driving)] < _MAX_TRIES]
+        self._tour = tour_of(lanes, driving, pose, self._config)
         self._planned_on = driving.observed
+
+    def _place(self, points: Floats, driving: DrivingGrid) -> tuple[int, int]:
+        x, y = points[len(points) // 2] * (driving.geometry.resolution_m / _SAME_PLACE_M)
+        return int(x), int(y)
 
     def _has_learnt(self, driving: DrivingGrid) -> bool:
         """Whether floor was seen since the last plan that it does not know of."""
         if self._planned_on is None or self._planned_on.shape != driving.observed.shape:
             return True
-        return bool(np.any(driving.observed & ~self._planned_on))
+        news = np.count_nonzero(driving.observed & ~self._planned_on)
+        return bool(news * driving.geometry.resolution_m**2 > _NEWS_M2)
 
-    def _next_part(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
-        while self._parts:
-            choice = _best_start(self._parts, driving, start, pose, self._config)
-            if choice is None:
-                return None
-            self._parts.remove(choice.part)
-            way = _way_over(choice, driving, pose)
-            if len(way) > 1 and self._is_worth_a_try(choice, driving):
-                return Leg(way)
-        return None
-
-    def _is_worth_a_try(self, choice: _Start, driving: DrivingGrid) -> bool:
-        """Whether a part has not been begun from the same place in vain before."""
-        x, y = choice.entry() * (driving.geometry.resolution_m / _SAME_PLACE_M)
-        self._tries[int(x), int(y)] += 1
-        return self._tries[int(x), int(y)] <= _MAX_TRIES
-
-
-@dataclass(frozen=True, slots=True)
-class _Start:
-    """A part and the corner to begin it from."""
-
-    part: Part
-    last_lane_first: bool
-    backwards: bool
-
-    def entry(self) -> Floats:
-        """Where the first lane begins, x, y [cells]."""
-        lane = self.part.lanes[-1 if self.last_lane_first else 0]
-        return np.asarray(lane[-1 if self.backwards else 0])
-
-    def heading(self) -> float:
-        """Direction of the first lane [rad]."""
-        lane = self.part.lanes[-1 if self.last_lane_first else 0]
-        begin, end = (lane[-1], lane[0]) if self.backwards else (lane[0], lane[-1])
-        return math.atan2(end[1] - begin[1], end[0] - begin[0])
+    def _next_leg(self, driving: DrivingGrid, pose: Pose2) -> Leg | None:
+        g = driving.geometry
+        way = np.array([[pose.x, pose.y]])
+        length_m = 0.0
+        while self._tour and length_m < _LEG_M:
+            lane = self._tour.pop(0)
+            self._tries[self._place(lane, driving)] += 1
+            points = lane * g.resolution_m + (g.origin_x_m, g.origin_y_m)
+            to = way_between(driving, way[-1], points[0])
+            if to is None:
+                continue
+            way = np.concatenate([way, to[1:], points[1:]])
+            length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
+        way = without_straight_points(way)
+        return Leg(way) if len(way) > 1 else None
 
 
-def parts_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Part]:
-    """Parts of the free floor that the body could pass over and has not."""
+def lanes_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Lane]:
+    """Lanes over the free floor that the body could pass over and has not."""
     cell_m = driving.geometry.resolution_m
-    radius = radius_m / cell_m
-    reach = coverable(driving.passable & near, radius)
-    wanted = driving.observed & reach & ~driving.swept
-    width = max(1, round(_MIN_WIDTH_M / cell_m))
-    kernel = np.ones((width, width), dtype=np.uint8)
-    wanted = cv2.morphologyEx(wanted.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
-    least = max(1, round(_MIN_PART_M2 / cell_m**2))
-    lane_radius = max(0.5, (radius_m - _TRACKING_M) / cell_m)
-    return split_into_parts(wanted, driving.passable & near, lane_radius, least)
+    passable = driving.passable & near
+    wanted = driving.observed & coverable(passable, radius_m / cell_m) & ~driving.swept
+    radius = max(0.5, (radius_m - _TRACKING_M) / cell_m)
+    lanes = contour_lanes(wanted, passable, radius, _LANE_M / cell_m)
+    return [lane for lane in lanes if lane.area_cells * cell_m**2 >= _MIN_LANE_M2]
 
 
-def _best_start(
-    parts: list[Part],
-    driving: DrivingGrid,
-    start: tuple[int, int],
-    pose: Pose2,
+def tour_of(
+    lanes: list[Lane], driving: DrivingGrid, pose: Pose2, config: ExploreConfig
+) -> list[Floats]:
+    """Lanes (K, 2) [cells] in the order and the sense in which to drive them."""
+    if not lanes:
+        return []
+    cell_m = driving.geometry.resolution_m
+    side = max(1, round(_TOUR_CELL_M / cell_m))
+    padded = _padded(driving, side)
+    rows, cols = padded.geometry.rows // side, padded.geometry.cols // side
+    geometry = GridGeometry(0.0, 0.0, 1.0, rows, cols)
+    coarse = coverage_grid(geometry, padded, np.zeros((rows, cols), dtype=np.bool_))
+    spots = np.array([p for lane in lanes for p in (lane.points[0], lane.points[-1])])
+    g = driving.geometry
+    robot = (np.array([pose.x, pose.y]) - (g.origin_x_m, g.origin_y_m)) / cell_m
+    cells = np.clip((spots / side).astype(np.int64), 0, [cols - 1, rows - 1])
+    start = np.clip((robot / side).astype(np.int64), 0, [cols - 1, rows - 1])
+    away = distances_from(coarse.moves, (int(start[1]), int(start[0])))[cells[:, 1], cells[:, 0]]
+    nearest = np.argsort(away.reshape(-1, 2).min(axis=1), kind="stable")
+    nearest = nearest[np.isfinite(away.reshape(-1, 2).min(axis=1)[nearest])][:_MOST_LANES]
+    if not len(nearest):
+        return []
+    lanes = [lanes[i] for i in nearest]
+    ends = np.stack([2 * nearest, 2 * nearest + 1], axis=-1).ravel()
+    spots, cells, away = spots[ends], cells[ends], away[ends]
+    out = np.array([a for lane in lanes for a in _headings(lane.points)])
+    between = np.stack(
+        [distances_from(coarse.moves, (int(r), int(c)))[cells[:, 1], cells[:, 0]] for c, r in cells]
+    )
+    links_s = _times_s(between * side, spots, out, spots, out, cell_m, config)
+    first_s = _times_s(
+        away[None] * side, robot[None], np.array([pose.theta]), spots, out, cell_m, config
+    )[0]
+    tour = ordered(links_s, first_s)
+    per_cell_s = cell_m / config.driving.speed_m_s
+    worth_s = np.array(
+        [_WORTH_S_M2 * l.area_cells * cell_m**2 - len(l.points) * per_cell_s for l in lanes]
+    )
+    tour = without_detours(tour, links_s, first_s, worth_s)
+    return [lanes[e // 2].points[:: -1 if e % 2 else 1] for e in tour]
+
+
+def _headings(points: Floats) -> tuple[float, float]:
+    """Directions out of a lane at its first and its last point [rad]."""
+    k = min(_HEADING_CELLS, len(points) - 1)
+    first, last = points[0] - points[k], points[-1] - points[-1 - k]
+    return math.atan2(first[1], first[0]), math.atan2(last[1], last[0])
+
+
+def _times_s(
+    geodesic: Floats,
+    a: Floats,
+    out_a: Floats,
+    b: Floats,
+    out_b: Floats,
+    cell_m: float,
     config: ExploreConfig,
-) -> _Start | None:
-    """Take the part, and the corner of it, that costs the least time to begin.
-
-    A remnant is worth a way in proportion to its area.
-    """
-    corners = [(last, back) for last in (False, True) for back in (False, True)]
-    starts = [_Start(part, *corner) for part in parts for corner in corners]
-    entries = np.array([s.entry() for s in starts]).astype(np.int64)
-    turn_rad = np.array([abs(wrap_angle(s.heading() - pose.theta)) for s in starts])
-    turn_s = turn_rad / config.driving.turn_rate_rad_s
-    cell_m2 = driving.geometry.resolution_m**2
-    worth_s = _WORTH_S_M2 * cell_m2 * np.array([s.part.area_cells for s in starts])
-    per_cell_s = driving.geometry.resolution_m / config.driving.speed_m_s
-    limit = _FIRST_REACH
-    while True:
-        # No farther than what could still be the best.
-        away = distances_from(driving.moves, start, limit)[entries[:, 1], entries[:, 0]]
-        cost_s = away * per_cell_s + turn_s
-        cost_s[cost_s > worth_s] = np.inf
-        least = int(np.argmin(cost_s))
-        if cost_s[least] <= limit * per_cell_s or limit > driving.passable.size:
-            return starts[least] if np.isfinite(cost_s[least]) else None
-        limit *= 4.0
+) -> Floats:
+    """Time (N, M) from leaving at ends a to entering at ends b, turns included [s]."""
+    step = b[None] - a[:, None]
+    straight = np.hypot(step[..., 0], step[..., 1])
+    side = max(1, round(_TOUR_CELL_M / cell_m))
+    distance = np.where(geodesic <= straight + 2.0 * side, straight, geodesic)
+    bearing = np.arctan2(step[..., 1], step[..., 0])
+    into = out_b[None] + math.pi
+    bearing = np.where(straight < 3.0, into, bearing)
+    c = config.driving
+    time_s = distance * cell_m / c.speed_m_s
+    for turn in (_between(out_a[:, None], bearing), _between(bearing, into)):
+        time_s = time_s + turn / c.turn_rate_rad_s
+        time_s += np.where(turn > _STOP_RAD, c.speed_m_s / c.acceleration_m_s2, 0.0)
+    return np.minimum(time_s, 1e9)
 
 
-def _way_over(start: _Start, driving: DrivingGrid, pose: Pose2) -> Floats:
-    """Drive all lanes of a part to and fro, with arcs between them where there is room."""
-    g = driving.geometry
-    origin = np.array([g.origin_x_m, g.origin_y_m])
-    lanes = start.part.lanes[::-1] if start.last_lane_first else start.part.lanes
-    pieces = [np.array([[pose.x, pose.y]])]
-    backwards = start.backwards
-    for lane in lanes:
-        points = shortcut(driving.passable, lane[::-1] if backwards else lane, len(lane))
-        for point in points * g.resolution_m + origin:
-            piece = way_between(driving, pieces[-1][-1], point)
-            if piece is not None:
-                pieces.append(piece[1:])
-        backwards = not backwards
-    way = without_straight_points(np.concatenate(pieces))
-    return _with_arcs(way, driving)
-
-
-def _with_arcs(way: Floats, driving: DrivingGrid) -> Floats:
-    """Round every U-turn of two right angles into a half circle, where the centre may be there."""
-    pieces, i = [way[:1]], 1
-    while i < len(way) - 1:
-        arc = _half_circle(way[i - 1 : i + 3]) if i + 2 < len(way) else None
-        if arc is not None and _is_passable(arc, driving):
-            pieces.append(arc)
-            i += 2
-        else:
-            pieces.append(way[i : i + 1])
-            i += 1
-    pieces.append(way[i:])
-    return without_straight_points(np.concatenate(pieces))
-
-
-def _half_circle(corners: Floats) -> Floats | None:
-    """Half circle (K, 2) within a U-turn of four corners; None where it is not one."""
-    into, across, out = np.diff(corners, axis=0)
-    width = math.hypot(*across)
-    before, after = math.hypot(*into), math.hypot(*out)
-    if not _ARC_WIDTHS_M[0] <= width <= _ARC_WIDTHS_M[1] or min(before, after) < width:
-        return None
-    into, side, out = into / before, across / width, out / after
-    if into @ out > -0.98 or abs(into @ side) > 0.2:
-        return None
-    center = 0.5 * (corners[1] + corners[2]) - 0.5 * width * into
-    angle = np.arange(0.0, math.pi + 1e-6, _ARC_STEP_RAD)[:, None]
-    return np.asarray(center + 0.5 * width * (np.sin(angle) * into - np.cos(angle) * side))
-
-
-def _is_passable(points_m: Floats, driving: DrivingGrid) -> bool:
-    g = driving.geometry
-    points = (points_m - (g.origin_x_m, g.origin_y_m)) / g.resolution_m
-    return all(sees(driving.passable, begin, end) for begin, end in itertools.pairwise(points))
+def _between(a: Floats, b: Floats) -> Floats:
+    return np.abs((b - a + math.pi) % (2.0 * math.pi) - math.pi)
