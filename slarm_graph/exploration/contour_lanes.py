@@ -14,10 +14,9 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.exploration.thin_lines import thinned, traced
+from slarm_graph.exploration.thin_lines import pruned, thinned, traced
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
@@ -55,13 +54,14 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     longest : float
         Lanes are cut into pieces up to this length [cells].
     """
-    lines = lane_lines(wanted, passable, radius)
-    nearest, near = _nearest_line_cell(lines, wanted)
-    area = np.bincount(nearest[near <= radius + 1.0], minlength=lines.size)
+    rings = ring_lines(wanted, passable, radius)
+    left = wanted & (_distance_to(rings) > radius)
+    lines = thinned(rings | middle_lines(left & passable, radius))
+    area = _served(rings & lines, wanted & ~left) + _served(lines, left)
     lanes = []
     for chain in traced(lines):
         rows, cols = np.divmod(chain, lines.shape[1])
-        points = _smooth(np.stack([cols + 0.5, rows + 0.5], axis=-1), radius)
+        points = np.stack([cols + 0.5, rows + 0.5], axis=-1)
         count = max(1, math.ceil((len(chain) - 1) / longest))
         cuts = np.linspace(0, len(chain) - 1, count + 1).round().astype(int)
         for first, last in zip(cuts[:-1], cuts[1:], strict=True):
@@ -70,18 +70,20 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     return lanes
 
 
-def lane_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
-    """Cells (rows, cols) of thin lines that the centre must follow to pass over the wanted."""
+def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
+    """Level lines (rows, cols) of the distance to the walls, where the disc would be of use."""
     # Where there is hardly room for one lane there shall not be two.
     roomy = cv2.morphologyEx(passable.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     depth = cv2.distanceTransform(np.pad(roomy, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    band = np.floor((depth - 1.0) / (2.0 * radius)).astype(np.int32)
-    shallow = cv2.erode(band.astype(np.float32), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
-    rings = (band > shallow)[1:-1, 1:-1]
-    rings &= _distance_to(wanted) <= _REACH * radius
-    left = wanted & passable & (_distance_to(rings) > radius)
+    band = np.floor((depth - 1.0) / (2.0 * radius)).astype(np.float32)
+    shallow = cv2.erode(band, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+    return np.asarray((band > shallow)[1:-1, 1:-1] & (_distance_to(wanted) <= _REACH * radius))
+
+
+def middle_lines(left: Mask, radius: float) -> Mask:
+    """Middle lines (rows, cols) of narrow strips, as far as the disc does not reach their ends."""
     left = cv2.morphologyEx(left.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
-    return thinned(rings | thinned(left))
+    return pruned(thinned(left), round(_REACH * radius))
 
 
 def _distance_to(mask: Mask) -> NDArray[np.float32]:
@@ -92,29 +94,13 @@ def _distance_to(mask: Mask) -> NDArray[np.float32]:
     return np.asarray(away, dtype=np.float32)
 
 
-def _nearest_line_cell(lines: Mask, wanted: Mask) -> tuple[NDArray[np.int64], Floats]:
-    """Flat line cell nearest to every wanted cell, and its distance [cells]."""
+def _served(lines: Mask, wanted: Mask) -> Floats:
+    """Wanted cells (rows * cols,) that every line cell is the nearest to."""
     if not lines.any():
-        return np.empty(0, dtype=np.int64), np.empty(0)
-    away, labels = cv2.distanceTransformWithLabels(
+        return np.zeros(lines.size)
+    _, labels = cv2.distanceTransformWithLabels(
         (~lines).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
     cell_of = np.zeros(int(labels.max()) + 1, dtype=np.int64)
     cell_of[labels[lines]] = np.flatnonzero(lines)
-    return cell_of[labels[wanted]], away[wanted]
-
-
-def _smooth(points: Floats, radius: float) -> Floats:
-    """Average a chain of cells over half a disc's radius to either side; the ends stay."""
-    return _averaged(points, max(1, round(0.5 * radius)))
-
-
-@njit(cache=True, nogil=True)
-def _averaged(points: Floats, half: int) -> Floats:
-    count = len(points)
-    out = np.empty_like(points)
-    for i in range(count):
-        reach = min(half, i, count - 1 - i)
-        for k in range(2):
-            out[i, k] = points[i - reach : i + reach + 1, k].mean()
-    return out
+    return np.bincount(cell_of[labels[wanted]], minlength=lines.size).astype(np.float64)

@@ -110,19 +110,105 @@ class GgmrPlus:
 
     def _next_leg(self, driving: DrivingGrid, pose: Pose2) -> Leg | None:
         g = driving.geometry
-        way = np.array([[pose.x, pose.y]])
-        length_m = 0.0
+        pieces, is_link = [np.array([[pose.x, pose.y]])], [np.ones(1, dtype=np.bool_)]
+        length_m, here = 0.0, pieces[0][0]
         while self._tour and length_m < _LEG_M:
             lane = self._tour.pop(0)
             self._tries[self._place(lane, driving)] += 1
             points = lane * g.resolution_m + (g.origin_x_m, g.origin_y_m)
-            to = way_between(driving, way[-1], points[0])
+            to = way_between(driving, here, points[0])
             if to is None:
                 continue
-            way = np.concatenate([way, to[1:], points[1:]])
-            length_m = float(np.hypot(*np.diff(way, axis=0).T).sum())
-        way = without_straight_points(way)
+            here = points[-1]
+            pieces += [to[1:], points[1:]]
+            is_link += [np.ones(len(to) - 1, dtype=np.bool_), np.zeros(len(points) - 1, np.bool_)]
+            length_m += path_m(to) + path_m(points)
+        way = smooth_way(np.concatenate(pieces), np.concatenate(is_link), driving)
         return Leg(way) if len(way) > 1 else None
+
+
+def path_m(points):
+    return float(np.hypot(*np.diff(points, axis=0).T).sum()) if len(points) > 1 else 0.0
+
+
+STEP_M, LANE_M, LINK_M = 0.02, 0.09, 0.18
+
+
+def smooth_way(points, is_link, driving):
+    points_in = points
+    keep = np.ones(len(points), dtype=bool)
+    keep[1:] = np.hypot(*np.diff(points, axis=0).T) > 1e-6
+    points, is_link = points[keep], is_link[keep]
+    if len(points) < 3:
+        return points
+    step = np.hypot(*np.diff(points, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(step)])
+    n = max(2, int(np.ceil(along[-1] / STEP_M)) + 1)
+    at = np.linspace(0, along[-1], n)
+    dense = np.stack([np.interp(at, along, points[:, k]) for k in (0, 1)], -1)
+    seg = np.clip(np.searchsorted(along, at, side="left"), 1, len(points) - 1)
+    link = is_link[seg]
+    k = int(round(LANE_M / STEP_M)); kl = int(round(LINK_M / STEP_M))
+    near = grown(link, kl)
+    room = to_corner(dense, ~link)
+    lane = average(dense, np.minimum(k, room))
+    both = average(dense, np.where(near, kl, np.minimum(k, room)))
+    g = driving.geometry
+    ok = _ok(both, driving)
+    bad = ~ok & near
+    if bad.any():
+        bad = grown(bad, kl)
+        both = np.where(bad[:, None], lane, both)
+    # a link that is still not passable stays as planned
+    ok = _ok(both, driving)
+    bad = ~ok & link
+    if bad.any():
+        both = average(dense, np.where(bad, 0, np.where(near, kl, np.minimum(k, room))))
+    return without_straight_points(both)
+
+
+CORNER_M, CORNER_RAD = 0.16, math.radians(60)
+
+
+def to_corner(dense, where):
+    """Samples to the nearest sharp corner."""
+    m = int(round(CORNER_M / STEP_M))
+    n = len(dense)
+    i = np.arange(n)
+    a, b = np.maximum(i - m, 0), np.minimum(i + m, n - 1)
+    u, v = dense - dense[a], dense[b] - dense
+    bend = np.abs(np.arctan2(u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0], (u * v).sum(1)))
+    import cv2
+    best = cv2.dilate(bend[None], np.ones((1, 2 * m + 1)))[0]
+    corner = where & (bend >= best) & (bend > CORNER_RAD)
+    at = np.flatnonzero(corner)
+    if not len(at):
+        return np.full(n, n)
+    k = np.clip(np.searchsorted(at, i), 1, len(at)) 
+    lo, hi = at[k - 1], at[np.minimum(k, len(at) - 1)]
+    return np.minimum(np.abs(i - lo), np.abs(i - hi))
+
+
+def grown(m, k):
+    import cv2
+    return cv2.dilate(m.astype(np.uint8)[None], np.ones((1, 2 * k + 1), np.uint8))[0] > 0
+
+
+def _ok(pts, driving):
+    g = driving.geometry
+    cells = g.cell_of(pts)
+    inside = g.contains(cells)
+    ok = np.zeros(len(pts), bool)
+    ok[inside] = driving.passable[cells[inside, 0], cells[inside, 1]]
+    return ok
+
+
+def average(points, reach):
+    n = len(points)
+    i = np.arange(n)
+    reach = np.minimum(reach, np.minimum(i, n - 1 - i))
+    total = np.concatenate([np.zeros((1, 2)), np.cumsum(points, axis=0)])
+    return (total[i + reach + 1] - total[i - reach]) / (2 * reach + 1)[:, None]
 
 
 def lanes_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Lane]:
@@ -174,6 +260,8 @@ def tour_of(
         [_WORTH_S_M2 * l.area_cells * cell_m**2 - len(l.points) * per_cell_s for l in lanes]
     )
     tour = without_detours(tour, links_s, first_s, worth_s)
+    global LAST_LINKS
+    LAST_LINKS = len(tour) and first_s[tour[0]] + sum(links_s[a ^ 1, b] for a, b in zip(tour[:-1], tour[1:]))
     return [lanes[e // 2].points[:: -1 if e % 2 else 1] for e in tour]
 
 

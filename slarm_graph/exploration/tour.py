@@ -37,15 +37,19 @@ def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
 
 
 def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats) -> Ends:
-    """Leave out lanes that cost more than they are worth.
+    """Leave out the stretches of a tour that cost more time than they are worth.
 
     Parameters
     ----------
     worth_s : (n,) float64
-        The most that going there and over the lane may cost beyond doing without; the time on the
-        lane itself is subtracted already [s].
+        What a lane is worth, less the time of driving over it [s].
     """
-    return tour[_worthwhile(tour, between_s, from_start_s, worth_s)]
+    while len(tour):
+        first, last = _worst_stretch(tour, between_s, from_start_s, worth_s)
+        if last < first:
+            break
+        tour = np.delete(tour, slice(first, last + 1))
+    return tour
 
 
 @njit(cache=True, nogil=True)
@@ -154,28 +158,19 @@ def _move(tour: Ends, i: int, length: int, place: int, is_turned: bool) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _worthwhile(
+def _worst_stretch(
     tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats
-) -> NDArray[np.bool_]:
+) -> tuple[int, int]:
+    """First and last place of the stretch without which most is gained; (0, -1) if there is none."""
     count = len(tour)
-    keeps = np.ones(count, dtype=np.bool_)
-    dropped = True
-    while dropped:
-        dropped = False
-        before = -1
-        for k in range(count):
-            if not keeps[k]:
-                continue
-            after = k + 1
-            while after < count and not keeps[after]:
-                after += 1
-            follow = tour[after] if after < count else -1
-            costs_s = _link(tour, before, tour[k], between_s, from_start_s)
-            costs_s += _link(tour, k, follow, between_s, from_start_s)
-            costs_s -= _link(tour, before, follow, between_s, from_start_s)
-            if costs_s > worth_s[tour[k] // 2]:
-                keeps[k] = False
-                dropped = True
-            else:
-                before = k
-    return keeps
+    worst, first, last = _LEAST_GAIN_S, 0, -1
+    for i in range(count):
+        loss_s = 0.0
+        for j in range(i, count):
+            loss_s += _link(tour, j - 1, tour[j], between_s, from_start_s) - worth_s[tour[j] // 2]
+            after = tour[j + 1] if j + 1 < count else -1
+            gain_s = loss_s + _link(tour, j, after, between_s, from_start_s)
+            gain_s -= _link(tour, i - 1, after, between_s, from_start_s)
+            if gain_s > worst:
+                worst, first, last = gain_s, i, j
+    return first, last
