@@ -18,11 +18,17 @@ from scipy import ndimage
 
 from slarm_graph.config import DrivingConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.exploration.explorer import CoverageGrid, coverage_grid, driving_grid, start_cell
-from slarm_graph.exploration.ggmr import GgmrPath, ggmr_path
-from slarm_graph.exploration.planning import clearance_m, reachable
+from slarm_graph.exploration.coverage_grid import (
+    CoverageGrid,
+    coverage_grid,
+    driving_grid,
+    start_cell,
+)
+from slarm_graph.exploration.ggmr import GgmrPath, PathCells, ggmr_path
+from slarm_graph.exploration.moves import clearance_m
+from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Cells, GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.truth_map import TruthMap, truth_map
 from slarm_graph.world import WorldMap
 
@@ -111,7 +117,7 @@ def mission_accuracy(
     return _share(truth_map(world, resolution_m, "centre"), visited)
 
 
-def times_s(cells: Cells, resolution_m: float, driving: DrivingConfig) -> Floats:
+def times_s(cells: PathCells, resolution_m: float, driving: DrivingConfig) -> Floats:
     """Time (M,) at which a robot is at each cell of a path, turning on the spot at bends [s]."""
     steps = np.diff(cells, axis=0)
     heading = np.arctan2(steps[:, 0], steps[:, 1])

@@ -13,18 +13,13 @@ import numpy as np
 
 from slarm_graph.backend import Heartbeat, SlamBackend, SlamResult, silent
 from slarm_graph.config import ExploreConfig
+from slarm_graph.exploration.coverage_grid import CoverageGrid, driving_cell
 from slarm_graph.exploration.drive_report import DriveReport, drive_report
-from slarm_graph.exploration.explorer import (
-    CoverageGrid,
-    Explorer,
-    Finished,
-    Leg,
-    driving_cell,
-    way_between,
-)
+from slarm_graph.exploration.explorer import Explorer, Finished, Leg
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.exploration.path_follower import PathFollower, free_ahead_m
-from slarm_graph.exploration.planning import reachable
+from slarm_graph.exploration.searches import reachable
+from slarm_graph.exploration.ways import way_between
 from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import cv2
@@ -64,7 +65,7 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
         points = np.stack([cols + 0.5, rows + 0.5], axis=-1)
         count = max(1, math.ceil((len(chain) - 1) / longest))
         cuts = np.linspace(0, len(chain) - 1, count + 1).round().astype(int)
-        for first, last in zip(cuts[:-1], cuts[1:], strict=True):
+        for first, last in pairwise(cuts):
             mine = float(area[chain[first : last + 1]].sum())
             lanes.append(Lane(points[first : last + 1], mine))
     return lanes

@@ -82,8 +82,8 @@ def _can_go(flat: NDArray[np.uint8], cell: int, around: Indices, half: int) -> b
         flat[cell + around[6]],
     )
     if half == 0:
-        return east * north * south == 0 and east * south * west == 0
-    return east * north * west == 0 and north * south * west == 0
+        return bool(east * north * south == 0 and east * south * west == 0)
+    return bool(east * north * west == 0 and north * south * west == 0)
 
 
 @njit(cache=True, nogil=True)

@@ -9,6 +9,8 @@ a stretch of the tour round changes it at its two borders only.
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -17,8 +19,8 @@ from slarm_graph.geometry import Floats
 
 Ends = NDArray[np.int64]
 
-_MOST_MOVED = 8
-_LEAST_GAIN_S = 1e-6
+_MOST_MOVED: Final = 8
+_LEAST_GAIN_S: Final = 1e-6
 
 
 def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
@@ -74,7 +76,7 @@ def _link(tour: Ends, k: int, enter: int, between_s: Floats, from_start_s: Float
     """Time from the lane in place k (-1: the robot) to entering at an end; 0 for no lane (-1)."""
     if enter < 0:
         return 0.0
-    return from_start_s[enter] if k < 0 else between_s[tour[k] ^ 1, enter]
+    return float(from_start_s[enter] if k < 0 else between_s[tour[k] ^ 1, enter])
 
 
 @njit(cache=True, nogil=True)
@@ -161,7 +163,7 @@ def _move(tour: Ends, i: int, length: int, place: int, is_turned: bool) -> None:
 def _worst_stretch(
     tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats
 ) -> tuple[int, int]:
-    """First and last place of the stretch without which most is gained; (0, -1) if there is none."""
+    """First and last place of the stretch to do without; (0, -1) where none is too dear."""
     count = len(tour)
     worst, first, last = _LEAST_GAIN_S, 0, -1
     for i in range(count):
