@@ -53,6 +53,7 @@ class GgmrPlus:
         self._goal: Literal["observed", "footprint"] = config.goal
         self._tries: Counter[tuple[int, int]] = Counter()
         self._tour: list[Floats] = []
+        self._rest: list[Lane] = []
         self._planned_on: Mask | None = None
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
@@ -71,7 +72,7 @@ class GgmrPlus:
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
         """Drive on along the tour; plan anew where floor was seen since, and when it ends."""
-        if not self._tour or self._has_learnt(driving):
+        if self._has_learnt(driving):
             self._plan(driving, start, pose)
         fresh = self._planned_on is driving.observed
         leg = self._next_leg(driving, pose)
@@ -83,12 +84,14 @@ class GgmrPlus:
     def _plan(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> None:
         near = reachable(driving.moves, start)
         lanes = lanes_to_cover(driving, near, self._config.driving.robot_radius_m)
-        lanes = [n for n in lanes if self._tries[_place(n.points, driving)] < _MAX_TRIES]
-        self._tour = in_driving_order(lanes, driving, pose, self._config.driving, _PRICE_S_M2)
+        self._rest = [n for n in lanes if self._tries[_place(n.points, driving)] < _MAX_TRIES]
+        self._tour = []
         self._planned_on = driving.observed
 
     def _has_learnt(self, driving: DrivingGrid) -> bool:
         """Whether floor was seen since the last plan that it does not know of."""
+        if self._planned_on is driving.observed:
+            return False
         if self._planned_on is None or self._planned_on.shape != driving.observed.shape:
             return True
         news = np.count_nonzero(driving.observed & ~self._planned_on)
@@ -100,6 +103,10 @@ class GgmrPlus:
         here = np.array([pose.x, pose.y])
         pieces: list[tuple[Floats, bool]] = []
         length_m = 0.0
+        while self._rest and not self._tour:
+            self._tour, self._rest = in_driving_order(
+                self._rest, driving, pose, self._config.driving, _PRICE_S_M2
+            )
         while self._tour and length_m < _LEG_M:
             lane = self._tour.pop(0)
             self._tries[_place(lane, driving)] += 1

@@ -49,10 +49,8 @@ def in_driving_order(
     pose: Pose2,
     config: DrivingConfig,
     price_s_m2: float,
-) -> list[Floats]:
-    """Order lanes by a tour from the robot; leave out those that are not worth their time.
-
-    Only the nearest lanes are looked at: when they are done, the next ones will be.
+) -> tuple[list[Floats], list[Lane]]:
+    """Order the nearest lanes by a tour from the robot; leave out those not worth their time.
 
     Parameters
     ----------
@@ -68,6 +66,8 @@ def in_driving_order(
     -------
     list of (K, 2) float64
         Lanes as they are to be driven; x, y [cells].
+    list of Lane
+        Lanes that were too far away to be looked at.
     """
     cell_m = driving.geometry.resolution_m
     tiles = tiled(driving, max(1, round(_TILE_M / cell_m)))
@@ -75,10 +75,11 @@ def in_driving_order(
     spots = _spots(lanes, driving, pose)
     at = _tile_of(spots, tile_m, tiles.codes.shape)
     away = distances_from(tiles.moves, (int(at[0, 0]), int(at[0, 1])))[at[1:, 0], at[1:, 1]]
-    nearest = _nearest_lanes(away)
-    if not len(nearest):
-        return []
-    few = [lanes[i] for i in nearest]
+    nearest = _nearest_first(away)
+    few = [lanes[i] for i in nearest[:_MOST_LANES]]
+    rest = [lanes[i] for i in nearest[_MOST_LANES:]]
+    if not few:
+        return [], []
     spots = _spots(few, driving, pose)
     at = _tile_of(spots, tile_m, tiles.codes.shape)
     link_s = _link_times_s(spots, distances_between(tiles.moves, at) * tile_m, tile_m, config)
@@ -86,7 +87,7 @@ def in_driving_order(
     worth_s -= np.array([len(lane.points) for lane in few]) * (cell_m / config.speed_m_s)
     between_s, first_s = link_s[1:, 1:], link_s[0, 1:]
     tour = without_detours(ordered(between_s, first_s), between_s, first_s, worth_s)
-    return [few[end // 2].points[:: -1 if end % 2 else 1] for end in tour]
+    return [few[end // 2].points[:: -1 if end % 2 else 1] for end in tour], rest
 
 
 def _spots(lanes: list[Lane], driving: DrivingGrid, pose: Pose2) -> _Spots:
@@ -111,10 +112,10 @@ def _tile_of(spots: _Spots, tile_m: float, shape: tuple[int, ...]) -> Cells:
     return np.clip(cells, 0, np.array(shape) - 1)
 
 
-def _nearest_lanes(away: Floats) -> NDArray[np.int64]:
-    """Places of the lanes that are nearest by one of their ends, of those with a way there."""
+def _nearest_first(away: Floats) -> NDArray[np.int64]:
+    """Lanes with a way there, by how far their nearer end is."""
     of_lane = away.reshape(-1, 2).min(axis=1)
-    order = np.argsort(of_lane, kind="stable")[:_MOST_LANES]
+    order = np.argsort(of_lane, kind="stable")
     return np.asarray(order[np.isfinite(of_lane[order])])
 
 
