@@ -5,8 +5,9 @@
     python benchmarks/bench_exploration.py [--worlds A,B] [--explorers A,B] [--backend NAME]
 
 Everybody drives the same simulated robot with the same follower through a world that it does not
-know. Known is the share of the truly reachable floor that the map knows in the end, footprint that which the body passed over. `ggmr+ there`
-is when `ggmr+` had passed over as much as the other did in the end, and `saved` is what it saved.
+know. Of the truly reachable floor, known is the share that the map knows in the end, and footprint
+the share that the body passed over. `ggmr+ at` is when `ggmr+` had passed over as much as the other
+did in the end, and `saved` is what it saved.
 `--backend truth` tells the robot where it is, so that only the explorers differ.
 """
 
@@ -179,7 +180,7 @@ def show(drives: list[Drive]) -> float:
     ours = next((d for d in drives if d.explorer == OURS), None)
     print(f"\n{drives[0].world}", flush=True)
     print(
-        "explorer       drive [s]  path [m]  turns  hits   known  footprint  ggmr+ there [s]  saved"
+        "explorer       drive [s]  path [m]  turns  hits   known  footprint  ggmr+ at [s]   saved"
     )
     savings = []
     for d in drives:
@@ -189,7 +190,8 @@ def show(drives: list[Drive]) -> float:
             savings.append(saved)
         print(
             f"{d.explorer:14s}{d.time_s:10.0f}{d.path_m:10.0f}{d.turns:7d}{d.collisions:6d}"
-            f"{100 * d.known:7.2f}{100 * d.footprint[-1]:10.1f} %{there_s:16.0f}{100 * saved:7.1f} %   {d.reason}",
+            f"{100 * d.known:7.2f}{100 * d.footprint[-1]:9.1f} %"
+            f"{there_s:13.0f}{100 * saved:7.1f} %   {d.reason}",
             flush=True,
         )
     return min(savings, default=float("nan"))
