@@ -89,6 +89,8 @@ def test_distances_between_cells_agree_with_dijkstra(seed: int) -> None:
     flat = cells[:, 0] * free.shape[1] + cells[:, 1]
     truth = [dijkstra_lengths(free, start)[flat] for start in flat]
     np.testing.assert_allclose(distances_between(moves_within(free), cells), truth)
+    near = distances_between(moves_within(free), cells, 6.5)
+    np.testing.assert_allclose(near, np.where(np.less_equal(truth, 6.5), truth, np.inf))
 
 
 @given(seeds)

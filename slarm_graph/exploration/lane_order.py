@@ -24,7 +24,9 @@ _MOST_LANES: Final = 250
 _HEADING_CELLS: Final = 6
 _STOP_RAD: Final = math.radians(30.0)
 _BESIDE_M: Final = 0.08
-_FAR_S: Final = 1e9
+_NEAR_M: Final = 6.0
+_DETOUR: Final = 1.5
+"""Ways longer than the former are only guessed, by the straight line times the latter."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +84,8 @@ def in_driving_order(
         return [], []
     spots = _spots(few, driving, pose)
     at = _tile_of(spots, tile_m, tiles.codes.shape)
-    link_s = _link_times_s(spots, distances_between(tiles.moves, at) * tile_m, tile_m, config)
+    around_m = distances_between(tiles.moves, at, _NEAR_M / tile_m) * tile_m
+    link_s = _link_times_s(spots, around_m, tile_m, config)
     worth_s = np.array([lane.area_cells for lane in few]) * (cell_m**2 * price_s_m2)
     worth_s -= np.array([len(lane.points) for lane in few]) * (cell_m / config.speed_m_s)
     between_s, first_s = link_s[1:, 1:], link_s[0, 1:]
@@ -126,21 +129,23 @@ def _link_times_s(spots: _Spots, around_m: Floats, slack_m: float, config: Drivi
     ----------
     spots : _Spots
     around_m : (N, N) float64
-        Length of the way around obstacles [m].
+        Length of the way around obstacles [m]; inf where it is long.
     slack_m : float
         A way about as long as the straight line is the straight line [m].
     config : DrivingConfig
     """
     step_m = spots.points_m[None] - spots.points_m[:, None]
     straight_m = np.hypot(step_m[..., 0], step_m[..., 1])
+    guess_m = np.maximum(_NEAR_M, _DETOUR * straight_m)
     length_m = np.where(around_m <= straight_m + 2.0 * slack_m, straight_m, around_m)
+    length_m = np.where(np.isfinite(around_m), length_m, guess_m)
     into_rad = np.broadcast_to(spots.out_rad[None] + math.pi, straight_m.shape)
     bearing_rad = np.arctan2(step_m[..., 1], step_m[..., 0])
     bearing_rad = np.where(straight_m < _BESIDE_M, into_rad, bearing_rad)
     time_s = length_m / config.speed_m_s
     time_s += _turn_times_s(bearing_rad - spots.out_rad[:, None], config)
     time_s += _turn_times_s(into_rad - bearing_rad, config)
-    return np.minimum(time_s, _FAR_S)
+    return np.asarray(time_s)
 
 
 def _turn_times_s(turn_rad: Floats, config: DrivingConfig) -> Floats:

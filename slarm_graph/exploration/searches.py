@@ -65,10 +65,10 @@ def distances_from(moves: Moves, start: tuple[int, int], limit: float = math.inf
     return np.where(cost <= limit, cost, np.inf).reshape(moves.shape)
 
 
-def distances_between(moves: Moves, cells: Cells) -> Floats:
-    """Lengths (N, N) [cells] of the cheapest paths between cells (N, 2); inf where none is."""
+def distances_between(moves: Moves, cells: Cells, limit: float = math.inf) -> Floats:
+    """Lengths (N, N) [cells] of the cheapest paths between cells (N, 2); inf beyond the limit."""
     flat = cells[:, 0] * moves.shape[1] + cells[:, 1]
-    return np.asarray(_distances_between(moves, flat, new_labels(moves.size)))
+    return np.asarray(_distances_between(moves, flat, limit, new_labels(moves.size)))
 
 
 def reachable(moves: Moves, start: tuple[int, int]) -> Mask:
@@ -173,14 +173,14 @@ def walk_back(labels: Labels, last: int, cols: int) -> Indices:
 
 
 @njit(cache=True, nogil=True)
-def _distances_between(moves: Moves, flat: Indices, labels: Labels) -> Floats:
+def _distances_between(moves: Moves, flat: Indices, limit: float, labels: Labels) -> Floats:
     count = len(flat)
     out = np.full((count, count), np.inf)
     codes = moves.ravel()
     for i in range(count):
-        wavefront(moves, codes, _NOTHING, flat[i], np.inf, labels, i + 1)
+        wavefront(moves, codes, _NOTHING, flat[i], limit, labels, i + 1)
         for k in range(count):
-            if labels[flat[k]].wave == i + 1:
+            if labels[flat[k]].wave == i + 1 and labels[flat[k]].cost <= limit:
                 out[i, k] = labels[flat[k]].cost
     return out
 
