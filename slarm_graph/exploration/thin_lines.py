@@ -61,8 +61,10 @@ def _thin(flat: NDArray[np.uint8], cells: Indices, cols: int) -> None:
                     peeled[found] = cell
                     found += 1
             for cell in peeled[:found]:
-                flat[cell] = 0
-            count += found
+                # Asked again, or lines two cells wide might vanish from both sides at once.
+                if _can_go(flat, cell, around, half):
+                    flat[cell] = 0
+                    count += 1
         alive = alive[flat[alive] > 0]
 
 
