@@ -93,7 +93,7 @@ def _two_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
     count, helped = len(tour), False
     for i in range(count):
         before_s = _link(tour, i - 1, tour[i], between_s, from_start_s)
-        for j in range(i + 1, count):
+        for j in range(i, count):
             after = tour[j + 1] if j + 1 < count else -1
             old_s = before_s + _link(tour, j, after, between_s, from_start_s)
             new_s = _link(tour, i - 1, tour[j] ^ 1, between_s, from_start_s)
