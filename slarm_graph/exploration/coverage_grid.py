@@ -33,7 +33,7 @@ class DrivingGrid:
     passable : (rows, cols) bool
         Far enough from everything known to be in the way; unknown cells count as passable.
     moves : (rows, cols) uint8
-        Open steps between passable cells, as in `slarm_graph.exploration.planning`.
+        Open steps between passable cells, as in `slarm_graph.exploration.moves`.
     occupied : (rows, cols) bool
         Obstacles so far, not inflated.
     observed : (rows, cols) bool
