@@ -5,8 +5,9 @@
     python benchmarks/bench_exploration.py [--worlds A,B] [--explorers A,B] [--backend NAME]
 
 Everybody drives the same simulated robot with the same follower through a world that it does not
-know. Footprint is the share of the truly reachable floor that the body passed over. `ggmr+ there`
-is when `ggmr+` had passed over as much as the other did in the end, and `saved` is what it saved.
+know. Of the truly reachable floor, known is the share that the map knows in the end, and footprint
+the share that the body passed over. `ggmr+ at` is when `ggmr+` had passed over as much as the other
+did in the end, and `saved` is what it saved.
 `--backend truth` tells the robot where it is, so that only the explorers differ.
 """
 
@@ -25,8 +26,8 @@ from slarm_graph import backends
 from slarm_graph.backend import SlamBackend, SlamResult, silent
 from slarm_graph.config import ExploreConfig, RunConfig
 from slarm_graph.exploration import explorers
-from slarm_graph.exploration.closed_loop import Exploration, explore
-from slarm_graph.exploration.live_map import mark_swept
+from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
+from slarm_graph.exploration.live_map import UNKNOWN, LiveMap, mark_swept
 from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Floats, Pose2
@@ -82,6 +83,7 @@ class Drive:
     turns: int
     collisions: int
     reason: str
+    known: float
     at_s: Floats
     footprint: Floats
 
@@ -99,14 +101,12 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
         if backend == "truth"
         else backends.make(backend, config, for_backend, silent)
     )
-    out = explore(
-        simulated,
-        slam,
-        explorers.make(config.explore),
-        config.explore,
-        extent_m=world.extent_m(),
-        start=world.start,
-    )
+    chosen = explorers.make(config.explore)
+    extent_m, start = world.extent_m(), world.start
+    loop = ClosedLoop(simulated, slam, chosen, config.explore, extent_m=extent_m, start=start)
+    while loop.step():
+        pass
+    out = loop.outcome()
     at_s, footprint = footprint_over_time(world, out)
     r = out.report
     return Drive(
@@ -117,9 +117,17 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
         r.turns,
         r.collisions,
         out.finished.reason,
+        known_share(world, loop.live),
         at_s,
         footprint,
     )
+
+
+def known_share(world: WorldMap, live: LiveMap) -> float:
+    """Share of the floor that can be reached of which the map knows whether it is free."""
+    truth = truth_map(world, LATTICE_M, "touched")
+    centers_m = truth.geometry.centers()[truth.reachable]
+    return float(np.mean(live.driving_geometry.sample(live.states, centers_m, UNKNOWN) != UNKNOWN))
 
 
 def footprint_over_time(world: WorldMap, out: Exploration) -> tuple[Floats, Floats]:
@@ -171,7 +179,9 @@ def show(drives: list[Drive]) -> float:
     """Print the explorers of one world; returns our saving over the best of the others."""
     ours = next((d for d in drives if d.explorer == OURS), None)
     print(f"\n{drives[0].world}", flush=True)
-    print("explorer       drive [s]  path [m]  turns  hits  footprint  ggmr+ there [s]  saved")
+    print(
+        "explorer       drive [s]  path [m]  turns  hits   known  footprint  ggmr+ at [s]   saved"
+    )
     savings = []
     for d in drives:
         there_s = reached_s(ours, d.footprint[-1]) if ours else float("nan")
@@ -180,7 +190,8 @@ def show(drives: list[Drive]) -> float:
             savings.append(saved)
         print(
             f"{d.explorer:14s}{d.time_s:10.0f}{d.path_m:10.0f}{d.turns:7d}{d.collisions:6d}"
-            f"{100 * d.footprint[-1]:10.1f} %{there_s:16.0f}{100 * saved:7.1f} %   {d.reason}",
+            f"{100 * d.known:7.2f}{100 * d.footprint[-1]:9.1f} %"
+            f"{there_s:13.0f}{100 * saved:7.1f} %   {d.reason}",
             flush=True,
         )
     return min(savings, default=float("nan"))

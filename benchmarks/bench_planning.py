@@ -19,17 +19,17 @@ from collections.abc import Callable
 import numpy as np
 
 from slarm_graph.config import ExploreConfig
-from slarm_graph.exploration.explorer import (
+from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
-    Leg,
     coverage_grid,
     driving_grid,
     known_coverage,
 )
+from slarm_graph.exploration.explorer import Leg
 from slarm_graph.exploration.ggmr import ggmr_path
 from slarm_graph.exploration.ggmr_plus import GgmrPlus
 from slarm_graph.exploration.live_map import mark_swept
-from slarm_graph.exploration.planning import clearance_m
+from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, Mask
 

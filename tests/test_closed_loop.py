@@ -15,7 +15,8 @@ from slarm_graph.exploration.closed_loop import Exploration, explore
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
 from slarm_graph.exploration.explorers import EXPLORERS, make
 from slarm_graph.exploration.live_map import LiveMap
-from slarm_graph.exploration.path_follower import PathFollower, free_ahead_m
+from slarm_graph.exploration.path_follower import PathFollower
+from slarm_graph.exploration.pilot import clear_bearing_rad, free_ahead_m
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -180,6 +181,32 @@ def test_free_ahead_is_the_gap_of_a_disc() -> None:
     scan = LaserScan(ranges, 0.0, math.pi / 2, 0.1, 5.0)
     assert free_ahead_m(scan, 0.2) == pytest.approx(0.8)
     assert free_ahead_m(scan, 0.3, behind=True) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_corner_is_passed_on_its_free_side(side: float) -> None:
+    corner = np.linspace(0.19, 0.2, 8)
+    beams = np.arctan2(side * 0.17, corner) / (2.0 * math.pi) * 7200
+    full = np.full(7200, np.inf)
+    full[np.round(beams).astype(int) + 3600] = np.hypot(corner, 0.17)
+    scan = LaserScan(full, -math.pi, 2 * math.pi / 7200, 0.1, 5.0)
+    bend = clear_bearing_rad(scan, 0.19, 0.0, 0.12)
+    assert -math.radians(10.0) <= side * bend < 0.0
+    assert free_ahead_m(turned(scan, bend), 0.19) >= 0.12 > free_ahead_m(scan, 0.19)
+
+
+def test_two_stray_points_bend_nothing() -> None:
+    full = np.full(360, np.inf)
+    full[[170, 200]] = 0.25
+    scan = LaserScan(full, -math.pi, 2 * math.pi / 360, 0.1, 5.0)
+    assert clear_bearing_rad(scan, 0.19, 0.0, 0.12) == 0.0
+
+
+def turned(scan: LaserScan, angle: float) -> LaserScan:
+    """The scan of a robot that has turned."""
+    first = scan.angle_min_rad - angle
+    limits = (scan.range_min_m, scan.range_max_m)
+    return LaserScan(scan.ranges_m, first, scan.angle_increment_rad, *limits)
 
 
 def test_turns_and_revisits_of_a_square() -> None:

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slarm_graph.exploration.explorer import BLOCKED, OPEN, CoverageGrid, known_coverage
+from slarm_graph.exploration.coverage_grid import BLOCKED, OPEN, CoverageGrid, known_coverage
 from slarm_graph.exploration.ggmr import GgmrCounts, ggmr_path
-from slarm_graph.exploration.planning import reachable
+from slarm_graph.exploration.searches import reachable
 
 
 def floor(drawing: str) -> CoverageGrid:

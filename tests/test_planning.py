@@ -14,19 +14,18 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from slarm_graph.exploration.explorer import drivable, driving_grid, way_between
-from slarm_graph.exploration.planning import (
-    DELTA_COL,
-    DELTA_ROW,
-    clearance_m,
+from slarm_graph.exploration.coverage_grid import driving_grid
+from slarm_graph.exploration.moves import DELTA_COL, DELTA_ROW, clearance_m, moves_within
+from slarm_graph.exploration.searches import (
+    distances_between,
     distances_from,
-    moves_within,
     path_length,
     path_to_nearest,
     reachable,
-    sees,
     shortest_path,
 )
+from slarm_graph.exploration.sight import sees
+from slarm_graph.exploration.ways import drivable, way_between
 from slarm_graph.grid import GridGeometry, Mask
 
 seeds = st.integers(0, 2**32 - 1)
@@ -78,6 +77,20 @@ def test_wavefronts_agree_with_dijkstra(seed: int) -> None:
     moves, truth = moves_within(free), dijkstra_lengths(free, 0).reshape(free.shape)
     np.testing.assert_allclose(distances_from(moves, (0, 0)), truth)
     np.testing.assert_array_equal(reachable(moves, (0, 0)), np.isfinite(truth))
+    near = distances_from(moves, (0, 0), limit=7.5)
+    np.testing.assert_allclose(near, np.where(truth <= 7.5, truth, np.inf))
+
+
+@given(seeds)
+@settings(max_examples=20, deadline=None)
+def test_distances_between_cells_agree_with_dijkstra(seed: int) -> None:
+    free = random_floor(seed)
+    cells = np.argwhere(free)[::17]
+    flat = cells[:, 0] * free.shape[1] + cells[:, 1]
+    truth = [dijkstra_lengths(free, start)[flat] for start in flat]
+    np.testing.assert_allclose(distances_between(moves_within(free), cells), truth)
+    near = distances_between(moves_within(free), cells, 6.5)
+    np.testing.assert_allclose(near, np.where(np.less_equal(truth, 6.5), truth, np.inf))
 
 
 @given(seeds)

@@ -18,11 +18,17 @@ from scipy import ndimage
 
 from slarm_graph.config import DrivingConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.exploration.explorer import CoverageGrid, coverage_grid, driving_grid, start_cell
-from slarm_graph.exploration.ggmr import GgmrPath, ggmr_path
-from slarm_graph.exploration.planning import clearance_m, reachable
+from slarm_graph.exploration.coverage_grid import (
+    CoverageGrid,
+    coverage_grid,
+    driving_grid,
+    start_cell,
+)
+from slarm_graph.exploration.ggmr import GgmrPath, PathCells, ggmr_path
+from slarm_graph.exploration.moves import clearance_m
+from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Cells, GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.truth_map import TruthMap, truth_map
 from slarm_graph.world import WorldMap
 
@@ -87,13 +93,14 @@ def complexity(world: WorldMap, resolution_m: float, driving: DrivingConfig) -> 
 def one_cell_ring_accuracy(world: WorldMap, resolution_m: float) -> float:
     """Hypothesis R_e = one cell: what is left when every wall costs a ring of one cell.
 
-    Blocked is what a solid touches, and so are its eight neighbours; the share counts cells that
-    are free by their centre.
+    Blocked is what a solid touches, in the reference as well, and what lies within one cell of
+    it, centre to centre: the four neighbours over a side. In the paper's room this gives 97.1,
+    92.7, 85.2, 77.2, 68.6 and 64.3 % at 0.02, 0.05, 0.10, 0.15, 0.20 and 0.25 m. Against a
+    reference by centres, and with diagonal neighbours lost too, it would be 96.4, 92.3, 81.5,
+    71.0, 60.3 and 61.7 %.
     """
-    reference = truth_map(world, resolution_m, "centre")
-    touched = truth_map(world, resolution_m, "touched")
-    ring = ndimage.binary_dilation(touched.blocked, np.ones((3, 3)), border_value=1)
-    return _share(reference, ~ring)
+    truth = truth_map(world, resolution_m, "touched")
+    return _share(truth, ~_with_ring(truth.blocked))
 
 
 def mission_accuracy(
@@ -108,10 +115,10 @@ def mission_accuracy(
     in_time = path.cells[times_s(path.cells, resolution_m, driving) <= mission_s]
     visited = np.zeros(coverage.codes.shape, dtype=np.bool_)
     visited[in_time[:, 0], in_time[:, 1]] = True
-    return _share(truth_map(world, resolution_m, "centre"), visited)
+    return _share(truth_map(world, resolution_m, "touched"), visited)
 
 
-def times_s(cells: Cells, resolution_m: float, driving: DrivingConfig) -> Floats:
+def times_s(cells: PathCells, resolution_m: float, driving: DrivingConfig) -> Floats:
     """Time (M,) at which a robot is at each cell of a path, turning on the spot at bends [s]."""
     steps = np.diff(cells, axis=0)
     heading = np.arctan2(steps[:, 0], steps[:, 1])
@@ -143,10 +150,15 @@ def true_coverage(
 
 def _passable(blocked: Mask, resolution_m: float, radius_m: float, ring: bool) -> Mask:
     if ring:
-        return np.asarray(~ndimage.binary_dilation(blocked, np.ones((3, 3)), border_value=1))
+        return ~_with_ring(blocked)
     if radius_m == 0.0:
         return ~blocked
     return np.asarray(clearance_m(blocked, resolution_m) >= radius_m + 0.5 * resolution_m)
+
+
+def _with_ring(blocked: Mask) -> Mask:
+    """Blocked cells and those beside them; beyond the grid everything is blocked."""
+    return np.asarray(ndimage.binary_dilation(blocked, border_value=1))
 
 
 def _planned(coverage: CoverageGrid, world: WorldMap) -> tuple[GgmrPath, float]:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -13,26 +13,24 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import ExploreConfig
-from slarm_graph.exploration.explorer import (
+from slarm_graph.exploration.coverage_grid import (
     BLOCKED,
     OPEN,
     VISITED,
     Codes,
     CoverageGrid,
-    DrivingGrid,
-    Finished,
-    Leg,
-    coverage_grid,
-    driving_grid,
     in_blocks,
-    leg_along,
     start_cell,
+    tiled,
     unreachable_cells,
 )
-from slarm_graph.exploration.lanes import label_parts
-from slarm_graph.exploration.planning import Indices, Moves, path_to_nearest
+from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.floor_cells import label_floor_cells
+from slarm_graph.exploration.moves import Moves
+from slarm_graph.exploration.searches import Indices, path_to_nearest
+from slarm_graph.exploration.ways import leg_along
 from slarm_graph.geometry import Pose2
-from slarm_graph.grid import Cells, GridGeometry, Mask
+from slarm_graph.grid import Cells, Mask
 
 _TRACKING_M: Final = 0.01
 _SWEPT_SHARE: Final = 0.7
@@ -93,7 +91,7 @@ class Boustrophedon:
         start = start_cell(tiles, pose)
         if start is None:
             return Finished("no free tile near the robot", int(np.sum(tiles.codes == OPEN)))
-        labels = label_parts(tiles.codes != BLOCKED, 3.0)
+        labels = label_floor_cells(tiles.codes != BLOCKED, 3.0)
         is_open = tiles.codes == OPEN
         is_open[start] = False
         mine = is_open & (labels == labels[start])
@@ -115,19 +113,16 @@ class _TiledFloor:
 
     def of(self, coverage: CoverageGrid) -> CoverageGrid:
         """Gather driving cells into tiles; a tile is covered when most of it was passed over."""
-        driving = coverage.driving
-        cell_m = driving.geometry.resolution_m
+        cell_m = coverage.driving.geometry.resolution_m
         side = max(1, math.floor(2.0 * (self.radius_m - _TRACKING_M) / cell_m + 1e-6))
-        padded = _padded(driving, side)
-        rows, cols = padded.geometry.rows // side, padded.geometry.cols // side
-        origin = padded.geometry
-        geometry = GridGeometry(origin.origin_x_m, origin.origin_y_m, side * cell_m, rows, cols)
-        free = in_blocks(~padded.occupied, side).sum(axis=(2, 3))
-        swept = in_blocks(padded.swept & ~padded.occupied, side).sum(axis=(2, 3))
-        visited = np.asarray(swept >= _SWEPT_SHARE * free)
+        tiles = tiled(coverage.driving, side)
+        floor, swept = ~tiles.driving.occupied, tiles.driving.swept
+        free = in_blocks(floor, side).sum(axis=(2, 3))
+        visited = in_blocks(floor & swept, side).sum(axis=(2, 3)) >= _SWEPT_SHARE * free
         if self.attempts is None:
-            self.attempts = np.zeros((rows, cols), dtype=np.uint8)
-        return coverage_grid(geometry, padded, visited | (self.attempts >= _MAX_ATTEMPTS))
+            self.attempts = np.zeros(tiles.codes.shape, dtype=np.uint8)
+        visited |= self.attempts >= _MAX_ATTEMPTS
+        return replace(tiles, codes=np.where(visited & (tiles.codes == OPEN), VISITED, tiles.codes))
 
     def leg(self, tiles: CoverageGrid, pose: Pose2, cells: Cells) -> Leg:
         """Turn tiles into a way, and remember which open one comes first."""
@@ -136,22 +131,6 @@ class _TiledFloor:
         row, col = cells[np.argmax(is_open)]
         self.attempts[row, col] += 1
         return leg_along(tiles, pose, cells, more=True)
-
-
-def _padded(driving: DrivingGrid, side: int) -> DrivingGrid:
-    """Add impassable cells at the upper and right edge until tiles divide the grid."""
-    g = driving.geometry
-    pad = ((0, -g.rows % side), (0, -g.cols % side))
-    geometry = GridGeometry(
-        g.origin_x_m, g.origin_y_m, g.resolution_m, g.rows + pad[0][1], g.cols + pad[1][1]
-    )
-    return driving_grid(
-        geometry,
-        np.pad(driving.passable, pad),
-        np.pad(driving.occupied, pad, constant_values=True),
-        np.pad(driving.observed, pad),
-        np.pad(driving.swept, pad),
-    )
 
 
 def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:

@@ -9,17 +9,10 @@ from typing import Final
 import cv2
 import numpy as np
 
-from slarm_graph.exploration.explorer import (
-    OPEN,
-    CoverageGrid,
-    DrivingGrid,
-    Finished,
-    Leg,
-    driving_cell,
-    way_to_nearest,
-    without_straight_points,
-)
-from slarm_graph.exploration.planning import reachable
+from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
+from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.searches import reachable
+from slarm_graph.exploration.ways import way_to_nearest, without_straight_points
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import Mask
 

@@ -17,24 +17,27 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.exploration.explorer import (
+from slarm_graph.exploration.coverage_grid import (
     BLOCKED,
     OPEN,
     VISITED,
     Codes,
     CoverageGrid,
-    Finished,
-    Leg,
-    leg_along,
     start_cell,
     unreachable_cells,
 )
-from slarm_graph.exploration.planning import Indices, Moves, nearest_wanted, walk_back
+from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.moves import Moves
+from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wavefront
+from slarm_graph.exploration.ways import leg_along
 from slarm_graph.geometry import Pose2
-from slarm_graph.grid import Cells
 
 _HORIZON_CELLS: Final = 400
 _MAX_ATTEMPTS: Final = 4
+_FIRST_ROOM: Final = 1024
+
+PathCells = NDArray[np.int32]
+Facings = NDArray[np.int8]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,17 +76,17 @@ class GgmrPath:
 
     Parameters
     ----------
-    cells : (M, 2) int64
+    cells : (M, 2) int32
         Cells in the order of driving, the start included.
-    facing : (M,) int64
+    facing : (M,) int8
         Direction of travel along the row at every cell; 0 where it is looked for anew.
     counts : GgmrCounts
     complete : bool
         Whether no reachable open cell is left.
     """
 
-    cells: Cells
-    facing: Indices
+    cells: PathCells
+    facing: Facings
     counts: GgmrCounts
     complete: bool
 
@@ -106,16 +109,11 @@ def ggmr_path(
     max_cells : int, optional
         Stop after the first step that makes the path this long.
     """
-    codes = coverage.codes.copy()
     limit = np.iinfo(np.int64).max if max_cells is None else max_cells
-    cols = coverage.geometry.cols
-    flat, facings, tally, complete = _algorithm_1(
-        codes, coverage.moves, start[0] * cols + start[1], facing, limit
+    cells, facings, tally, complete = _algorithm_1(
+        coverage.codes.copy(), coverage.moves, start, facing, limit, new_labels(coverage.codes.size)
     )
-    cells = np.stack(np.divmod(flat, cols), axis=-1)
-    steps = np.diff(flat)
-    turns = int(np.count_nonzero(steps[1:] != steps[:-1]))
-    counts = GgmrCounts(int(tally[0]), int(tally[1]), turns, int(tally[2]))
+    counts = GgmrCounts(int(tally[0]), int(tally[1]), _count_turns(cells), int(tally[2]))
     return GgmrPath(cells, facings, counts, bool(complete))
 
 
@@ -143,7 +141,7 @@ class Ggmr:
             left = unreachable_cells(coverage, start)
             return Finished("no reachable cell is left", left)
         self._remember(path, coverage)
-        return leg_along(coverage, pose, path.cells, more=not path.complete)
+        return leg_along(coverage, pose, path.cells.astype(np.int64), more=not path.complete)
 
     def _facing(self, start: tuple[int, int]) -> int:
         """Direction of travel that the last leg had where the robot is now."""
@@ -173,8 +171,13 @@ class Ggmr:
 
 @njit(cache=True, nogil=True)
 def _algorithm_1(
-    codes: Codes, moves: Moves, start: int, facing: int, max_cells: int
-) -> tuple[Indices, Indices, Indices, bool]:
+    codes: Codes,
+    moves: Moves,
+    start: tuple[int, int],
+    facing: int,
+    max_cells: int,
+    labels: Labels,
+) -> tuple[PathCells, Facings, NDArray[np.int64], bool]:
     """Walk until `max_cells` are in the path or nothing reachable is left; marks `codes`.
 
     Returns the path, the facing at its cells, (comparisons, restarts, revisits), and whether
@@ -182,14 +185,16 @@ def _algorithm_1(
     """
     cols = codes.shape[1]
     flat, bits = codes.ravel(), moves.ravel()
-    cost = np.empty(flat.size)
-    parent = np.empty(flat.size, dtype=np.int64)
-    stamp = np.zeros(flat.size, dtype=np.int32)
     tally = np.zeros(3, dtype=np.int64)
-    here = start
+    cells = np.empty((_FIRST_ROOM, 2), dtype=np.int32)
+    facings = np.empty(_FIRST_ROOM, dtype=np.int8)
+    row, col = start
+    here, count = row * cols + col, 1
     flat[here] = VISITED
-    path, facings = [here], [facing]
-    while len(path) < max_cells:
+    cells[0, 0], cells[0, 1], facings[0] = row, col, facing
+    while count < max_cells:
+        if count + 2 > len(facings):
+            cells, facings = _with_room(cells, facings, 2)
         if facing == 0:
             # +x first, then -x.
             facing = 1
@@ -202,36 +207,61 @@ def _algorithm_1(
         tally[0] += 1
         if ahead_open and flat[here + facing] == OPEN:
             here += facing
+            col += facing
             flat[here] = VISITED
-            path.append(here)
-            facings.append(facing)
+            cells[count, 0], cells[count, 1], facings[count] = row, col, facing
+            count += 1
             continue
         first, second, looks = _step_up(flat, bits, here, facing, cols)
         tally[0] += looks
         facing = 0
         if first >= 0:
-            if second >= 0:
-                tally[2] += 1
-                path.append(first)
-                facings.append(0)
-                first = second
-            here = first
+            tally[2] += second >= 0
+            for cell in (first, second):
+                if cell >= 0:
+                    here, row, col = cell, cell // cols, cell % cols
+                    cells[count, 0], cells[count, 1], facings[count] = row, col, 0
+                    count += 1
             flat[here] = VISITED
-            path.append(here)
-            facings.append(0)
             continue
-        goal = nearest_wanted(moves, flat, OPEN, here, cost, parent, stamp, tally[1] + 1)
+        goal = wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1)
         if goal < 0:
-            return np.array(path), np.array(facings), tally, True
+            return cells[:count], facings[:count], tally, True
         tally[1] += 1
-        way = walk_back(parent, goal)
+        way = walk_back(labels, goal, cols)
         tally[2] += len(way) - 2
+        cells, facings = _with_room(cells, facings, count + len(way) - len(facings))
         for cell in way[1:]:
-            path.append(cell)
-            facings.append(0)
-        here = goal
+            cells[count, 0], cells[count, 1], facings[count] = cell // cols, cell % cols, 0
+            count += 1
+        here, row, col = goal, goal // cols, goal % cols
         flat[here] = VISITED
-    return np.array(path), np.array(facings), tally, False
+    return cells[:count], facings[:count], tally, False
+
+
+@njit(cache=True, nogil=True)
+def _with_room(cells: PathCells, facings: Facings, missing: int) -> tuple[PathCells, Facings]:
+    """Double the room of a path where some is missing."""
+    if missing <= 0:
+        return cells, facings
+    count = len(facings)
+    more_cells = np.empty((2 * count + missing, 2), dtype=np.int32)
+    more_facings = np.empty(2 * count + missing, dtype=np.int8)
+    more_cells[:count] = cells
+    more_facings[:count] = facings
+    return more_cells, more_facings
+
+
+@njit(cache=True, nogil=True)
+def _count_turns(cells: PathCells) -> int:
+    """Count changes of direction along a path."""
+    turns = 0
+    for i in range(2, len(cells)):
+        for axis in range(2):
+            if 2 * cells[i - 1, axis] != cells[i, axis] + cells[i - 2, axis]:
+                turns += 1
+                break
+    return turns
 
 
 @njit(cache=True, nogil=True)

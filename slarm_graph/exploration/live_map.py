@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import ExploreConfig
-from slarm_graph.exploration.explorer import CoverageGrid, coverage_grid, driving_grid
-from slarm_graph.exploration.planning import clearance_m
+from slarm_graph.exploration.coverage_grid import CoverageGrid, coverage_grid, driving_grid
+from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from slarm_graph.config import DrivingConfig
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
-from slarm_graph.readings import LaserScan
 from slarm_graph.world import DriveCommand
 
 _SHARP_RAD: Final = math.radians(30.0)
@@ -149,16 +148,6 @@ class PathFollower:
         along, past_m = _unit(begin, end), look_m - float(self._along_m[segment])
         x, y = float(begin[0]), float(begin[1])
         return x + past_m * along[0], y + past_m * along[1], stop_m - progress_m
-
-
-def free_ahead_m(scan: LaserScan, radius_m: float, *, behind: bool = False) -> float:
-    """How far a disc can move straight ahead, or back, before it meets a point of the scan [m]."""
-    points = scan.points_m()
-    x, y = (-points[:, 0] if behind else points[:, 0]), points[:, 1]
-    near = (np.abs(y) < radius_m) & (x > 0.0)
-    if not near.any():
-        return math.inf
-    return float(np.min(x[near] - np.sqrt(radius_m**2 - y[near] ** 2)))
 
 
 def _without_tiny_steps(points: Floats) -> Floats:

@@ -1,0 +1,107 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Lanes side by side along the walls: level lines of the distance to what is in the way.
+
+Level lines follow walls of any heading without a turn, pass through gaps, and close around
+obstacles. Where the innermost ones leave a strip between them, its middle line is a lane as well.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.exploration.thin_lines import pruned, thinned, traced
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
+
+_REACH: Final = 0.75
+"""A lane is for what lies nearer than this share of the disc's radius; the rest is a sliver."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Lane:
+    """A short stretch of a lane.
+
+    Parameters
+    ----------
+    points : (K, 2) float64
+        Where the robot's centre passes, in either sense; x, y [cells].
+    area_cells : float
+        Wanted cells that lie nearer to it than to any other lane.
+    """
+
+    points: Floats
+    area_cells: float
+
+
+def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -> list[Lane]:
+    """Cover the wanted cells by lanes a disc's width apart.
+
+    Parameters
+    ----------
+    wanted : (rows, cols) bool
+        What the disc has still to pass over.
+    passable : (rows, cols) bool
+        Where the centre may be.
+    radius : float
+        Of the disc [cells].
+    longest : float
+        Lanes are cut into pieces up to this length [cells].
+    """
+    rings = ring_lines(wanted, passable, radius)
+    left = wanted & (_distance_to(rings) > radius)
+    lines = thinned(rings | middle_lines(left & passable, radius))
+    area = _served(rings & lines, wanted & ~left) + _served(lines, left)
+    lanes = []
+    for chain in traced(lines):
+        rows, cols = np.divmod(chain, lines.shape[1])
+        points = np.stack([cols + 0.5, rows + 0.5], axis=-1)
+        count = max(1, math.ceil((len(chain) - 1) / longest))
+        cuts = np.linspace(0, len(chain) - 1, count + 1).round().astype(int)
+        for first, last in pairwise(cuts):
+            mine = float(area[chain[first : last + 1]].sum())
+            lanes.append(Lane(points[first : last + 1], mine))
+    return lanes
+
+
+def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
+    """Level lines (rows, cols) of the distance to the walls, where the disc would be of use."""
+    # Where there is hardly room for one lane there shall not be two.
+    roomy = cv2.morphologyEx(passable.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    depth = cv2.distanceTransform(np.pad(roomy, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    band = np.floor((depth - 1.0) / (2.0 * radius)).astype(np.float32)
+    shallow = cv2.erode(band, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
+    return np.asarray((band > shallow)[1:-1, 1:-1] & (_distance_to(wanted) <= _REACH * radius))
+
+
+def middle_lines(left: Mask, radius: float) -> Mask:
+    """Middle lines (rows, cols) of narrow strips, as far as the disc does not reach their ends."""
+    left = cv2.morphologyEx(left.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
+    return pruned(thinned(left), round(_REACH * radius))
+
+
+def _distance_to(mask: Mask) -> NDArray[np.float32]:
+    """Distance (rows, cols) to the nearest cell of a mask [cells]; far where it is empty."""
+    if not mask.any():
+        return np.full(mask.shape, np.inf, dtype=np.float32)
+    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(away, dtype=np.float32)
+
+
+def _served(lines: Mask, wanted: Mask) -> Floats:
+    """Wanted cells (rows * cols,) that every line cell is the nearest to."""
+    if not lines.any():
+        return np.zeros(lines.size)
+    _, labels = cv2.distanceTransformWithLabels(
+        (~lines).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    cell_of = np.zeros(int(labels.max()) + 1, dtype=np.int64)
+    cell_of[labels[lines]] = np.flatnonzero(lines)
+    return np.bincount(cell_of[labels[wanted]], minlength=lines.size).astype(np.float64)

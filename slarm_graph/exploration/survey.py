@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Where the robot is and what it has seen, kept together as the SLAM backend corrects itself."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.config import ExploreConfig
+from slarm_graph.exploration.live_map import LiveMap
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.trajectory import Trajectory
+
+_JUMP_M: Final = 0.06
+_JUMP_RAD: Final = math.radians(2.0)
+_REBUILD_GROWTH: Final = 1.7
+_REBUILD_READINGS: Final = 150
+_MAX_RENDERED_SCANS: Final = 1500
+
+
+class Survey:
+    """Localises every reading and maps it; makes the map anew when old poses have moved.
+
+    Parameters
+    ----------
+    backend : SlamBackend
+        Fresh; it sees every reading.
+    config : ExploreConfig
+    extent_m : (x_min, x_max, y_min, y_max)
+        The rough boundary [m].
+    start : Pose2
+        `world_from_robot` at the first reading.
+    """
+
+    def __init__(
+        self,
+        backend: SlamBackend,
+        config: ExploreConfig,
+        extent_m: tuple[float, float, float, float],
+        start: Pose2,
+    ) -> None:
+        self._backend, self._start = backend, start
+        self.live = LiveMap(extent_m, config)
+        self.world_from_map = self.pose = start
+        self.scans: list[LaserScan] = []
+        self._stamps_ns: list[int] = []
+        self._truth: list[Floats] = []
+        self._last: Reading | None = None
+        self.dt_s = 0.0
+        self._next_rebuild = _REBUILD_READINGS
+        self._last_rebuild = 0
+        self._has_moved = False
+
+    @property
+    def readings(self) -> int:
+        """Readings taken so far."""
+        return len(self.scans)
+
+    @property
+    def driven_s(self) -> float:
+        """Simulated time since the first reading [s]."""
+        return (self._stamps_ns[-1] - self._stamps_ns[0]) * 1e-9 if self._stamps_ns else 0.0
+
+    @property
+    def truth(self) -> Trajectory:
+        """True `world_from_robot`, one pose per reading."""
+        return Trajectory(np.array(self._stamps_ns), np.array(self._truth))
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether making the map anew might change it by much."""
+        old = self._last_rebuild < self.readings - _REBUILD_READINGS
+        return self._last_rebuild != self.readings and (self._has_moved or old)
+
+    def take_in(self, reading: Reading, world_from_robot: Pose2) -> None:
+        """Localise, and put what is seen into the map; the true pose is only kept."""
+        self._backend.update(reading)
+        map_from_robot = self._backend.map_from_robot()
+        if self._last is None:
+            self.world_from_map = self._start @ map_from_robot.inverse()
+        else:
+            self.dt_s = (reading.stamp_ns - self._last.stamp_ns) * 1e-9
+        before, self.pose = self.pose, self.world_from_map @ map_from_robot
+        self._has_moved |= self._jumped(before, reading)
+        self._last = reading
+        self.scans.append(reading.scan)
+        self._stamps_ns.append(reading.stamp_ns)
+        self._truth.append(world_from_robot.as_array())
+        if self._rebuild_is_due():
+            self.rebuild()
+        else:
+            self.live.add(reading.scan, self.pose)
+            self.live.pass_over(np.array([[before.x, before.y], [self.pose.x, self.pose.y]]))
+        self.live.stand_by(reading.scan, self.pose)
+
+    def rebuild(self) -> SlamResult:
+        """Make the map and what was covered anew from the corrected trajectory."""
+        self._has_moved = False
+        self._last_rebuild = self.readings
+        self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
+        slam = self._backend.result()
+        poses = slam.trajectory.transformed(self.world_from_map).poses
+        self.live.clear()
+        every = max(1, len(poses) // _MAX_RENDERED_SCANS)
+        for scan, pose in zip(self.scans[::every], poses[::every], strict=True):
+            self.live.add(scan, Pose2.from_array(pose))
+        self.live.pass_over(poses[:, :2])
+        return slam
+
+    def _jumped(self, before: Pose2, reading: Reading) -> bool:
+        """Whether the backend moved the robot by more than it drove."""
+        if self._last is None or self._last.odom_from_robot is None:
+            return False
+        if reading.odom_from_robot is None:
+            return False
+        step = self._last.odom_from_robot.between(reading.odom_from_robot)
+        apart = (before @ step).between(self.pose)
+        return math.hypot(apart.x, apart.y) > _JUMP_M or abs(apart.theta) > _JUMP_RAD
+
+    def _rebuild_is_due(self) -> bool:
+        """Now and then, and soon after a jump; the total cost stays linear in the readings."""
+        soon = max(_REBUILD_READINGS // 3, self.readings // 20)
+        jump = self._has_moved and self.readings - self._last_rebuild >= soon
+        return jump or self.readings >= self._next_rebuild

@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Ways that can be driven: around what is known to be in the way, and pulled straight."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from slarm_graph.exploration.coverage_grid import (
+    CoverageGrid,
+    DrivingGrid,
+    driving_cell,
+    in_blocks,
+)
+from slarm_graph.exploration.explorer import Leg
+from slarm_graph.exploration.searches import path_to_nearest, shortest_path
+from slarm_graph.exploration.sight import sees, shortcut
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.grid import Cells, Mask
+
+
+def anchors_m(coverage: CoverageGrid, cells: Cells) -> Floats:
+    """Points (M, 2) [m] where the robot enters cells (M, 2): the passable spot nearest the centre.
+
+    Cells with no passable spot keep their centre.
+    """
+    fine = coverage.fineness
+    if fine == 1:
+        return coverage.geometry.center_of(cells)
+    blocks = in_blocks(coverage.driving.passable, fine)[cells[:, 0], cells[:, 1]]
+    offset = np.arange(fine) - 0.5 * (fine - 1)
+    from_center = np.hypot(offset[:, None], offset[None, :])
+    best = np.where(blocks, from_center, np.inf).reshape(len(cells), -1).argmin(axis=1)
+    spot = np.stack(np.divmod(best, fine), axis=-1)
+    return coverage.driving.geometry.center_of(cells * fine + spot)
+
+
+def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) -> Leg:
+    """Turn coverage cells into a drivable way, around what lies between their anchors."""
+    points = np.concatenate([[[pose.x, pose.y]], anchors_m(coverage, cells)])
+    pieces = [points[:1]]
+    for begin, end in pairwise(points):
+        piece = way_between(coverage.driving, begin, end)
+        if piece is None:
+            more = True
+            break
+        pieces.append(piece[1:])
+    return Leg(without_straight_points(np.concatenate(pieces)), more)
+
+
+def way_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats | None:
+    """Shortest way (K, 2) [m] between two points, pulled straight; None where there is none.
+
+    A begin that lies in the expansion of an obstacle is left by the shortest way.
+    """
+    g = driving.geometry
+    ends = (np.stack([begin_m, end_m]) - (g.origin_x_m, g.origin_y_m)) / g.resolution_m
+    if sees(driving.passable, ends[0], ends[1]):
+        return np.stack([begin_m, end_m])
+    start = driving_cell(driving, begin_m[0], begin_m[1])
+    goal = driving_cell(driving, end_m[0], end_m[1])
+    if start is None or goal is None:
+        return None
+    cells = shortest_path(driving.moves, start, goal)
+    return None if cells is None else drivable(driving, begin_m, cells)
+
+
+def way_to_nearest(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Floats | None:
+    """Shortest way (K, 2) [m] to any wanted driving cell; None where there is none."""
+    start = driving_cell(driving, begin_m[0], begin_m[1])
+    if start is None:
+        return None
+    cells = path_to_nearest(driving.moves, wanted, start)
+    return None if cells is None else drivable(driving, begin_m, cells)
+
+
+def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
+    """Pull a path over driving cells straight, beginning at the robot."""
+    points = cells[:, ::-1].astype(np.float64) + 0.5
+    g = driving.geometry
+    pulled = shortcut(driving.passable, points) * g.resolution_m + (g.origin_x_m, g.origin_y_m)
+    return np.concatenate([begin_m[None], pulled])
+
+
+def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
+    """Drop repeated points and those that lie on the straight line between their neighbours."""
+    keep = np.ones(len(points_m), dtype=np.bool_)
+    keep[1:] = np.hypot(*np.diff(points_m, axis=0).T) > tolerance_m
+    points = points_m[keep]
+    if len(points) < 3:
+        return points
+    before, after = np.diff(points[:-1], axis=0), np.diff(points[1:], axis=0)
+    cross = before[:, 0] * after[:, 1] - before[:, 1] * after[:, 0]
+    length = np.hypot(*before.T) * np.hypot(*after.T)
+    ahead = (before * after).sum(axis=1) > 0
+    straight = ahead & (np.abs(cross) <= tolerance_m * np.maximum(length, tolerance_m))
+    return np.asarray(points[np.concatenate([[True], ~straight, [True]])])
