@@ -21,7 +21,7 @@ from slarm_graph.geometry import Floats, Pose2, between, compose
 _DOUBTFUL_SURPRISE = 16.0
 _DOUBTFUL_SHIFT = 0.3
 _DOUBTFUL_SHARE = 0.85
-_LOST_SHARE = 0.5
+_LOST_SHARE = 0.67
 _BETTER = 0.02
 _PER_SIGMA = 0.02
 _MAX_MARGIN = 0.4
