@@ -12,8 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 
-_SMALL_ANGLE_RAD = 1e-9
-
 
 def wrap_angle(angle_rad: float) -> float:
     """Wrap one angle to (-pi, pi]."""
@@ -103,9 +101,11 @@ class Pose2:
 
 def _sinc_terms(angle_rad: float) -> tuple[float, float]:
     """Return sin(w)/w and (1-cos(w))/w, continued through zero."""
-    if abs(angle_rad) < _SMALL_ANGLE_RAD:
-        return 1.0, 0.5 * angle_rad
-    return math.sin(angle_rad) / angle_rad, (1.0 - math.cos(angle_rad)) / angle_rad
+    if angle_rad == 0.0:
+        return 1.0, 0.0
+    # 1 - cos(w) would cancel where w is small.
+    half = math.sin(0.5 * angle_rad)
+    return math.sin(angle_rad) / angle_rad, 2.0 * half * half / angle_rad
 
 
 def compose(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Floats:
