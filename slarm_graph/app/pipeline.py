@@ -54,6 +54,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         intake = load_checkpoint(folder.path, backend, rng)
         save = partial(save_checkpoint, folder, rng)
         feed(source, backend, intake, Saver(save, config.checkpoint.every_s), progress)
+    with folder.stage("reading", progress):
         save_readings(folder, intake, source.scan_statuses())
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):

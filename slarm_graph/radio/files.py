@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -24,6 +25,7 @@ _AP_FIELDS = {
 }
 _SCALARS = ("antenna_height_m", "rician_factor_db")
 _WORDS = ("scenario", "height_source")
+_ROWS_AT_A_TIME = 5_000
 _GRID = ("origin_x_m", "origin_y_m", "resolution_m")
 
 
@@ -112,7 +114,8 @@ def write_radio_csv(path: Path, radio: RadioMap) -> None:
             file.writelines(_csv_lines(radio, index))
 
 
-def _csv_lines(radio: RadioMap, index: int) -> list[str]:
+def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
+    """Lines of one access point, some thousand at a time."""
     loss_db = radio.path_loss_db[index]
     cells = np.argwhere(np.isfinite(loss_db))
     centers = radio.geometry.center_of(cells)
@@ -123,7 +126,9 @@ def _csv_lines(radio: RadioMap, index: int) -> list[str]:
     quoted = radio.access_points[index].name.replace('"', '""').replace("%", "%%")
     line = f'"{quoted}",%.4f,%.4f,%.4f,%.4f,%.4f,%d\n'
     rows = np.column_stack([centers, values, -values, power_dbm - values, clear])
-    return [line % tuple(row) for row in rows.tolist()]
+    for first in range(0, len(rows), _ROWS_AT_A_TIME):
+        part = rows[first : first + _ROWS_AT_A_TIME]
+        yield (line * len(part)) % tuple(part.ravel().tolist())
 
 
 def _column(radio: RadioMap, name: str) -> NDArray[np.float64]:
