@@ -114,11 +114,11 @@ class PoseGraphBackend:
         )
         self._unmatched = np.zeros((3, 3))
         self._graph.add(keyframe)
-        if self._closer.is_due(len(self._graph.keyframes) - 1):
-            closures = self._closer.examine(
-                self._graph.keyframes, self._graph.submaps, self._graph.expectations()
-            )
-            self._graph.close(closures, self._heartbeat)
+        keyframes, submaps = self._graph.keyframes, self._graph.submaps
+        closures = self._closer.confirm(keyframes, submaps)
+        if self._closer.is_due(len(keyframes) - 1):
+            closures += self._closer.examine(keyframes, submaps, self._graph.expectations())
+        self._graph.close(closures, self._heartbeat)
 
     def _closure_table(self, weights: Floats) -> Table:
         """Every closure met, accepted or not, with the weight it ended with."""

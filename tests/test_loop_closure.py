@@ -51,6 +51,7 @@ def closures(
         expected = Expectations(
             np.array([0]), compose(true, OFF)[None], np.array([0.4]), np.array([0.1])
         )
+        done += closer.confirm(met, [submap])
         if closer.is_due(len(met) - 1):
             done += closer.examine(met, [submap], expected)
     return done

@@ -114,9 +114,40 @@ class LoopCloser:
     def is_due(self, keyframe: int) -> bool:
         """Whether the keyframe is to be compared with old submaps."""
         since = keyframe - max(self._last_match, self._last_search)
-        return since >= min(self._config.match_every, self._config.search_every) or bool(
-            self._tentative
-        )
+        return since >= min(self._config.match_every, self._config.search_every)
+
+    def confirm(self, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]) -> list[Closure]:
+        """Validate: match the newest keyframe where an earlier search's match says it must be.
+
+        Returns
+        -------
+        list of Closure
+            As from `examine`; of a search that is confirmed, both matches.
+        """
+        k = len(keyframes) - 1
+        done: list[Closure] = []
+        kept: list[Closure] = []
+        for first in self._tentative:
+            moved = keyframes[first.keyframe].local_from_robot.between(
+                keyframes[k].local_from_robot
+            )
+            if math.hypot(moved.x, moved.y) < self._config.confirm_m:
+                kept.append(first)
+                continue
+            predicted = compose(first.submap_from_keyframe, moved.as_array())
+            second = self._refine(k, first.submap, predicted, keyframes, submaps)
+            away = between(predicted, second.submap_from_keyframe)
+            path_m = math.hypot(moved.x, moved.y)
+            reason = self._doubt(second)
+            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * path_m or abs(away[2]) > 0.035:
+                reason = "a second match disagrees"
+            if not reason:
+                self._fruitless = 0
+                done += [first, replace(second, searched=True)]
+            else:
+                done.append(replace(first, reason=f"not confirmed: {reason}"))
+        self._tentative = kept
+        return done
 
     def examine(
         self,
@@ -138,8 +169,7 @@ class LoopCloser:
         list of Closure
             Accepted ones have no reason; those turned down come with one.
         """
-        k = len(keyframes) - 1
-        done = self._confirm(k, keyframes, submaps)
+        k, done = len(keyframes) - 1, []
         sure = (expected.sigma_m <= self._config.sure_m) & (
             expected.sigma_rad <= self._config.sure_rad
         )
@@ -209,34 +239,6 @@ class LoopCloser:
             found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
             if not self._doubt(found):
                 self._tentative.append(replace(found, searched=True))
-
-    def _confirm(
-        self, k: int, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
-    ) -> list[Closure]:
-        """Validate: match a later keyframe where a first match says it must be."""
-        done: list[Closure] = []
-        kept: list[Closure] = []
-        for first in self._tentative:
-            moved = keyframes[first.keyframe].local_from_robot.between(
-                keyframes[k].local_from_robot
-            )
-            if math.hypot(moved.x, moved.y) < self._config.confirm_m:
-                kept.append(first)
-                continue
-            predicted = compose(first.submap_from_keyframe, moved.as_array())
-            second = self._refine(k, first.submap, predicted, keyframes, submaps)
-            away = between(predicted, second.submap_from_keyframe)
-            path_m = math.hypot(moved.x, moved.y)
-            reason = self._doubt(second)
-            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * path_m or abs(away[2]) > 0.035:
-                reason = "a second match disagrees"
-            if not reason:
-                self._fruitless = 0
-                done += [first, replace(second, searched=True)]
-            else:
-                done.append(replace(first, reason=f"not confirmed: {reason}"))
-        self._tentative = kept
-        return done
 
     def _doubt(self, found: Closure) -> str:
         """Say what is wrong with a match on its own; empty when nothing is."""
