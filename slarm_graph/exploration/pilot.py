@@ -85,7 +85,8 @@ class Pilot:
             self._stuck = 0
             return command
         command = self._around(command, scan, dt_s)
-        room_m = free_ahead_m(scan, self._config.robot_radius_m)
+        radius_m, bearing_rad = self._config.robot_radius_m, 0.5 * command.turn_rate_rad_s * dt_s
+        room_m = min(free_ahead_m(scan, radius_m, bearing_rad=b) for b in (0.0, bearing_rad))
         speed = max(0.0, min(command.speed_m_s, room_m / dt_s))
         if speed >= command.speed_m_s:
             self._stuck = 0
@@ -117,9 +118,11 @@ class Pilot:
         return DriveCommand(_BACK_OFF_M_S if room_m > _ROOM_BEHIND_M else 0.0, 0.0)
 
 
-def free_ahead_m(scan: LaserScan, radius_m: float, *, behind: bool = False) -> float:
-    """How far a disc can move straight ahead, or back, before it meets a point of the scan [m]."""
-    points = scan.points_m()
+def free_ahead_m(
+    scan: LaserScan, radius_m: float, *, bearing_rad: float = 0.0, behind: bool = False
+) -> float:
+    """How far a disc can move along a bearing, or back, before it meets a point of the scan [m]."""
+    points = scan.points_m() @ _rotation(bearing_rad)
     return float(_room_m(-points if behind else points, radius_m).min(initial=math.inf))
 
 
