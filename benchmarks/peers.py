@@ -103,6 +103,7 @@ def yag_slam(readings: list[Reading]) -> Trajectory:
     from yag_slam.models import LocalizedRangeScan
     from yag_slam.scan_matching import Scan2DMatcherCpp
 
+    readings = with_odometry(readings)
     slam = GraphSlam(Scan2DMatcherCpp({}), Scan2DMatcherCpp({}, loop=True))
     odometry = odometry_of(readings)
     kept = moved_enough(odometry, 0.2, 0.2)
@@ -128,10 +129,16 @@ def stamps_of(readings: list[Reading]) -> np.ndarray:
     return np.array([reading.stamp_ns for reading in readings], dtype=np.int64)
 
 
-def odometry_of(readings: list[Reading]) -> np.ndarray:
-    """Return the odometry (N, 3); what a peer needs and a recording lacks is an error."""
-    if any(reading.odom_from_robot is None for reading in readings):
+def with_odometry(readings: list[Reading]) -> list[Reading]:
+    """Return the readings that a peer which needs odometry can use; none at all is an error."""
+    known = [reading for reading in readings if reading.odom_from_robot is not None]
+    if not known:
         raise ValueError("the recording has no odometry")
+    return known
+
+
+def odometry_of(readings: list[Reading]) -> np.ndarray:
+    """Return the odometry (N, 3) of readings that all have it."""
     return np.array([r.odom_from_robot.as_array() for r in readings if r.odom_from_robot])
 
 
