@@ -143,7 +143,7 @@ class ParticleMotionConfig(Stage):
     least_m: float = Field(default=0.005, gt=0)
     least_rad: float = Field(default=0.002, gt=0)
     """Standard deviations of a motion of length zero."""
-    drift_rad_per_m: float = Field(default=1e-3, ge=0)
+    drift_rad_per_m: float = Field(default=5e-4, ge=0)
     """Standard deviation of the rotation per metre that matching gets wrong steadily [rad/m].
 
     No sensor is perfect: where a laser's angles are a little off, for example, matching turns the

@@ -100,7 +100,8 @@ def _on_room_side(
     geometry, plan = geographic.geometry, position_m[:2]
     cells = geometry.center_of(np.argwhere(free))
     away_m = np.linalg.norm(cells - plan, axis=1)
-    if not len(cells) or away_m.min() > radius_m + geometry.resolution_m:
+    # The cell before the wall may be lost to it, so the next one but one still serves.
+    if not len(cells) or away_m.min() > radius_m + 2.0 * geometry.resolution_m:
         return position_m
     way = cells[away_m.argmin()] - plan
     steps = math.ceil(float(away_m.min()) / _MOUNT_STEP_M)
