@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from slarm_graph.frontends.scans.correlative import (
@@ -96,15 +96,16 @@ def test_grid_holds_the_gaussian_of_the_distance_to_the_wall() -> None:
 
 
 @given(x=st.floats(-1.9, 2.9), y=st.floats(-1.4, 2.4))
+@example(x=1.25, y=1.25)
 @settings(max_examples=50, deadline=None)
 def test_interpolated_gradient_is_the_derivative_of_the_value(x: float, y: float) -> None:
     grid = room_grid()
     here = (grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m)
     _, along_x, along_y = interpolate(*here, x, y)
-    step = 1e-6
+    step = 1e-8  # the second derivative jumps at cell centres
     by_x = (interpolate(*here, x + step, y)[0] - interpolate(*here, x - step, y)[0]) / (2 * step)
     by_y = (interpolate(*here, x, y + step)[0] - interpolate(*here, x, y - step)[0]) / (2 * step)
-    np.testing.assert_allclose([along_x, along_y], [by_x, by_y], atol=1e-4)
+    np.testing.assert_allclose([along_x, along_y], [by_x, by_y], atol=1e-5)
 
 
 def test_adding_segments_equals_building_with_them() -> None:
