@@ -79,10 +79,10 @@ def _recovered_sight(
             height_m,
             mount_radius_m=config.mount_radius_m,
         )
-    position_m = _on_room_side(geographic, free, position_m, config.mount_radius_m)
-    clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
     on_face = free & inside_any(geometry, [solid.corners_m for solid in geographic.solids])
+    position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
+    clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
     if on_face.any():
         points = geometry.centers()[on_face]
         clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
@@ -95,13 +95,13 @@ def _on_room_side(
     """Move an access point that a recovered wall has swallowed to the wall's face in the room.
 
     Walls are recovered thinner than they are and a few centimetres off, so that a point mounted on
-    one may lie nearer to its back, or behind it. The nearest free cell tells the side it serves.
+    one may lie nearer to its back, or behind it. The nearest free cell before it tells the side
+    it serves.
     """
     geometry, plan = geographic.geometry, position_m[:2]
     cells = geometry.center_of(np.argwhere(free))
     away_m = np.linalg.norm(cells - plan, axis=1)
-    # The cell before the wall may be lost to it, so the next one but one still serves.
-    if not len(cells) or away_m.min() > radius_m + 2.0 * geometry.resolution_m:
+    if not len(cells) or away_m.min() > radius_m + geometry.resolution_m:
         return position_m
     way = cells[away_m.argmin()] - plan
     steps = math.ceil(float(away_m.min()) / _MOUNT_STEP_M)
