@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -23,6 +24,16 @@ def test_a_new_folder_is_recorded_as_running_and_is_the_latest(tmp_path: Path) -
     record = json.loads((folder.path / "run.json").read_text())
     assert record["status"] == "running"
     assert {"wall_s", "cpu_s", "peak_memory_mb", "stages", "versions", "argv"} <= record.keys()
+
+
+def test_the_record_names_the_revision_of_the_checkout(tmp_path: Path) -> None:
+    checkout = Path(__file__).resolve().parents[1]
+    command = ["git", "-C", str(checkout), "rev-parse", "HEAD"]
+    if not (checkout / ".git").exists():
+        pytest.skip("not in a checkout")
+    head = subprocess.run(command, capture_output=True, text=True, check=True).stdout.strip()
+    noted = str(read_record(create_run_folder(tmp_path).path)["git_revision"])
+    assert noted.removesuffix("-dirty") == head
 
 
 def test_folders_of_one_second_get_numbers(tmp_path: Path) -> None:

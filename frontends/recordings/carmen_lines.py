@@ -47,6 +47,7 @@ class LaserLine:
 
 
 def parse_laser(words: list[str]) -> LaserLine:
+    """Read the words of a laser line, old or new; ValueError when they are not one."""
     if words[0] in _OLD_LASERS:
         count = int(words[1])
         rest = _rest(words, 2 + count, 6)
@@ -100,6 +101,7 @@ def _old_limits(count: int) -> tuple[float, ...]:
 
 
 def finite_numbers(words: list[str]) -> list[str]:
+    """Return words that all are finite numbers; ValueError otherwise."""
     for word in words:
         if not math.isfinite(float(word)):
             raise ValueError(f"{word} is not a number")

@@ -50,7 +50,7 @@ def refine(
     prior_information: Floats,
     point_information: float,
     max_iterations: int,
-    sigma: float = 0.04,
+    sigma: float,
 ) -> tuple[Floats, Floats, float, int, int]:
     """Align points (K, 2), in the robot's frame and in beam order, with the grid.
 

@@ -210,10 +210,11 @@ class LocalMatcher:
         motion = predictions[0].motion
         expected = base @ Pose2.from_array(motion)
         is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
+        pyramid, few = build_pyramid(grid), points[:: max(1, len(points) // _SEARCH_POINTS)]
         for center in (expected, base) if is_far else (expected,):
             hit = search(
-                build_pyramid(grid),
-                points[:: max(1, len(points) // _SEARCH_POINTS)],
+                pyramid,
+                few,
                 center,
                 reach_m=_LOST_REACH_M,
                 min_score=max(_LOST_SCORE, found.score + _BETTER),

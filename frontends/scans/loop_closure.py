@@ -131,15 +131,15 @@ class LoopCloser:
             moved = keyframes[first.keyframe].local_from_robot.between(
                 keyframes[k].local_from_robot
             )
-            if math.hypot(moved.x, moved.y) < self._config.confirm_m:
+            way_m = math.hypot(moved.x, moved.y)
+            if way_m < self._config.confirm_m:
                 kept.append(first)
                 continue
             predicted = compose(first.submap_from_keyframe, moved.as_array())
             second = self._refine(k, first.submap, predicted, keyframes, submaps)
             away = between(predicted, second.submap_from_keyframe)
-            path_m = math.hypot(moved.x, moved.y)
             reason = self._doubt(second)
-            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * path_m or abs(away[2]) > 0.035:
+            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * way_m or abs(away[2]) > 0.035:
                 reason = "a second match disagrees"
             if not reason:
                 self._fruitless = 0
@@ -269,6 +269,7 @@ class LoopCloser:
             _LOOSE_INFORMATION,
             _POINT_INFORMATION,
             2 * self._matching.max_iterations,
+            grid.sigma_m,
         )
         return Closure(submap, k, pose, information, float(score), False)
 

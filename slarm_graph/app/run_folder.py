@@ -18,6 +18,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 
+import slarm_graph
 from slarm_graph.app.progress import Progress
 from slarm_graph.errors import BadInput
 
@@ -230,7 +231,7 @@ def _versions() -> Facts:
 
 def _git_revision() -> str | None:
     """Return the revision of the checkout this code runs from, marked when files differ."""
-    here = Path(__file__).resolve().parent
+    here = Path(slarm_graph.__file__).resolve().parent
     if not (here.parent / ".git").exists():
         return None
     command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40"]
