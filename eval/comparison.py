@@ -203,7 +203,11 @@ def _strip(outcomes: Sequence[Outcome], name: str) -> go.Figure:
             jitter=0.3,
         )
     fig.update_layout(boxmode="group")
-    fig.update_yaxes(title=name, rangemode="tozero", gridcolor="#dfe4ea")
+    # Room above, where a single run would else lie on the frame.
+    top = 1.1 * max((o.figures[name] for o in outcomes if name in o.figures), default=0.0)
+    fig.update_yaxes(
+        title=name, rangemode="tozero", autorangeoptions_include=top, gridcolor="#dfe4ea"
+    )
     return fig
 
 

@@ -252,6 +252,24 @@ def _box(beams: Floats) -> Floats:
     return box
 
 
+@njit(cache=True, nogil=True, inline="always")
+def next_on_line(col: int, row: int, error: int, across: int, up: int) -> tuple[int, int, int]:
+    """Step to the next cell of Bresenham's line, and its error.
+
+    `across` and `up` are the cells from the line's start to its end; the first error is the sum of
+    |across| and -|up|.
+    """
+    twice = 2 * error
+    d_col, d_row = abs(across), -abs(up)
+    if twice >= d_row:
+        error += d_row
+        col += 1 if across > 0 else -1
+    if twice <= d_col:
+        error += d_col
+        row += 1 if up > 0 else -1
+    return col, row, error
+
+
 @njit(cache=True, nogil=True)
 def _walk(
     hits: NDArray[np.int32],
@@ -267,20 +285,14 @@ def _walk(
         row = math.floor((beams[b, 1] - origin_y) / resolution)
         end_col = math.floor((beams[b, 2] - origin_x) / resolution)
         end_row = math.floor((beams[b, 3] - origin_y) / resolution)
-        d_col, d_row = abs(end_col - col), -abs(end_row - row)
-        step_col = 1 if end_col > col else -1
-        step_row = 1 if end_row > row else -1
-        error = d_col + d_row
+        error = abs(end_col - col) - abs(end_row - row)
+        start_col, start_row = col, row
         while True:
             visits[row, col] += 1
             if row == end_row and col == end_col:
                 break
-            twice = 2 * error
-            if twice >= d_row:
-                error += d_row
-                col += step_col
-            if twice <= d_col:
-                error += d_col
-                row += step_row
+            col, row, error = next_on_line(
+                col, row, error, end_col - start_col, end_row - start_row
+            )
         if beams[b, 4] > 0.0:
             hits[row, col] += 1

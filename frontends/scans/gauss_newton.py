@@ -22,7 +22,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.likelihood_grid import interpolate
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
 from slarm_graph.geometry import Floats
 
 _FLOOR = 0.02
@@ -199,15 +199,8 @@ def _normal_equations(
         g[0] += jx
         g[1] += jy
         g[2] += jt
-        h[0, 0] += weight * jx * jx
-        h[0, 1] += weight * jx * jy
-        h[0, 2] += weight * jx * jt
-        h[1, 1] += weight * jy * jy
-        h[1, 2] += weight * jy * jt
-        h[2, 2] += weight * jt * jt
-    h[1, 0] = h[0, 1]
-    h[2, 0] = h[0, 2]
-    h[2, 1] = h[1, 2]
+        add_square3(h, jx, jy, jt, weight)
+    mirror3(h)
     return total / max(len(points), 1), inliers
 
 

@@ -14,7 +14,7 @@ import math
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
 from slarm_graph.geometry import Floats
 
 _NEIGHBOURS = 3
@@ -148,13 +148,6 @@ def _normal_equations(
         g[0] += weight * residual * jx
         g[1] += weight * residual * jy
         g[2] += weight * residual * jt
-        h[0, 0] += weight * jx * jx
-        h[0, 1] += weight * jx * jy
-        h[0, 2] += weight * jx * jt
-        h[1, 1] += weight * jy * jy
-        h[1, 2] += weight * jy * jt
-        h[2, 2] += weight * jt * jt
-    h[1, 0] = h[0, 1]
-    h[2, 0] = h[0, 2]
-    h[2, 1] = h[1, 2]
+        add_square3(h, jx, jy, jt, weight)
+    mirror3(h)
     return total / max(len(source), 1), inliers

@@ -31,3 +31,20 @@ def invert3(m: Floats) -> Floats:
     out[1, 2] = out[2, 1] = yz * scale * b * c
     out[2, 2] = zz * scale * c * c
     return out
+
+
+@njit(cache=True, nogil=True, inline="always")
+def add_square3(h: Floats, x: float, y: float, z: float, weight: float) -> None:
+    """Add weight times the square of the row (x, y, z) to the upper half of a matrix (3, 3)."""
+    h[0, 0] += weight * x * x
+    h[0, 1] += weight * x * y
+    h[0, 2] += weight * x * z
+    h[1, 1] += weight * y * y
+    h[1, 2] += weight * y * z
+    h[2, 2] += weight * z * z
+
+
+@njit(cache=True, nogil=True)
+def mirror3(h: Floats) -> None:
+    """Copy the upper half of a symmetric matrix (3, 3) to the lower one."""
+    h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]

@@ -17,6 +17,7 @@ from slarm_graph.exploration.coverage_grid import CoverageGrid, coverage_grid, d
 from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.mapping import next_on_line
 from slarm_graph.polygons import contains
 from slarm_graph.readings import LaserScan
 
@@ -234,10 +235,8 @@ def _observe(
         end_row = math.floor((laser[1] + length * math.sin(direction) - origin_y) / resolution)
         col = math.floor((laser[0] - origin_x) / resolution)
         row = math.floor((laser[1] - origin_y) / resolution)
-        d_col, d_row = abs(end_col - col), -abs(end_row - row)
-        step_col = 1 if end_col > col else -1
-        step_row = 1 if end_row > row else -1
-        error = d_col + d_row
+        error = abs(end_col - col) - abs(end_row - row)
+        start_col, start_row = col, row
         while 0 <= row < rows and 0 <= col < cols:
             last = row == end_row and col == end_col
             visits[row, col] += 1
@@ -247,13 +246,9 @@ def _observe(
             states[row, col] = state
             if last:
                 break
-            twice = 2 * error
-            if twice >= d_row:
-                error += d_row
-                col += step_col
-            if twice <= d_col:
-                error += d_col
-                row += step_row
+            col, row, error = next_on_line(
+                col, row, error, end_col - start_col, end_row - start_row
+            )
 
 
 @njit(cache=True, nogil=True)
