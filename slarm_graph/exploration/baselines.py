@@ -19,15 +19,16 @@ from slarm_graph.exploration.coverage_grid import (
     VISITED,
     Codes,
     CoverageGrid,
+    DrivingGrid,
+    driving_cell,
     in_blocks,
     start_cell,
     tiled,
-    unreachable_cells,
 )
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.floor_cells import label_floor_cells
 from slarm_graph.exploration.moves import Moves
-from slarm_graph.exploration.searches import Indices, path_to_nearest
+from slarm_graph.exploration.searches import Indices, path_to_nearest, reachable
 from slarm_graph.exploration.ways import leg_along
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import Cells, Mask
@@ -36,6 +37,9 @@ _TRACKING_M: Final = 0.01
 _SWEPT_SHARE: Final = 0.7
 """A tile counts as covered when the body passed over this share of its free cells."""
 _MAX_ATTEMPTS: Final = 4
+_NOTHING_LEFT: Final = "no reachable tile is left"
+_HORIZON_TILES: Final = 60
+"""Tiles of a sweep that are made into a way at once: over unknown ground the rest will change."""
 
 
 class BaStar:
@@ -50,15 +54,15 @@ class BaStar:
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Sweep from here, or backtrack and sweep from there."""
-        tiles = self._tiles.of(coverage)
-        start = start_cell(tiles, pose)
-        if start is None:
-            return Finished("no free tile near the robot", int(np.sum(tiles.codes == OPEN)))
+        tiles = self._tiles.around(coverage, pose)
+        start = start_cell(tiles, pose) if tiles else None
+        if tiles is None or start is None:
+            return Finished("no free tile near the robot", self._tiles.out_of_reach(coverage, None))
         cells = self._sweep(tiles, start)
         if len(cells) < 2:
             back = self._backtrack(tiles, start)
             if back is None:
-                return Finished("no reachable tile is left", unreachable_cells(tiles, start))
+                return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
             cells = np.concatenate([back, self._sweep(tiles, (int(back[-1, 0]), int(back[-1, 1])))])
         return self._tiles.leg(tiles, pose, cells)
 
@@ -87,10 +91,10 @@ class Boustrophedon:
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Sweep what is open of the cell that the robot is in, or of the nearest one."""
-        tiles = self._tiles.of(coverage)
-        start = start_cell(tiles, pose)
-        if start is None:
-            return Finished("no free tile near the robot", int(np.sum(tiles.codes == OPEN)))
+        tiles = self._tiles.around(coverage, pose)
+        start = start_cell(tiles, pose) if tiles else None
+        if tiles is None or start is None:
+            return Finished("no free tile near the robot", self._tiles.out_of_reach(coverage, None))
         labels = label_floor_cells(tiles.codes != BLOCKED, 3.0)
         is_open = tiles.codes == OPEN
         is_open[start] = False
@@ -98,7 +102,7 @@ class Boustrophedon:
         way = path_to_nearest(tiles.moves, mine, start) if mine.any() else None
         way = path_to_nearest(tiles.moves, is_open, start) if way is None else way
         if way is None:
-            return Finished("no reachable tile is left", unreachable_cells(tiles, start))
+            return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
         here = is_open & (labels == labels[way[-1, 0], way[-1, 1]])
         rows = _rows_to_and_fro(here, (int(way[-1, 0]), int(way[-1, 1])))
         return self._tiles.leg(tiles, pose, np.concatenate([way[:-1], rows]))
@@ -111,26 +115,46 @@ class _TiledFloor:
     radius_m: float
     attempts: NDArray[np.uint8] | None = None
 
-    def of(self, coverage: CoverageGrid) -> CoverageGrid:
-        """Gather driving cells into tiles; a tile is covered when most of it was passed over."""
-        cell_m = coverage.driving.geometry.resolution_m
-        side = max(1, math.floor(2.0 * (self.radius_m - _TRACKING_M) / cell_m + 1e-6))
-        tiles = tiled(coverage.driving, side)
-        floor, swept = ~tiles.driving.occupied, tiles.driving.swept
-        free = in_blocks(floor, side).sum(axis=(2, 3))
-        visited = in_blocks(floor & swept, side).sum(axis=(2, 3)) >= _SWEPT_SHARE * free
+    def around(self, coverage: CoverageGrid, pose: Pose2) -> CoverageGrid | None:
+        """Gather the driving cells that the robot can reach into tiles; None where it has none.
+
+        A tile is covered when most of its floor was passed over.
+        """
+        driving = coverage.driving
+        start = driving_cell(driving, pose.x, pose.y)
+        if start is None:
+            return None
+        near = replace(driving, passable=driving.passable & reachable(driving.moves, start))
+        tiles = tiled(near, self._side(driving))
+        visited = self._covered(tiles)
         if self.attempts is None:
             self.attempts = np.zeros(tiles.codes.shape, dtype=np.uint8)
         visited |= self.attempts >= _MAX_ATTEMPTS
         return replace(tiles, codes=np.where(visited & (tiles.codes == OPEN), VISITED, tiles.codes))
 
+    def out_of_reach(self, coverage: CoverageGrid, tiles: CoverageGrid | None) -> int:
+        """Count the tiles that are open but for having no way to them."""
+        everything = tiled(coverage.driving, self._side(coverage.driving))
+        is_open = (everything.codes == OPEN) & ~self._covered(everything)
+        return int(np.sum(is_open if tiles is None else is_open & (tiles.codes == BLOCKED)))
+
+    def _side(self, driving: DrivingGrid) -> int:
+        """Return how many driving cells a tile is wide."""
+        cell_m = driving.geometry.resolution_m
+        return max(1, math.floor(2.0 * (self.radius_m - _TRACKING_M) / cell_m + 1e-6))
+
+    def _covered(self, tiles: CoverageGrid) -> Mask:
+        floor, swept, side = ~tiles.driving.occupied, tiles.driving.swept, tiles.fineness
+        free = in_blocks(floor, side).sum(axis=(2, 3))
+        return np.asarray(in_blocks(floor & swept, side).sum(axis=(2, 3)) >= _SWEPT_SHARE * free)
+
     def leg(self, tiles: CoverageGrid, pose: Pose2, cells: Cells) -> Leg:
         """Turn tiles into a way, and remember which open one comes first."""
         assert self.attempts is not None
         is_open = tiles.codes[cells[:, 0], cells[:, 1]] == OPEN
-        row, col = cells[np.argmax(is_open)]
-        self.attempts[row, col] += 1
-        return leg_along(tiles, pose, cells, more=True)
+        first = int(np.argmax(is_open))
+        self.attempts[cells[first, 0], cells[first, 1]] += 1
+        return leg_along(tiles, pose, cells[: first + _HORIZON_TILES], more=True)
 
 
 def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:

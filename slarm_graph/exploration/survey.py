@@ -20,7 +20,7 @@ _JUMP_M: Final = 0.06
 _JUMP_RAD: Final = math.radians(2.0)
 _REBUILD_GROWTH: Final = 1.7
 _REBUILD_READINGS: Final = 150
-_MAX_RENDERED_SCANS: Final = 1500
+_MAX_RENDERED_SCANS: Final = 10_000
 
 
 class Survey:
