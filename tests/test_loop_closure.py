@@ -74,3 +74,18 @@ def test_a_place_seen_from_two_spots_closes_the_loop_where_it_is(way: list[Keyfr
         miss = between(true, closure.submap_from_keyframe)
         assert np.hypot(miss[0], miss[1]) < 0.02
         assert abs(miss[2]) < 0.005
+
+
+def test_searches_in_vain_may_go_on_for_ever(way: list[Keyframe]) -> None:
+    """Patience grows with every one; as a power without end it left the range of floats."""
+    submap = make_submap(way, 0, OLD, 6)
+    nothing_alike = replace(way[-1], points_m=np.array([[3.0, 0.0], [-3.0, 0.5]]))
+    config = LoopClosureConfig(search_again=1, window_m=0.1)
+    closer = LoopCloser(config, FrontendConfig().matching)
+    expected = Expectations(
+        np.array([0]), np.zeros((1, 3)), np.array([0.01 + config.sure_m]), np.array([0.01])
+    )
+    met = way[:OLD]
+    for _ in range(4000):
+        met.extend([nothing_alike] * 70)
+        assert closer.examine(met, [submap], expected) == []

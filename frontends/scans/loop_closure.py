@@ -5,8 +5,8 @@
 Detect finds where a keyframe may lie in an old submap: where the graph is sure, that is the
 predicted pose itself; where it is not, a correlative search over a window as large as the
 uncertainty the path has gathered. Refine aligns the keyframe on the submap's likelihood grid.
-Validate asks for agreement with the submap, for a second, independent match by a later keyframe,
-and for both to tell the same story.
+Validate asks for agreement with the submap, and on the same side of its walls; for a second,
+independent match by a later keyframe, and for both to tell the same story.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,8 +22,8 @@ from numpy.typing import NDArray
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.scans.correlative import SearchPyramid, build_pyramid, search
 from slarm_graph.frontends.scans.gauss_newton import refine
-from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
-from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache
+from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
+from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
 _POINT_INFORMATION = 0.3
@@ -36,6 +37,8 @@ _WIDEN = 1.2
 _WIDEST = 4.0
 _PATIENCE = 1.5
 _MOST_PATIENCE = 16.0
+_MOST_FRUITLESS = 100
+_MOST_FROM_BEHIND = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +107,9 @@ class LoopCloser:
         coarse = matching.model_copy(
             update={"resolution_m": config.search_resolution_m, "sigma_m": config.search_sigma_m}
         )
-        self._fine = SubmapCache(matching, _FINE_GRIDS, _itself)
-        self._coarse = SubmapCache(coarse, _COARSE_GRIDS, _pyramid)
+        self._fine = SubmapCache(_FINE_GRIDS, partial(likelihood_of, matching=matching))
+        self._coarse = SubmapCache(_COARSE_GRIDS, partial(_pyramid, matching=coarse))
+        self._sides = SubmapCache(_FINE_GRIDS, wall_sides)
         self._tentative: list[Closure] = []
         self._last_match = self._last_search = _LONG_AGO
         self._fruitless = 0
@@ -138,7 +142,7 @@ class LoopCloser:
             predicted = compose(first.submap_from_keyframe, moved.as_array())
             second = self._refine(k, first.submap, predicted, keyframes, submaps)
             away = between(predicted, second.submap_from_keyframe)
-            reason = self._doubt(second)
+            reason = self._doubt(second, keyframes, submaps)
             if math.hypot(away[0], away[1]) > 0.05 + 0.05 * way_m or abs(away[2]) > 0.035:
                 reason = "a second match disagrees"
             if not reason:
@@ -195,7 +199,7 @@ class LoopCloser:
         predicted = expected.submap_from_keyframe[e]
         found = self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
         away = between(predicted, found.submap_from_keyframe)
-        reason = self._doubt(found)
+        reason = self._doubt(found, keyframes, submaps)
         if not reason and (
             math.hypot(away[0], away[1]) > 3.0 * expected.sigma_m[e]
             or abs(away[2]) > 3.0 * expected.sigma_rad[e]
@@ -222,7 +226,7 @@ class LoopCloser:
         # The longer nothing is found where it should be, the less the expectation is worth, and
         # the rarer a search is.
         wide = 3.0 * min(_WIDEN**self._fruitless, _WIDEST)
-        self._fruitless += 1
+        self._fruitless = min(self._fruitless + 1, _MOST_FRUITLESS)
         for e in tries:
             submap = int(expected.submap[e])
             self._tried[submap] = k
@@ -237,16 +241,22 @@ class LoopCloser:
             if hit is None:
                 continue
             found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
-            if not self._doubt(found):
+            if not self._doubt(found, keyframes, submaps):
                 self._tentative.append(replace(found, searched=True))
 
-    def _doubt(self, found: Closure) -> str:
+    def _doubt(
+        self, found: Closure, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
+    ) -> str:
         """Say what is wrong with a match on its own; empty when nothing is."""
         if found.score < self._config.min_score:
             return f"score {found.score:.2f}"
         weakest = np.linalg.eigvalsh(found.information[:2, :2])[0]
         if weakest < 1.0 / self._config.max_sigma_m**2:
             return "slides along a wall"
+        sides = self._sides.of(submaps[found.submap], keyframes)
+        pose = found.submap_from_keyframe
+        if share_from_behind(sides, keyframes[found.keyframe].points_m, pose) > _MOST_FROM_BEHIND:
+            return "sees the other side of its walls"
         return ""
 
     def _refine(
@@ -288,9 +298,5 @@ class LoopCloser:
         return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
-def _itself(grid: LikelihoodGrid) -> LikelihoodGrid:
-    return grid
-
-
-def _pyramid(grid: LikelihoodGrid) -> SearchPyramid:
-    return build_pyramid(grid, max_radius_m=_QUERY_RANGE_M)
+def _pyramid(points: Sequence[Floats], poses: Floats, matching: MatchingConfig) -> SearchPyramid:
+    return build_pyramid(likelihood_of(points, poses, matching), max_radius_m=_QUERY_RANGE_M)

@@ -104,19 +104,14 @@ class SubmapCache(Generic[Prepared]):
 
     Parameters
     ----------
-    matching : MatchingConfig
     capacity : int
     prepare : callable
-        What to make of a submap's likelihood grid.
+        What to make of a submap's scans (each (K, 2) [m]) and their poses (M, 3).
     """
 
     def __init__(
-        self,
-        matching: MatchingConfig,
-        capacity: int,
-        prepare: Callable[[LikelihoodGrid], Prepared],
+        self, capacity: int, prepare: Callable[[Sequence[Floats], Floats], Prepared]
     ) -> None:
-        self._matching = matching
         self._capacity = capacity
         self._prepare = prepare
         self._kept: OrderedDict[int, Prepared] = OrderedDict()
@@ -132,8 +127,7 @@ class SubmapCache(Generic[Prepared]):
             members = keyframes[submap.first : submap.last]
             anchor = keyframes[submap.anchor].local_from_robot.as_array()
             poses = between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
-            grid = likelihood_of([m.points_m for m in members], poses, self._matching)
-            prepared = self._prepare(grid)
+            prepared = self._prepare([m.points_m for m in members], poses)
         self._kept[submap.anchor] = prepared
         while len(self._kept) > self._capacity:
             self._kept.popitem(last=False)

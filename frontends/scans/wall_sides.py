@@ -1,0 +1,155 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From which side walls were seen: the two faces of a thin wall look alike, and are not one place.
+
+A scan of the far side of a wall lies on the near side's likelihood as well as one of the near side
+would, a wall's thickness off. What tells them apart is that a surface faces who sees it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+
+_CELL_M = 0.05
+_REACH_CELLS = 2
+_CHORD_M = 0.1
+_MAX_GAP_M = 0.3
+_LEAST_SLANT = 0.1
+"""Sine of the least angle between beam and wall at which the side is sure."""
+_OCTANTS = 8
+_ACROSS = 2
+"""Surfaces this many octants apart may still be one, seen with noise or round a corner."""
+
+
+@dataclass(frozen=True, slots=True)
+class WallSides:
+    """Which way the surfaces in and beside a cell face.
+
+    Parameters
+    ----------
+    origin_x_m, origin_y_m : float
+        Lower corner of cell (0, 0) [m].
+    octants : (rows = y, cols = x) uint8
+        Bit k for a surface whose normal, towards the viewer, lies in octant k; 0 for none.
+    """
+
+    origin_x_m: float
+    origin_y_m: float
+    octants: NDArray[np.uint8]
+
+
+def wall_sides(scans: Sequence[Floats], poses: Floats) -> WallSides:
+    """Note the sides that scans (each (K, 2) [m] in its own frame) at poses (M, 3) have seen."""
+    seen = np.concatenate([_surfaces(s, p) for s, p in zip(scans, poses, strict=True)])
+    margin_m = (_REACH_CELLS + 1) * _CELL_M
+    if not len(seen):
+        return WallSides(0.0, 0.0, np.zeros((1, 1), dtype=np.uint8))
+    low = seen[:, :2].min(axis=0) - margin_m
+    cols, rows = np.ceil((seen[:, :2].max(axis=0) + margin_m - low) / _CELL_M).astype(int)
+    octants = np.zeros((rows, cols), dtype=np.uint8)
+    _mark(octants, low, seen)
+    return WallSides(float(low[0]), float(low[1]), octants)
+
+
+def share_from_behind(sides: WallSides, points: Floats, pose: Floats) -> float:
+    """Share of a scan's points on known walls which sees these from their unknown side.
+
+    Parameters
+    ----------
+    sides : WallSides
+    points : (K, 2) float64
+        Of the scan, in its own frame, in beam order [m].
+    pose : (3,) float64
+        Of the scan in the frame of the sides.
+
+    Returns
+    -------
+    float
+        0 where no point lies on a known wall.
+    """
+    origin = np.array([sides.origin_x_m, sides.origin_y_m])
+    same, behind = _compare(sides.octants, origin, _surfaces(points, pose))
+    return behind / max(same + behind, 1)
+
+
+@njit(cache=True, nogil=True)
+def _surfaces(points: Floats, pose: Floats) -> Floats:
+    """Place and direction of the normal (S, 3) [m, m, rad] of what a scan sees well enough."""
+    out = np.empty((len(points), 3))
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = 0
+    for i in range(len(points)):
+        x, y = points[i, 0], points[i, 1]
+        a, b = _end(points, i, -1), _end(points, i, 1)
+        dx, dy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        # Twice the area of viewer, a, b: its sign says on which side of the chord the viewer is.
+        area = points[a, 0] * points[b, 1] - points[a, 1] * points[b, 0]
+        if abs(area) <= _LEAST_SLANT * math.hypot(dx, dy) * math.hypot(x, y):
+            continue
+        turn = 0.5 * math.pi if area > 0.0 else -0.5 * math.pi
+        out[count, 0] = pose[0] + c * x - s * y
+        out[count, 1] = pose[1] + s * x + c * y
+        out[count, 2] = math.atan2(dy, dx) + turn + pose[2]
+        count += 1
+    return out[:count].copy()
+
+
+@njit(cache=True, nogil=True)
+def _end(points: Floats, i: int, step: int) -> int:
+    """Point along the surface, before or after point i, at which a chord from i is long enough."""
+    k = i
+    while 0 <= k + step < len(points):
+        gap = math.hypot(points[k + step, 0] - points[k, 0], points[k + step, 1] - points[k, 1])
+        if gap > _MAX_GAP_M:
+            break
+        k += step
+        if math.hypot(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]) >= _CHORD_M:
+            break
+    return k
+
+
+@njit(cache=True, nogil=True)
+def _octant(direction: float) -> int:
+    return math.floor(direction / (2.0 * math.pi) * _OCTANTS) % _OCTANTS
+
+
+@njit(cache=True, nogil=True)
+def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
+    for k in range(len(surfaces)):
+        bit = 1 << _octant(surfaces[k, 2])
+        col = math.floor((surfaces[k, 0] - origin[0]) / _CELL_M)
+        row = math.floor((surfaces[k, 1] - origin[1]) / _CELL_M)
+        for r in range(row - _REACH_CELLS, row + _REACH_CELLS + 1):
+            for q in range(col - _REACH_CELLS, col + _REACH_CELLS + 1):
+                octants[r, q] |= bit
+
+
+@njit(cache=True, nogil=True)
+def _compare(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> tuple[int, int]:
+    """Count the surfaces that a known one beside them faces like, and those only seen behind."""
+    same = behind = 0
+    for k in range(len(surfaces)):
+        col = math.floor((surfaces[k, 0] - origin[0]) / _CELL_M)
+        row = math.floor((surfaces[k, 1] - origin[1]) / _CELL_M)
+        if not (0 <= row < octants.shape[0] and 0 <= col < octants.shape[1]):
+            continue
+        known = octants[row, col]
+        if known == 0:
+            continue
+        own = _octant(surfaces[k, 2])
+        alike = False
+        for d in range(-_ACROSS, _ACROSS + 1):
+            alike = alike or (known >> ((own + d) % _OCTANTS)) & 1 == 1
+        if alike:
+            same += 1
+        else:
+            behind += 1
+    return same, behind
