@@ -8,20 +8,27 @@ from typing import Final
 
 import cv2
 import numpy as np
+from scipy.spatial import cKDTree
 
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.ways import way_to_nearest, without_straight_points
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Mask
 
 _REVIEW_S: Final = 1.0
 _MIN_PATCH_CELLS: Final = 3
+_SAME_PLACE_M: Final = 0.3
+_NEIGHBOURHOOD_M: Final = 0.5
+_MAX_TRIES: Final = 3
 
 
 class NearestFrontier:
     """Baseline: drive to the nearest frontier until none is left; what was seen counts as known."""
+
+    def __init__(self) -> None:
+        self._lookout = Lookout()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Look at the nearest unknown cells."""
@@ -29,26 +36,63 @@ class NearestFrontier:
         if start is None:
             return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
         near = reachable(coverage.driving.moves, start)
-        leg = look_at_unknown(coverage.driving, near, pose)
+        leg = self._lookout.look_at_unknown(coverage.driving, near, pose)
         return leg or Finished("everything reachable has been seen", unseen_cells(coverage, near))
 
 
-def look_at_unknown(driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
-    """Go to where unknown cells can be seen from, the nearest such place first.
+class Lookout:
+    """Goes to where unknown cells can be seen from.
 
-    Parameters
-    ----------
-    driving : DrivingGrid
-    near : (rows, cols) bool
-        Driving cells that can be reached.
-    pose : Pose2
+    The place chosen is kept until it has been seen, for the nearest changes with every step where
+    a narrow gap seems now open and now closed. A place chosen some times in vain is passed over.
     """
-    edge = frontier(driving) & near
-    way = way_to_nearest(driving, pose.as_array()[:2], edge) if edge.any() else None
-    if way is None:
-        return None
-    way = without_straight_points(way)
-    return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+
+    def __init__(self) -> None:
+        self._goal_m: Floats | None = None
+        self._tried_m: list[Floats] = []
+
+    def look_at_unknown(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
+        """Go on to the place chosen before, or to the nearest one; None where none is left.
+
+        Parameters
+        ----------
+        driving : DrivingGrid
+        near : (rows, cols) bool
+            Driving cells that can be reached.
+        pose : Pose2
+        """
+        edge = self._worth_trying(frontier(driving) & near, driving)
+        if not edge.any():
+            return None
+        kept = edge & self._around_goal(driving)
+        here = pose.as_array()[:2]
+        way = way_to_nearest(driving, here, kept if kept.any() else edge)
+        if way is None:
+            return None
+        if not kept.any():
+            self._tried_m.append(way[-1])
+        self._goal_m = way[-1]
+        way = without_straight_points(way)
+        return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+
+    def _around_goal(self, driving: DrivingGrid) -> Mask:
+        """Cells (rows, cols) near the place chosen before."""
+        centers = driving.geometry.centers()
+        if self._goal_m is None:
+            return np.zeros(centers.shape[:2], dtype=np.bool_)
+        away = np.abs(centers - self._goal_m).max(axis=-1)
+        return np.asarray(away <= _SAME_PLACE_M)
+
+    def _worth_trying(self, edge: Mask, driving: DrivingGrid) -> Mask:
+        """Leave out of a frontier (rows, cols) the neighbourhoods that were chosen too often."""
+        if len(self._tried_m) >= _MAX_TRIES:
+            cells = np.argwhere(edge)
+            tried = cKDTree(self._tried_m)
+            near = driving.geometry.center_of(cells)
+            tries = tried.query_ball_point(near, _NEIGHBOURHOOD_M, return_length=True)
+            gone = cells[tries >= _MAX_TRIES]
+            edge[gone[:, 0], gone[:, 1]] = False
+        return edge
 
 
 def frontier(driving: DrivingGrid) -> Mask:

@@ -20,7 +20,7 @@ from slarm_graph.config import ExploreConfig
 from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.frontier import look_at_unknown, unseen_cells
+from slarm_graph.exploration.frontier import Lookout, unseen_cells
 from slarm_graph.exploration.lane_order import in_driving_order
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.smooth_ways import smooth_way
@@ -55,6 +55,7 @@ class GgmrPlus:
         self._tour: list[Floats] = []
         self._rest: list[Lane] = []
         self._planned_on: Mask | None = None
+        self._lookout = Lookout()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Cover the next part of what is known to be free, or else look at the unknown."""
@@ -67,7 +68,7 @@ class GgmrPlus:
             if leg is not None:
                 return leg
         near = reachable(driving.moves, start)
-        leg = look_at_unknown(driving, near, pose)
+        leg = self._lookout.look_at_unknown(driving, near, pose)
         return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
