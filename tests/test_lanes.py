@@ -12,13 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
+from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.contour_lanes import contour_lanes
 from slarm_graph.exploration.coverage_grid import driving_grid
+from slarm_graph.exploration.lane_order import in_driving_order
 from slarm_graph.exploration.live_map import mark_swept
 from slarm_graph.exploration.smooth_ways import smooth_way
 from slarm_graph.exploration.thin_lines import pruned, thinned, traced
 from slarm_graph.exploration.tour import ordered, without_detours
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
 EIGHT = np.ones((3, 3), dtype=np.bool_)
@@ -166,3 +168,16 @@ def test_smooth_ways_round_links_and_keep_the_corners_of_lanes() -> None:
     cells = walled.geometry.cell_of(way)
     assert walled.passable[cells[:, 0], cells[:, 1]].all()
     assert np.linalg.norm(way - (2.0, 1.0), axis=1).min() < 0.04
+
+
+def test_a_robot_too_near_to_a_wall_for_its_tile_still_finds_all_lanes() -> None:
+    passable = np.zeros((80, 80), dtype=np.bool_)
+    passable[18:70, 18:70] = True
+    geometry = GridGeometry(0.0, 0.0, 0.05, 80, 80)
+    driving = driving_grid(geometry, passable, ~passable, passable, np.zeros_like(passable))
+    lanes = contour_lanes(passable, passable, 3.4, 60.0)
+    inside, outside = Pose2(2.0, 2.0, 0.0), Pose2(0.7, 2.0, 0.0)
+    for pose in (inside, outside):
+        tour, rest = in_driving_order(lanes, driving, pose, DrivingConfig(), 1e6)
+        assert len(tour) == len(lanes)
+        assert rest == []

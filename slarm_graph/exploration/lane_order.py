@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.contour_lanes import Lane
-from slarm_graph.exploration.coverage_grid import DrivingGrid, tiled
+from slarm_graph.exploration.coverage_grid import DrivingGrid, start_cell, tiled
 from slarm_graph.exploration.searches import distances_between, distances_from
 from slarm_graph.exploration.tour import ordered, without_detours
 from slarm_graph.geometry import Floats, Pose2
@@ -74,16 +74,18 @@ def in_driving_order(
     cell_m = driving.geometry.resolution_m
     tiles = tiled(driving, max(1, round(_TILE_M / cell_m)))
     tile_m = tiles.geometry.resolution_m
-    spots = _spots(lanes, driving, pose)
-    at = _tile_of(spots, tile_m, tiles.codes.shape)
-    away = distances_from(tiles.moves, (int(at[0, 0]), int(at[0, 1])))[at[1:, 0], at[1:, 1]]
-    nearest = _nearest_first(away)
+    start = start_cell(tiles, pose)
+    if start is None:
+        return [], []
+    at = _tile_of(_spots(lanes, driving, pose), tile_m, tiles.codes.shape)
+    nearest = _nearest_first(distances_from(tiles.moves, start)[at[1:, 0], at[1:, 1]])
     few = [lanes[i] for i in nearest[:_MOST_LANES]]
     rest = [lanes[i] for i in nearest[_MOST_LANES:]]
     if not few:
         return [], []
     spots = _spots(few, driving, pose)
     at = _tile_of(spots, tile_m, tiles.codes.shape)
+    at[0] = start
     around_m = distances_between(tiles.moves, at, _NEAR_M / tile_m) * tile_m
     link_s = _link_times_s(spots, around_m, tile_m, config)
     worth_s = np.array([lane.area_cells for lane in few]) * (cell_m**2 * price_s_m2)
