@@ -4,9 +4,10 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator
 
 
 class Stage(BaseModel):
@@ -238,10 +239,14 @@ class RecoveryConfig(Stage):
     """
     default_height_m: float | None = Field(default=None, gt=0)
     """Height of obstacles with no better information; null means infinitely high."""
-    known_sizes: tuple[tuple[float, float, float], ...] = ()
-    """Length, width and height of obstacles that are known to stand around [m]."""
+    known_sizes: tuple[tuple[float, ...], ...] = ()
+    """Length, width and height [m] of obstacles that are known to stand around.
+
+    A fourth number is the share of its bounding rectangle that an obstacle's plan fills: 1 when
+    left out, 0.785 for what is round.
+    """
     size_tolerance_m: float = Field(default=0.15, gt=0)
-    """An obstacle has a known size when both its sides agree within this."""
+    """An obstacle has a known size when its sides, and that of a square as large, are this near."""
     robot_radius_m: float = Field(default=0.18, gt=0)
     """Where a robot of this radius fits, recovery leaves the free space alone."""
     speck_cells: int = Field(default=2, ge=0)
@@ -250,6 +255,19 @@ class RecoveryConfig(Stage):
     """Unseen holes up to this size in free space are taken to be free."""
     straighten: bool = True
     """Whether walls are moved onto straight lines."""
+
+    @field_validator("known_sizes")
+    @classmethod
+    def _whole_sizes(cls, sizes: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+        for size in sizes:
+            if len(size) not in (3, 4) or not all(0.0 < number < math.inf for number in size):
+                raise ValueError(
+                    f"{list(size)} is not a size: length, width and height in m, all positive,"
+                    " and if it is not a box the share of its rectangle that it fills"
+                )
+            if size[3:] > (1.0,):
+                raise ValueError(f"{list(size)}: the share of the rectangle is at most 1")
+        return tuple((*size, 1.0) if len(size) == 3 else size for size in sizes)
 
 
 class RadioConfig(Stage):

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slarm_graph.config import MappingConfig, RecoveryConfig
+from slarm_graph.convex import convex_pieces
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
@@ -29,7 +30,8 @@ from slarm_graph.recovery.grid_cleaning import (
     joined,
     within_m,
 )
-from slarm_graph.recovery.obstacles import known_sizes_of, matched_blocks, wall_strips
+from slarm_graph.recovery.known_sizes import known_sizes_of
+from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
 from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m
 from slarm_graph.recovery.returns import gathered, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straightened
@@ -151,10 +153,10 @@ def _shape(
     else:
         returns = gathered(end_points, geometry.resolution_m)
     outlines = straightened(outlines_m(geometry, clean.reached), returns, geometry.resolution_m)
-    blocks = matched_blocks(outlines, config.known_sizes, config.size_tolerance_m)
+    blocks = matched_blocks(outlines, returns, config.known_sizes, config.size_tolerance_m)
     height_m = math.inf if config.default_height_m is None else config.default_height_m
     strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m)
-    return _Shape(clean, outlines, blocks, strips)
+    return _Shape(clean, outlines, [block.solid for block in blocks], strips)
 
 
 def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
@@ -215,7 +217,8 @@ def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
 
 def _behind(shape: _Shape, target: GridGeometry) -> Mask:
     """Cells whose centre lies in a block or just behind a wall's face."""
-    return inside_any(target, [solid.corners_m for solid in (*shape.blocks, *shape.strips)])
+    solids = (*shape.blocks, *shape.strips)
+    return inside_any(target, [p for solid in solids for p in convex_pieces(solid.corners_m)])
 
 
 def _states(clean: CleanGrid, target: GridGeometry, region: Mask, behind: Mask) -> np.ndarray:

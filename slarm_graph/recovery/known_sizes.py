@@ -1,0 +1,164 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Known sizes of the things that stand around, and which of them a measured plan has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slarm_graph.geometry import Floats
+from slarm_graph.polygons import signed_area_m2
+from slarm_graph.world import Solid, WorldMap
+
+Size = tuple[float, ...]
+"""Length, width and height [m], and the share of its bounding rectangle that the plan fills."""
+
+_GAP_M = 1e-6
+_RASTER = 2000
+_ALIKE_M = 0.01
+"""Sizes that agree within this cannot be told apart."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is measured of a thing's plan.
+
+    Parameters
+    ----------
+    sides_m : (2,) float64
+        Of the bounding rectangle, in any order [m].
+    area_m2 : float
+        Of the plan, what is hidden counted as filled [m^2].
+    corners_seen : int
+        How many of the rectangle's corners the laser saw into, 4 for what stands free.
+    unseen_m : (2,) float64
+        How much longer each side may be, inside another thing it goes on into [m].
+    """
+
+    sides_m: Floats
+    area_m2: float
+    corners_seen: int
+    unseen_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """How well the known size fits that a plan has.
+
+    Parameters
+    ----------
+    misfit_m : float
+        Of the best known size [m].
+    height_m, share : float
+        Of the highest of those that cannot be told from the best.
+    """
+
+    misfit_m: float
+    height_m: float
+    share: float
+
+
+def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
+    """Return the sizes of all things in a world, solids that touch as one.
+
+    Things that touch are seen as one, whatever their heights: they are known as the pieces of
+    each height and together, with the greatest height. This is what the paper takes for known:
+    how large walls and boxes are, not where they stand.
+    """
+    groups = [_size_of(g) for same in (True, False) for g in _touching(world.solids, same)]
+    return tuple(sorted(set(groups)))
+
+
+def match(plan: Plan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
+    """Find the known size that a plan has; None when there is none.
+
+    Its sides and the side of the square of its area have to agree within the tolerance, sides
+    also within half of themselves. What a size leaves empty of its rectangle is taken to lie
+    evenly in the four corners. Of sizes that agree alike, such as those of one plan and two
+    heights, the highest is taken: a shadow too many costs a link that would have been, one too
+    few promises a link that is not there.
+
+    Parameters
+    ----------
+    plan : Plan
+    sizes : sequence of (length, width, height, share) [m, 1]
+    tolerance_m : float
+    """
+    if not sizes:
+        return None
+    known = np.asarray(sizes, dtype=np.float64)
+    off_m = np.minimum(_off_m(known[:, :2], plan), _off_m(known[:, 1::-1], plan))
+    if not plan.unseen_m.any():
+        empty = (1.0 - known[:, 3]) * plan.corners_seen / 4.0
+        area_m2 = known[:, 0] * known[:, 1] * (1.0 - empty)
+        off_m = np.maximum(off_m, np.abs(np.sqrt(area_m2) - np.sqrt(plan.area_m2)))
+    best = float(off_m.min())
+    if best > tolerance_m:
+        return None
+    alike = np.flatnonzero(off_m <= min(best + _ALIKE_M, tolerance_m))
+    chosen = max(alike, key=lambda n: (known[n, 2], -off_m[n]))
+    return Match(best, float(known[chosen, 2]), float(known[chosen, 3]))
+
+
+def _off_m(known_m: Floats, plan: Plan) -> Floats:
+    """Largest disagreement (S,) of the two sides with sizes (S, 2) in this order [m]."""
+    off = known_m - plan.sides_m
+    off = np.where(off > 0.0, np.maximum(off - plan.unseen_m, 0.0), off)
+    agree = (np.abs(off) <= 0.5 * known_m).all(axis=1)
+    return np.where(agree, np.abs(off).max(axis=1), np.inf)
+
+
+def _touching(solids: Sequence[Solid], same_height: bool) -> list[list[Solid]]:
+    """Put solids that touch, directly or through others, into groups."""
+    groups: list[list[Solid]] = []
+    for solid in solids:
+        mine = [
+            group
+            for group in groups
+            if any(
+                _touch(solid.corners_m, other.corners_m)
+                for other in group
+                if not same_height or other.height_m == solid.height_m
+            )
+        ]
+        groups = [group for group in groups if not any(group is one for one in mine)]
+        groups.append([solid, *(other for group in mine for other in group)])
+    return groups
+
+
+def _touch(a: Floats, b: Floats) -> bool:
+    """Whether the convex hulls of two plans meet: no edge of either has the other beyond it."""
+    for ring, other in ((a, b), (b, a)):
+        step = np.roll(ring, -1, axis=0) - ring
+        normals = np.stack([step[:, 1], -step[:, 0]], axis=1)
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        reach = (ring @ normals.T).max(axis=0)
+        if ((other @ normals.T).min(axis=0) > reach + _GAP_M).any():
+            return False
+    return True
+
+
+def _size_of(group: Sequence[Solid]) -> Size:
+    corners = np.concatenate([solid.corners_m for solid in group]).astype(np.float32)
+    _, sides, _ = cv2.minAreaRect(corners)
+    length, width = sorted((round(float(side), 4) for side in sides), reverse=True)
+    share = min(round(_outer_area_m2(group) / (length * width), 2), 1.0)
+    return length, width, max(solid.height_m for solid in group), share
+
+
+def _outer_area_m2(group: Sequence[Solid]) -> float:
+    """Area inside the outer outline of solids that touch [m^2], by drawing them."""
+    if len(group) == 1:
+        return abs(signed_area_m2(group[0].corners_m))
+    corners = np.concatenate([solid.corners_m for solid in group])
+    low = corners.min(axis=0)
+    step_m = float(np.ptp(corners, axis=0).max()) / _RASTER
+    image = np.zeros((_RASTER + 1, _RASTER + 1), dtype=np.uint8)
+    for solid in group:
+        cv2.fillPoly(image, [np.round((solid.corners_m - low) / step_m).astype(np.int32)], 1)
+    outer, _ = cv2.findContours(image, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return step_m**2 * sum(cv2.contourArea(contour) for contour in outer)
