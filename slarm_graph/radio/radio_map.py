@@ -24,7 +24,7 @@ from slarm_graph.radio.line_of_sight import (
 )
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio_words import AccessPoint, RadioMap
-from slarm_graph.recovery.outlines import inside_any
+from slarm_graph.recovery.outlines import inside_solids
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
@@ -80,7 +80,7 @@ def _recovered_sight(
             mount_radius_m=config.mount_radius_m,
         )
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
-    on_face = free & inside_any(geometry, [solid.corners_m for solid in geographic.solids])
+    on_face = free & inside_solids(geometry, geographic.solids)
     position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
     clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
     if on_face.any():

@@ -13,8 +13,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from slarm_graph.convex import convex_pieces
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.world import Solid
 
 
 def outlines_m(geometry: GridGeometry, mask: Mask) -> list[Floats]:
@@ -63,6 +65,11 @@ def inside_any(geometry: GridGeometry, convex_m: Sequence[Floats]) -> Mask:
     for polygon in convex_m:
         _cover(steps, (polygon - origin) / geometry.resolution_m - 0.5)
     return np.asarray(np.cumsum(steps[:, :-1], axis=1) > 0)
+
+
+def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
+    """Mark cells whose centre lies inside the plan of at least one solid."""
+    return inside_any(geometry, [p for solid in solids for p in convex_pieces(solid.corners_m)])
 
 
 @njit(cache=True, nogil=True)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from slarm_graph.config import MappingConfig, RecoveryConfig
-from slarm_graph.convex import convex_pieces
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
@@ -32,7 +31,7 @@ from slarm_graph.recovery.grid_cleaning import (
 )
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
-from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m
+from slarm_graph.recovery.outlines import inside_any, inside_outlines, inside_solids, outlines_m
 from slarm_graph.recovery.returns import gathered, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straightened
 from slarm_graph.trajectory import Trajectory
@@ -217,8 +216,7 @@ def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
 
 def _behind(shape: _Shape, target: GridGeometry) -> Mask:
     """Cells whose centre lies in a block or just behind a wall's face."""
-    solids = (*shape.blocks, *shape.strips)
-    return inside_any(target, [p for solid in solids for p in convex_pieces(solid.corners_m)])
+    return inside_solids(target, (*shape.blocks, *shape.strips))
 
 
 def _states(clean: CleanGrid, target: GridGeometry, region: Mask, behind: Mask) -> np.ndarray:
