@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.backends.particle_maps import TILE_BITS, TILE_CELLS, Cells, Indices, Tables
+from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
 
 _SAME_SIDE = 0.5
@@ -213,12 +214,7 @@ def curvature(
             r = dx * nx + dy * ny
             w = 2.0 * gain / (sigma * sigma + r * r)
             jt = ax * ny - ay * nx
-            hessian[0, 0] += w * nx * nx
-            hessian[0, 1] += w * nx * ny
-            hessian[1, 1] += w * ny * ny
-            hessian[0, 2] += w * nx * jt
-            hessian[1, 2] += w * ny * jt
-            hessian[2, 2] += w * jt * jt
+            add_square3(hessian, nx, ny, jt, w)
             gradient[0] += w * r * nx
             gradient[1] += w * r * ny
             gradient[2] += w * r * jt
@@ -232,6 +228,4 @@ def curvature(
             gradient[0] += w * dx
             gradient[1] += w * dy
             gradient[2] += w * (dy * ax - dx * ay)
-    hessian[1, 0] = hessian[0, 1]
-    hessian[2, 0] = hessian[0, 2]
-    hessian[2, 1] = hessian[1, 2]
+    mirror3(hessian)
