@@ -61,38 +61,33 @@ class Lookout:
             Driving cells that can be reached.
         pose : Pose2
         """
-        edge = self._worth_trying(frontier(driving) & near, driving)
-        if not edge.any():
-            return None
-        kept = edge & self._around_goal(driving)
-        here = pose.as_array()[:2]
-        way = way_to_nearest(driving, here, kept if kept.any() else edge)
+        cells = np.argwhere(frontier(driving) & near)
+        cells = cells[self._is_worth_trying(driving.geometry.center_of(cells))]
+        kept = cells[self._is_at_goal(driving.geometry.center_of(cells))]
+        wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
+        wanted[tuple((kept if len(kept) else cells).T)] = True
+        way = way_to_nearest(driving, pose.as_array()[:2], wanted) if len(cells) else None
         if way is None:
             return None
-        if not kept.any():
+        if not len(kept):
             self._tried_m.append(way[-1])
         self._goal_m = way[-1]
         way = without_straight_points(way)
         return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
 
-    def _around_goal(self, driving: DrivingGrid) -> Mask:
-        """Cells (rows, cols) near the place chosen before."""
-        centers = driving.geometry.centers()
+    def _is_at_goal(self, points_m: Floats) -> Mask:
+        """Which of points (N, 2) [m] lie near the place chosen before."""
         if self._goal_m is None:
-            return np.zeros(centers.shape[:2], dtype=np.bool_)
-        away = np.abs(centers - self._goal_m).max(axis=-1)
-        return np.asarray(away <= _SAME_PLACE_M)
+            return np.zeros(len(points_m), dtype=np.bool_)
+        return np.asarray(np.abs(points_m - self._goal_m).max(axis=1) <= _SAME_PLACE_M)
 
-    def _worth_trying(self, edge: Mask, driving: DrivingGrid) -> Mask:
-        """Leave out of a frontier (rows, cols) the neighbourhoods that were chosen too often."""
-        if len(self._tried_m) >= _MAX_TRIES:
-            cells = np.argwhere(edge)
-            tried = cKDTree(self._tried_m)
-            near = driving.geometry.center_of(cells)
-            tries = tried.query_ball_point(near, _NEIGHBOURHOOD_M, return_length=True)
-            gone = cells[tries >= _MAX_TRIES]
-            edge[gone[:, 0], gone[:, 1]] = False
-        return edge
+    def _is_worth_trying(self, points_m: Floats) -> Mask:
+        """Which of points (N, 2) [m] lie in no neighbourhood that was chosen too often."""
+        if len(self._tried_m) < _MAX_TRIES or not len(points_m):
+            return np.ones(len(points_m), dtype=np.bool_)
+        tried = cKDTree(self._tried_m)
+        tries = tried.query_ball_point(points_m, _NEIGHBOURHOOD_M, return_length=True)
+        return np.asarray(tries < _MAX_TRIES)
 
 
 def frontier(driving: DrivingGrid) -> Mask:
