@@ -118,15 +118,18 @@ class GmappingBackend:
 
     def result(self) -> SlamResult:
         """Return the best particle's path and the map it makes, eq. (4): p(m | x, o)."""
-        self._settle()
-        state = self._state
-        if not state.updates:
-            raise RunFailed("no scan was usable")
-        trajectory = self._filled(state.filter.best_path())
+        trajectory, state = self.trajectory(), self._state
         self._heartbeat(f"rendering {len(state.scans)} scans")
         grid = self._map.render(state.scans, trajectory, state.updates[-1])
         tables = self._books(), _path_table("weighted_mean", self.weighted_mean_trajectory())
         return SlamResult(trajectory, grid, tables=tables, notices=self._notices())
+
+    def trajectory(self) -> Trajectory:
+        """Return the best particle's path, at every scan."""
+        self._settle()
+        if not self._state.updates:
+            raise RunFailed("no scan was usable")
+        return self._filled(self._state.filter.best_path())
 
     def weighted_mean_trajectory(self) -> Trajectory:
         """Weighted mean of all particles' paths, eq. (11), at every scan."""

@@ -83,16 +83,26 @@ class PoseGraphBackend:
         RunFailed
             When no scan could become a keyframe.
         """
-        if not self._graph.keyframes:
-            raise RunFailed("no scan had enough returns to be matched; see scans.csv")
+        trajectory = self.trajectory()
         graph, weights = self._graph.settle(self._heartbeat)
-        local = np.array([pose.as_array() for pose in self._local])
-        poses = self._graph.corrected(local)
-        trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
         self._heartbeat("rendering the map")
         grid = render(self._scans, trajectory, self._config.mapping)
         table = self._closure_table(weights)
         return SlamResult(trajectory, grid, graph, (table,))
+
+    def trajectory(self) -> Trajectory:
+        """Weigh all closures together and correct every scan's pose.
+
+        Raises
+        ------
+        RunFailed
+            When no scan could become a keyframe.
+        """
+        if not self._graph.keyframes:
+            raise RunFailed("no scan had enough returns to be matched; see scans.csv")
+        self._graph.settle(self._heartbeat)
+        poses = self._graph.corrected(np.array([pose.as_array() for pose in self._local]))
+        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
 
     def snapshot(self) -> bytes:
         """Return the state; GTSAM objects live only within calls, so plain pickling does."""

@@ -4,6 +4,8 @@
 
     python benchmarks/bench_exploration.py [--worlds A,B] [--explorers A,B] [--backend NAME]
 
+A line to stderr tells of every drive as soon as it is done; the tables follow world by world.
+
 Everybody drives the same simulated robot with the same follower through a world that it does not
 know. Of the truly reachable floor, known is the share that the map knows in the end, and footprint
 the share that the body passed over. `ggmr+ at` is when `ggmr+` had passed over as much as the other
@@ -15,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from itertools import product
@@ -109,7 +112,7 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
     out = loop.outcome()
     at_s, footprint = footprint_over_time(world, out)
     r = out.report
-    return Drive(
+    done = Drive(
         world_name,
         explorer,
         r.drive_time_s,
@@ -120,6 +123,17 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
         known_share(world, loop.live),
         at_s,
         footprint,
+    )
+    growth = " ".join(f"{100 * f:.1f}@{t:.0f}" for t, f in zip(at_s, footprint, strict=True))
+    print(f"{world_name} {explorer}: {line_of(done)}  footprint {growth}", file=sys.stderr)
+    return done
+
+
+def line_of(d: Drive) -> str:
+    """Say how a drive went."""
+    return (
+        f"{d.time_s:10.0f}{d.path_m:10.0f}{d.turns:7d}{d.collisions:6d}"
+        f"{100 * d.known:7.2f}{100 * d.footprint[-1]:9.1f} %"
     )
 
 
@@ -189,9 +203,7 @@ def show(drives: list[Drive]) -> float:
         if d.explorer != OURS and d.footprint[-1] > 0.5:
             savings.append(saved)
         print(
-            f"{d.explorer:14s}{d.time_s:10.0f}{d.path_m:10.0f}{d.turns:7d}{d.collisions:6d}"
-            f"{100 * d.known:7.2f}{100 * d.footprint[-1]:9.1f} %"
-            f"{there_s:13.0f}{100 * saved:7.1f} %   {d.reason}",
+            f"{d.explorer:14s}{line_of(d)}{there_s:13.0f}{100 * saved:7.1f} %   {d.reason}",
             flush=True,
         )
     return min(savings, default=float("nan"))

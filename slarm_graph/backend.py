@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from slarm_graph.constraint import PoseGraph
 from slarm_graph.geometry import Pose2
@@ -93,3 +93,25 @@ class SlamBackend(Protocol):
     def restore(self, state: bytes) -> None:
         """Continue from a snapshot of a backend with the same configuration."""
         ...
+
+
+@runtime_checkable
+class KnowsTrajectory(Protocol):
+    """A backend that can tell where the robot was without rendering a map, which takes longer."""
+
+    def trajectory(self) -> Trajectory:
+        """Return the trajectory that `result` would have now.
+
+        Raises
+        ------
+        RunFailed
+            As `result`.
+        """
+        ...
+
+
+def trajectory_of(backend: SlamBackend) -> Trajectory:
+    """Return a backend's trajectory at the least cost it offers."""
+    if isinstance(backend, KnowsTrajectory):
+        return backend.trajectory()
+    return backend.result().trajectory

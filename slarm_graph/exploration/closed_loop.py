@@ -158,7 +158,7 @@ class ClosedLoop:
     def outcome(self) -> Exploration:
         """Return what has been learnt so far."""
         survey = self._survey
-        slam, live, truth = survey.rebuild(), survey.live, survey.truth
+        slam, live, truth = survey.result(), survey.live, survey.truth
         return Exploration(
             slam,
             survey.world_from_map,

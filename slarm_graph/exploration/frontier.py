@@ -15,10 +15,11 @@ from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.ways import way_to_nearest, without_straight_points
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.grid import Mask
+from slarm_graph.grid import Cells, Mask
 
 _REVIEW_S: Final = 1.0
 _MIN_PATCH_CELLS: Final = 3
+_STRIP_M: Final = 0.2
 _SAME_PLACE_M: Final = 0.3
 _NEIGHBOURHOOD_M: Final = 0.5
 _MAX_TRIES: Final = 3
@@ -45,6 +46,7 @@ class Lookout:
 
     The place chosen is kept until it has been seen, for the nearest changes with every step where
     a narrow gap seems now open and now closed. A place chosen some times in vain is passed over.
+    Strips between far beams come last: they close by themselves as the robot comes nearer.
     """
 
     def __init__(self) -> None:
@@ -61,8 +63,9 @@ class Lookout:
             Driving cells that can be reached.
         pose : Pose2
         """
-        cells = np.argwhere(frontier(driving) & near)
-        cells = cells[self._is_worth_trying(driving.geometry.center_of(cells))]
+        cells = self._candidates(frontier(driving, _STRIP_M) & near, driving)
+        if not len(cells):
+            cells = self._candidates(frontier(driving) & near, driving)
         kept = cells[self._is_at_goal(driving.geometry.center_of(cells))]
         wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
         wanted[tuple((kept if len(kept) else cells).T)] = True
@@ -74,6 +77,11 @@ class Lookout:
         self._goal_m = way[-1]
         way = without_straight_points(way)
         return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+
+    def _candidates(self, edge: Mask, driving: DrivingGrid) -> Cells:
+        """Cells (N, 2) of a frontier (rows, cols) in no neighbourhood chosen too often."""
+        cells = np.argwhere(edge)
+        return np.asarray(cells[self._is_worth_trying(driving.geometry.center_of(cells))])
 
     def _is_at_goal(self, points_m: Floats) -> Mask:
         """Which of points (N, 2) [m] lie near the place chosen before."""
@@ -90,14 +98,24 @@ class Lookout:
         return np.asarray(tries < _MAX_TRIES)
 
 
-def frontier(driving: DrivingGrid) -> Mask:
-    """Passable cells (rows, cols) in or beside a patch of cells of which nothing is known."""
-    beside = ~(driving.observed | driving.occupied) & driving.passable
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(beside.astype(np.uint8))
-    small = stats[:count, cv2.CC_STAT_AREA] < _MIN_PATCH_CELLS
-    beside &= ~small[labels]
-    grown = cv2.dilate(beside.astype(np.uint8), np.ones((3, 3), dtype=np.uint8)) > 0
-    return np.asarray(grown & driving.passable)
+def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
+    """Passable cells (rows, cols) at the rim, on both sides, of what nothing is known of.
+
+    Parameters
+    ----------
+    driving : DrivingGrid
+    width_m : float
+        Unknown strips narrower than this are left out, such as those between far beams.
+    """
+    free = ~(driving.observed | driving.occupied) & driving.passable
+    side = max(1, round(width_m / driving.geometry.resolution_m))
+    strip = np.ones((side, side), dtype=np.uint8)
+    unknown = cv2.morphologyEx(free.astype(np.uint8), cv2.MORPH_OPEN, strip)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(unknown)
+    unknown[(stats[:count, cv2.CC_STAT_AREA] < _MIN_PATCH_CELLS)[labels]] = 0
+    around = np.ones((3, 3), dtype=np.uint8)
+    rim = cv2.dilate(unknown, around) > cv2.erode(unknown, around, borderValue=0)
+    return np.asarray(rim & driving.passable)
 
 
 def unseen_cells(coverage: CoverageGrid, near: Mask) -> int:

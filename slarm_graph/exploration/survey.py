@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.backend import SlamBackend, SlamResult, trajectory_of
 from slarm_graph.config import ExploreConfig
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.geometry import Floats, Pose2
@@ -98,19 +98,22 @@ class Survey:
             self.live.pass_over(np.array([[before.x, before.y], [self.pose.x, self.pose.y]]))
         self.live.stand_by(reading.scan, self.pose)
 
-    def rebuild(self) -> SlamResult:
+    def rebuild(self) -> None:
         """Make the map and what was covered anew from the corrected trajectory."""
         self._has_moved = False
         self._last_rebuild = self.readings
         self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
-        slam = self._backend.result()
-        poses = slam.trajectory.transformed(self.world_from_map).poses
+        poses = trajectory_of(self._backend).transformed(self.world_from_map).poses
         self.live.clear()
         every = max(1, len(poses) // _MAX_RENDERED_SCANS)
         for scan, pose in zip(self.scans[::every], poses[::every], strict=True):
             self.live.add(scan, Pose2.from_array(pose))
         self.live.pass_over(poses[:, :2])
-        return slam
+
+    def result(self) -> SlamResult:
+        """Return what the backend made of all readings, and bring the map in line with it."""
+        self.rebuild()
+        return self._backend.result()
 
     def _jumped(self, before: Pose2, reading: Reading) -> bool:
         """Whether the backend moved the robot by more than it drove."""
