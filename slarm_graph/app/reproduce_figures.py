@@ -128,4 +128,4 @@ def _draw_panel(
         )
     axes.set_xlabel("resolution [m]")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=7)
+    axes.legend(fontsize=7, handlelength=3.5)
