@@ -8,6 +8,7 @@ from typing import Final
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
@@ -21,7 +22,9 @@ _REVIEW_S: Final = 1.0
 _MIN_PATCH_CELLS: Final = 3
 _STRIP_M: Final = 0.2
 _SAME_PLACE_M: Final = 0.3
+_ARRIVED_M: Final = 0.1
 _NEIGHBOURHOOD_M: Final = 0.5
+_VAIN_NEIGHBOURHOOD_M: Final = 1.5
 _MAX_TRIES: Final = 3
 
 
@@ -45,13 +48,15 @@ class Lookout:
     """Goes to where unknown cells can be seen from.
 
     The place chosen is kept until it has been seen, for the nearest changes with every step where
-    a narrow gap seems now open and now closed. A place chosen some times in vain is passed over.
+    a narrow gap seems now open and now closed. Places chosen some times are passed over, and so are
+    wide neighbourhoods that were left unseen some times, such as the hollow inside of a shelf.
     Strips between far beams come last: they close by themselves as the robot comes nearer.
     """
 
     def __init__(self) -> None:
         self._goal_m: Floats | None = None
         self._tried_m: list[Floats] = []
+        self._vain_m: list[Floats] = []
 
     def look_at_unknown(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
         """Go on to the place chosen before, or to the nearest one; None where none is left.
@@ -63,25 +68,40 @@ class Lookout:
             Driving cells that can be reached.
         pose : Pose2
         """
+        unknown, here = frontier(driving), pose.as_array()[:2]
         cells = self._candidates(frontier(driving, _STRIP_M) & near, driving)
         if not len(cells):
-            cells = self._candidates(frontier(driving) & near, driving)
+            cells = self._candidates(unknown & near, driving)
         kept = cells[self._is_at_goal(driving.geometry.center_of(cells))]
+        if not len(kept) or self._has_arrived(here):
+            self._let_goal_be(unknown, driving)
+            kept = kept[:0]
         wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
         wanted[tuple((kept if len(kept) else cells).T)] = True
-        way = way_to_nearest(driving, pose.as_array()[:2], wanted) if len(cells) else None
+        way = way_to_nearest(driving, here, wanted) if len(cells) else None
         if way is None:
             return None
-        if not len(kept):
+        if self._goal_m is None:
+            self._goal_m = way[-1]
             self._tried_m.append(way[-1])
-        self._goal_m = way[-1]
         way = without_straight_points(way)
         return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+
+    def _has_arrived(self, here_m: Floats) -> bool:
+        """Whether the robot stands where it wanted to look from."""
+        return self._goal_m is not None and float(np.hypot(*(self._goal_m - here_m))) < _ARRIVED_M
 
     def _candidates(self, edge: Mask, driving: DrivingGrid) -> Cells:
         """Cells (N, 2) of a frontier (rows, cols) in no neighbourhood chosen too often."""
         cells = np.argwhere(edge)
         return np.asarray(cells[self._is_worth_trying(driving.geometry.center_of(cells))])
+
+    def _let_goal_be(self, unknown: Mask, driving: DrivingGrid) -> None:
+        """Note a goal that is given up though it has not been seen."""
+        places_m = driving.geometry.center_of(np.argwhere(unknown))
+        if self._goal_m is not None and self._is_at_goal(places_m).any():
+            self._vain_m.append(self._goal_m)
+        self._goal_m = None
 
     def _is_at_goal(self, points_m: Floats) -> Mask:
         """Which of points (N, 2) [m] lie near the place chosen before."""
@@ -91,11 +111,9 @@ class Lookout:
 
     def _is_worth_trying(self, points_m: Floats) -> Mask:
         """Which of points (N, 2) [m] lie in no neighbourhood that was chosen too often."""
-        if len(self._tried_m) < _MAX_TRIES or not len(points_m):
-            return np.ones(len(points_m), dtype=np.bool_)
-        tried = cKDTree(self._tried_m)
-        tries = tried.query_ball_point(points_m, _NEIGHBOURHOOD_M, return_length=True)
-        return np.asarray(tries < _MAX_TRIES)
+        hopeless = _count_near(points_m, self._tried_m, _NEIGHBOURHOOD_M) >= _MAX_TRIES
+        hopeless |= _count_near(points_m, self._vain_m, _VAIN_NEIGHBOURHOOD_M) >= _MAX_TRIES
+        return np.asarray(~hopeless)
 
 
 def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
@@ -125,3 +143,11 @@ def unseen_cells(coverage: CoverageGrid, near: Mask) -> int:
     rows, cols = coverage.geometry.shape
     fine = coverage.fineness
     return int(unseen.reshape(rows, fine, cols, fine).all(axis=(1, 3)).sum())
+
+
+def _count_near(points_m: Floats, places_m: list[Floats], radius_m: float) -> NDArray[np.int64]:
+    """Count (N,) the places within a radius of each of points (N, 2)."""
+    if len(places_m) < _MAX_TRIES or not len(points_m):
+        return np.zeros(len(points_m), dtype=np.int64)
+    found = cKDTree(places_m).query_ball_point(points_m, radius_m, return_length=True)
+    return np.asarray(found, dtype=np.int64)
