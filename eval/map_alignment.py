@@ -83,6 +83,7 @@ def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
     field = np.minimum(distance_to_m(reference.occupied, geometry.resolution_m), _FAR_M)
 
     def distances(pose: Floats) -> Floats:
+        """Distance (N,) of every source wall point from the reference's walls [m]."""
         return _bilinear(field, geometry, transform_points(pose, source))
 
     fit = least_squares(distances, start.as_array(), loss="soft_l1", f_scale=0.1, diff_step=1e-4)

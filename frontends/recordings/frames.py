@@ -93,6 +93,7 @@ def mountings(tree: TransformTree, robot: str, config: SourceConfig) -> Mounting
     """Find where lasers sit on the robot: once when fixed, else scan by scan."""
 
     def at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
+        """Mounting of a laser at each stamp; None where tf does not know it."""
         if frame == robot:
             return [Mounting()] * len(stamps_ns)
         moving = bool(tree.changing(robot, frame))

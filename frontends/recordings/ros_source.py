@@ -151,6 +151,7 @@ def _tolerant(
 
 def _scans(topic: Topic, cdr: bool, echo: str, packed: Packed) -> list[ScanBlock]:
     def one(cursor: Cursor) -> list[ScanBlock]:
+        """Read the messages of one chunk as this topic's type."""
         return read_multi_echo(cursor, echo) if topic.msgtype == MULTI_ECHO else read_scans(cursor)
 
     return [block for part in decode([packed], one, cdr=cdr) for block in part]

@@ -124,6 +124,7 @@ def open_carmen(path: Path, config: SourceConfig) -> RecordedSource:
         odometry = sorted_path(log.odom_stamp_ns[rows], log.odom_poses[rows])
 
     def mounting_at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
+        """Give the log's one mounting, for CARMEN knows no other."""
         return [mounting] * len(stamps_ns)
 
     return RecordedSource(

@@ -94,6 +94,7 @@ def commands(held: Iterable[tuple[DriveCommand, float]]) -> Script:
     listed = tuple(held)
 
     def script(world: SimulatedWorld) -> Iterator[DriveCommand]:
+        """Repeat every command for as many readings as it is held."""
         for command, duration_s in listed:
             for _ in range(round(duration_s / world.period_s)):
                 yield command
@@ -109,6 +110,7 @@ def waypoints(points_m: Floats, *, speed_m_s: float = 0.6, turn_rate_rad_s: floa
     targets = np.asarray(points_m, dtype=np.float64)
 
     def script(world: SimulatedWorld) -> Iterator[DriveCommand]:
+        """Steer to one target after the other, and give up those not reached."""
         for target in targets:
             for _ in range(_STUCK_STEPS):
                 command = _steer(world.truth(), target, speed_m_s, turn_rate_rad_s)

@@ -161,6 +161,7 @@ def stop_on_signal() -> Iterator[list[int]]:
     received: list[int] = []
 
     def on_signal(number: int, _frame: FrameType | None) -> None:
+        """Note the first signal and say what will happen; act on the second."""
         if received:
             raise KeyboardInterrupt
         received.append(number)

@@ -204,6 +204,7 @@ def _backtracking_points(codes: Codes) -> Mask:
     rows, cols = codes.shape
 
     def at(d_row: int, d_col: int) -> Mask:
+        """Whether the neighbour at an offset is open, for every tile."""
         return is_open[1 + d_row : 1 + d_row + rows, 1 + d_col : 1 + d_col + cols]
 
     east, west, south = at(0, 1), at(0, -1), at(-1, 0)

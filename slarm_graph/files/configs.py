@@ -8,12 +8,12 @@ import ast
 import difflib
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import pairwise
 from pathlib import Path
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from slarm_graph import config as config_module
 from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
 
@@ -144,20 +144,21 @@ def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
     comments : bool
         Put what the keys mean above them.
     """
-    lines = _lines(config, _key_docs() if comments else {}, "")
+    lines = _lines(config, "", comments=comments)
     return "\n".join(lines).strip() + "\n"
 
 
-def _lines(stage: Stage, docs: Mapping[tuple[str, str], str], indent: str) -> Iterator[str]:
+def _lines(stage: Stage, indent: str, *, comments: bool) -> Iterator[str]:
     """Yield the YAML lines of a stage and of those below it."""
+    docs = _field_docs(type(stage)) if comments else {}
     for key in type(stage).model_fields:
         value = getattr(stage, key)
-        doc = docs.get((type(stage).__name__, key), "")
+        doc = docs.get(key, "")
         if isinstance(value, Stage):
-            title = (type(value).__doc__ or "").strip().splitlines()[0] if docs else ""
+            title = (type(value).__doc__ or "").strip().splitlines()[0] if comments else ""
             yield from _comment(doc or title, indent, gap=not indent)
             yield f"{indent}{key}:" if type(value).model_fields else f"{indent}{key}: {{}}"
-            yield from _lines(value, docs, f"{indent}  ")
+            yield from _lines(value, f"{indent}  ", comments=comments)
         else:
             yield from _comment(doc, indent, gap=False)
             text = yaml.safe_dump(stage.model_dump(mode="json", include={key}), width=1000)
@@ -170,18 +171,16 @@ def _comment(text: str, indent: str, *, gap: bool) -> Iterator[str]:
     yield from (f"{indent}# {line}" for line in text.splitlines())
 
 
-def _key_docs() -> dict[tuple[str, str], str]:
-    """Return the text below every field of the configuration models, by (class, field)."""
-    docs = {}
-    for node in ast.parse(inspect.getsource(config_module)).body:
-        if not isinstance(node, ast.ClassDef):
-            continue
-        for field, text in zip(node.body, node.body[1:], strict=False):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-                docs[node.name, ast.unparse(field.target)] = inspect.cleandoc(
-                    ast.literal_eval(text.value)
-                )
-    return docs
+def _field_docs(model: type[Stage]) -> dict[str, str]:
+    """Return the text below every field of a configuration model."""
+    (definition,) = ast.parse(inspect.getsource(model)).body
+    assert isinstance(definition, ast.ClassDef)
+    body = definition.body
+    return {
+        ast.unparse(field.target): inspect.cleandoc(ast.literal_eval(text.value))
+        for field, text in pairwise(body)
+        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
+    }
 
 
 def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:

@@ -59,6 +59,7 @@ def radio_map(
     free = reachable | (geographic.states == CellState.ENCLOSED)
 
     def sight(position_m: Floats) -> Mask:
+        """Line of sight (rows, cols) from an access point in the map as recovered."""
         return _recovered_sight(geographic, free, position_m, config)
 
     return _map_of(
@@ -128,6 +129,7 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
     """
 
     def sight(position_m: Floats) -> Mask:
+        """Line of sight (rows, cols) from an access point in the true world."""
         return line_of_sight_past_solids(
             geometry,
             world.solids,

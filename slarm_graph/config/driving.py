@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated robot, and how it explores."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from slarm_graph.config.stage import Stage
+
+
+class LidarConfig(Stage):
+    """The simulated laser and how it is mounted."""
+
+    beams: int = Field(default=360, ge=1)
+    field_of_view_rad: float = Field(default=6.283185307179586, gt=0, le=6.283185307179586)
+    """Centred on the laser's forward axis; a full circle does not repeat its first beam."""
+    rate_hz: float = Field(default=10.0, gt=0)
+    range_min_m: float = Field(default=0.12, ge=0)
+    range_max_m: float = Field(default=8.0, gt=0)
+    sigma_m: float = Field(default=0.01, ge=0)
+    """Standard deviation of a range."""
+    x_m: float = 0.0
+    y_m: float = 0.0
+    yaw_rad: float = 0.0
+    """Pose on the robot; a yaw of pi is a laser that looks to the rear."""
+    height_m: float = Field(default=0.2, ge=0)
+    """Height of the plane of measurement; lower solids are not seen."""
+    upside_down: bool = False
+    clockwise: bool = False
+    """Whether the laser reports its beams with a negative increment."""
+    sweep_s: float = Field(default=0.0, ge=0)
+    """Time from the first beam to one past the last; 0 takes them all at one instant."""
+
+
+class WheelConfig(Stage):
+    """The simulated differential drive: what the wheels turn is not what the ground passes."""
+
+    wheel_base_m: float = Field(default=0.3, gt=0)
+    wheel_base_error: float = 0.005
+    """Share by which the true wheel base exceeds the one that odometry assumes."""
+    left_slip: float = 0.001
+    right_slip: float = -0.001
+    """Share of each wheel's travel that is lost on the ground; negative for a larger wheel."""
+    random_slip_m_per_sqrt_m: float = Field(default=0.004, ge=0)
+    """Standard deviation of a wheel's lost travel per square root of its travel."""
+    start_known: bool = True
+    """Whether odometry begins at the true start pose instead of at zero."""
+
+
+class SimulationConfig(Stage):
+    """A simulated robot in a world."""
+
+    engine: Literal["kinematic", "mujoco"] = "kinematic"
+    """`mujoco` needs the extra `physics`."""
+    body_radius_m: float = Field(default=0.18, gt=0)
+    lidar: LidarConfig = LidarConfig()
+    wheels: WheelConfig = WheelConfig()
+
+
+class DrivingConfig(Stage):
+    """How the robot drives, and how near it goes to things."""
+
+    speed_m_s: float = Field(default=0.6, gt=0)
+    turn_rate_rad_s: float = Field(default=2.0, gt=0)
+    acceleration_m_s2: float = Field(default=1.0, gt=0)
+    robot_radius_m: float = Field(default=0.18, gt=0)
+    margin_m: float = Field(default=0.015, ge=0)
+    """Kept between the body and everything seen, beyond half a driving cell."""
+    grid_m: float = Field(default=0.025, gt=0, le=0.05)
+    """Driving cells are at most this large whatever the resolution of the maps is."""
+
+
+class ExploreConfig(Stage):
+    """Closed-loop exploration of a world."""
+
+    explorer: str = "ggmr+"
+    resolution_m: float = Field(default=0.05, gt=0)
+    """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
+    goal: Literal["observed", "footprint"] = "footprint"
+    """What `ggmr+` is after: to see everything, or to pass over everything."""
+    driving: DrivingConfig = DrivingConfig()
+    slam_rmse_m: float = Field(default=0.0, ge=0)
+    """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""
+    area: tuple[float, float, float, float] | None = None
+    """Do not leave x_min, x_max, y_min, y_max [m]."""
+    keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()
+    """Polygons not to enter, each as (x, y) corners [m]."""
+    return_to_start: bool = False
+    mission_time_s: float | None = Field(default=None, gt=0)
+    """Stop after this time of driving; null for when everything is known."""

@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Rendering, recovery and radio map."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field, field_validator
+
+from slarm_graph.config.stage import Stage
+
+
+class MappingConfig(Stage):
+    """Rendering scans into an occupancy grid."""
+
+    resolution_m: float = Field(default=0.05, gt=0)
+    max_range_m: float = Field(default=30.0, gt=0)
+    """Beams are cut here; what lies behind stays unseen."""
+    occupied_at: float = Field(default=0.25, gt=0, le=1)
+    """A cell is occupied when at least this share of its visits were hits."""
+    max_cells: int = Field(default=400_000_000, gt=0)
+
+
+class RecoveryConfig(Stage):
+    """Global geographic map recovery (GGMR)."""
+
+    expansion_radius_m: float = Field(default=0.0, ge=0)
+    """How far to keep from obstacles; where that leaves no way, what lies beyond is out of reach.
+
+    The robot's radius gives what it can drive to.
+    """
+    default_height_m: float | None = Field(default=None, gt=0)
+    """Height of obstacles with no better information; null means infinitely high."""
+    known_sizes: tuple[tuple[float, ...], ...] = ()
+    """Length, width and height [m] of obstacles that are known to stand around.
+
+    A fourth number is the share of its bounding rectangle that an obstacle's plan fills: 1 when
+    left out, 0.785 for what is round.
+    """
+    size_tolerance_m: float = Field(default=0.15, gt=0)
+    """An obstacle has a known size when its sides, and that of a square as large, are this near."""
+    robot_radius_m: float = Field(default=0.18, gt=0)
+    """Where a robot of this radius fits, recovery leaves the free space alone."""
+    speck_cells: int = Field(default=2, ge=0)
+    """Groups of at most so many occupied cells are dropped."""
+    hole_area_m2: float = Field(default=0.1, ge=0)
+    """Unseen holes up to this size in free space are taken to be free."""
+    straighten: bool = True
+    """Whether walls are moved onto straight lines."""
+
+    @field_validator("known_sizes")
+    @classmethod
+    def _whole_sizes(cls, sizes: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+        for size in sizes:
+            if len(size) not in (3, 4) or not all(0.0 < number < math.inf for number in size):
+                raise ValueError(
+                    f"{list(size)} is not a size: length, width and height in m, all positive,"
+                    " and if it is not a box the share of its rectangle that it fills"
+                )
+            if size[3:] > (1.0,):
+                raise ValueError(f"{list(size)}: the share of the rectangle is at most 1")
+        return tuple((*size, 1.0) if len(size) == 3 else size for size in sizes)
+
+
+class RadioConfig(Stage):
+    """The radio map."""
+
+    scenario: str = "InF-SH"
+    frequency_hz: float = Field(default=3.5e9, gt=0)
+    antenna_height_m: float = Field(default=0.5, gt=0)
+    rician_factor_db: float = 7.0
+    power_dbm: float = 20.0
+    mount_radius_m: float = Field(default=0.25, ge=0)
+    """Obstacles this near to an access point carry it and do not hide it."""
+    gain_tolerance_db: float = Field(default=1.0, gt=0)
+    """Gains at most this wrong count as right in the accuracy."""

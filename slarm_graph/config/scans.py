@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What to read from a recording, and how its scans are matched and closed into loops."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from slarm_graph.config.stage import Stage
+
+
+class SourceConfig(Stage):
+    """What to read from a recording."""
+
+    scan_topic: str | None = None
+    """Topic with the scans (in CARMEN logs the message name); null to choose by itself."""
+    odom: str | None = None
+    """Odometry topic, `tf`, `none` for scan matching only, or null to choose by itself."""
+    robot_frame: str | None = None
+    """Frame of the robot; null: the odometry's child frame, else base_footprint or base_link."""
+    odom_frame: str | None = None
+    """Frame the odometry is in, where it comes from tf; null: odom."""
+    static_tf: tuple[str, ...] = ()
+    """Extra fixed transforms, each `parent child x y z yaw [pitch roll]` [m, rad]."""
+    segment: int | None = Field(default=None, ge=1)
+    """Which part to use when the clock jumps back, counted from 1."""
+    max_odom_gap_s: float | None = Field(default=None, gt=0)
+    """Longest silence of the odometry that is bridged [s]; null: five times its usual spacing."""
+    stamp_at: Literal["first", "middle", "last"] = "first"
+    """Which beam the recorded stamps belong to; first, by the definition of the message."""
+    range_min_m: float | None = None
+    """Overrides the recorded range_min."""
+    range_max_m: float | None = None
+    """Overrides the recorded range_max; finite ranges beyond it are invalid."""
+    echo: Literal["first", "last", "strongest"] = "first"
+    """Which return of a beam to use, where the laser tells several apart."""
+    clear_on_inf: bool = True
+    """Whether +inf ranges clear the space along the beam (REP-117)."""
+
+
+class MatchingConfig(Stage):
+    """Matching every scan against the local map."""
+
+    resolution_m: float = Field(default=0.05, gt=0)
+    sigma_m: float = Field(default=0.04, gt=0)
+    """Standard deviation of the likelihood's fall-off from what was seen."""
+    point_sigma_m: float = Field(default=0.01, gt=0)
+    """What one return is worth against the prediction: its error, correlations allowed for."""
+    max_gap_m: float = Field(default=0.5, ge=0)
+    """Neighbouring returns nearer than this are joined to a piece of wall."""
+    max_iterations: int = Field(default=40, ge=1)
+    min_score: float = Field(default=0.35, ge=0, le=1)
+    """A match with less mean agreement has failed."""
+    min_points: int = Field(default=10, ge=3)
+
+
+class KeyframeConfig(Stage):
+    """When a scan becomes part of the local map, and how long it stays."""
+
+    distance_m: float = Field(default=0.25, gt=0)
+    angle_rad: float = Field(default=0.25, gt=0)
+    window: int = Field(default=40, ge=1)
+    """The local map holds one to two windows of keyframes."""
+
+
+class FrontendConfig(Stage):
+    """The shared scan frontend."""
+
+    max_range_m: float = Field(default=30.0, gt=0)
+    deskew: bool = True
+    point_spacing_m: float = Field(default=0.02, ge=0)
+    """Returns denser than this along the beam order are thinned for matching."""
+    matching: MatchingConfig = MatchingConfig()
+    keyframes: KeyframeConfig = KeyframeConfig()
+
+
+class LoopClosureConfig(Stage):
+    """Finding old places again."""
+
+    candidates: int = Field(default=1, ge=0)
+    """Old submaps compared with a keyframe where the graph is sure of its place."""
+    match_every: int = Field(default=4, ge=1)
+    """Keyframes between two that are compared so."""
+    searches: int = Field(default=3, ge=0)
+    """Old submaps searched at a time where it is not."""
+    search_every: int = Field(default=4, ge=1)
+    """Keyframes between searches."""
+    search_again: int = Field(default=40, ge=1)
+    """Keyframes until the same old submap is searched again."""
+    search_resolution_m: float = Field(default=0.1, gt=0)
+    search_sigma_m: float = Field(default=0.1, gt=0)
+    search_score: float = Field(default=0.55, ge=0, le=1)
+    """Agreement a search must reach to be looked at closer."""
+    query_keyframes: int = Field(default=8, ge=1)
+    """Latest keyframes whose points are searched for together."""
+    window_m: float = Field(default=12.0, gt=0)
+    window_rad: float = Field(default=3.15, gt=0)
+    """Largest search window to either side; within it the uncertainty decides."""
+    sure_m: float = Field(default=0.2, gt=0)
+    sure_rad: float = Field(default=0.07, gt=0)
+    """Standard deviations up to which the predicted pose needs no search."""
+    min_score: float = Field(default=0.5, ge=0, le=1)
+    """Agreement a refined match must reach."""
+    max_sigma_m: float = Field(default=0.15, gt=0)
+    """A match less certain than this in any direction closes no loop."""
+    confirm_m: float = Field(default=1.0, ge=0)
+    """Way to the second match that confirms a searched one; from one place both could err alike."""
+
+
+class PoseGraphConfig(Stage):
+    """The GTSAM pose graph."""
+
+    node_keyframes: int = Field(default=10, ge=2)
+    """Keyframes per submap node of the graph that is kept up while driving."""
+    submap_keyframes: int = Field(default=20, ge=2)
+    """Keyframes a submap is made of."""
+    recent_keyframes: int = Field(default=40, ge=1)
+    """Submaps with younger keyframes than this are no old places."""
+    loops: LoopClosureConfig = LoopClosureConfig()
