@@ -5,35 +5,25 @@
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from scanned_rooms import WORLD, scanned_room
 from scipy import ndimage
 
-from slarm_graph.config import LidarConfig, MappingConfig, RadioConfig, RecoveryConfig
+from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.eval.radio_accuracy import radio_accuracy
-from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState
-from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.polygons import contains
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
-from slarm_graph.readings import LaserScan
 from slarm_graph.recovery.coverage import visited_cells
 from slarm_graph.recovery.grid_cleaning import cleaned, within_m
-from slarm_graph.recovery.known_sizes import Plan, known_sizes_of, match
 from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
 from slarm_graph.recovery.returns import gathered
-from slarm_graph.recovery.wall_shapes import rectangle_m
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
-from slarm_graph.world import Solid, WorldMap
-
-WORLD = load_world("paper_room")
 
 
 def grid_of(rows):
@@ -233,54 +223,6 @@ def test_returns_are_gathered_without_moving_their_mean():
     assert not len(gathered(np.zeros((0, 2)), 0.1).points)
 
 
-def test_known_sizes_are_those_of_the_paper():
-    assert known_sizes_of(WORLD) == ((1.3, 1.0, 1.5, 1.0), (7.0, 3.5, 1.8, 1.0))
-    assert with_sizes_of(WORLD, RecoveryConfig()).known_sizes == known_sizes_of(WORLD)
-    given_sizes = RecoveryConfig(known_sizes=((1.0, 1.0, 1.0),))
-    assert with_sizes_of(WORLD, given_sizes) is given_sizes
-
-
-PAPER_LOOP = [[-4.25, -2.9], [4.4, -2.2], [3.75, -0.4], [3.75, 2.6], [-1.1, 2.15], [-4.25, 2.2]]
-
-
-def scanned_room(sigma_m, drift_m, world=WORLD, loop=PAPER_LOOP):
-    """Scans along a loop through a room, cast here against the outlines of its solids."""
-    lidar = LidarConfig()
-    loop = np.array(loop)
-    loop = np.concatenate([loop, loop[:1]])
-    stations = np.concatenate([np.linspace(a, b, 25, endpoint=False) for a, b in pairwise(loop)])
-    segments = [(world.boundary_m, np.roll(world.boundary_m, -1, axis=0))]
-    segments += [(s.corners_m, np.roll(s.corners_m, -1, axis=0)) for s in world.solids]
-    starts = np.concatenate([a for a, _ in segments])
-    steps = np.concatenate([b for _, b in segments]) - starts
-    angles = -math.pi + np.arange(360) * math.tau / 360
-    beams = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    rng = np.random.default_rng(1)
-    scans = []
-    for station in stations:
-        cross = beams[:, None, 0] * steps[None, :, 1] - beams[:, None, 1] * steps[None, :, 0]
-        rel = starts - station
-        with np.errstate(divide="ignore", invalid="ignore"):
-            far = (rel[:, 0] * steps[:, 1] - rel[:, 1] * steps[:, 0]) / cross
-            share = rel[None, :, 0] * beams[:, None, 1] - rel[None, :, 1] * beams[:, None, 0]
-            share = share / cross
-        far = np.where((far > 0) & (share >= -1e-9) & (share <= 1 + 1e-9), far, np.inf)
-        ranges = far.min(axis=1) + rng.normal(0.0, sigma_m, 360)
-        scans.append(
-            LaserScan(
-                ranges_m=ranges.astype(np.float32),
-                angle_min_rad=-math.pi,
-                angle_increment_rad=math.tau / 360,
-                range_min_m=lidar.range_min_m,
-                range_max_m=lidar.range_max_m,
-            )
-        )
-    drift = drift_m * np.sin(np.linspace(0, math.tau, len(stations)))
-    poses = np.column_stack([stations + drift[:, None], np.zeros(len(stations))])
-    stamps = np.arange(len(stations)) * 2_000_000_000
-    return scans, Trajectory(stamps, poses)
-
-
 @pytest.mark.parametrize("resolution", [0.05, 0.1, 0.25])
 def test_the_papers_room_is_recovered(resolution):
     scans, trajectory = scanned_room(sigma_m=0.01, drift_m=0.005)
@@ -322,103 +264,3 @@ def test_without_known_sizes_heights_are_the_default():
     recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
     assert recovered.height_source == "default"
     assert {s.height_m for s in recovered.solids} == {1.2}
-
-
-def drum(name, x_m, y_m, radius_m, height_m):
-    angle = np.arange(12) * math.tau / 12
-    return Solid(
-        name, [x_m, y_m] + radius_m * np.column_stack([np.cos(angle), np.sin(angle)]), height_m
-    )
-
-
-def box(name, center_m, size_m, height_m, heading_deg=0.0):
-    return Solid(name, rectangle_m(center_m, size_m, heading_deg), height_m)
-
-
-WORKSHOP = WorldMap(
-    "workshop",
-    (
-        drum("drum", -1.3, -0.6, 0.3, 0.9),
-        box("crate", (1.6, -0.5), (0.6, 0.6), 0.6, 20.0),
-        drum("drum at a wall", 0.6, -1.7, 0.3, 0.9),
-        drum("drum in a corner", 2.65, 1.65, 0.35, 1.2),
-        box("bench", (-0.5, 1.6), (2.4, 0.8), 0.8),
-        box("locker", (-2.1, 1.75), (1.2, 0.5), 2.4),
-        box("pallet", (0.0, 0.0), (1.0, 0.7), 0.5),
-        box("crates on a pallet", (0.5, 0.0), (0.3, 0.7), 1.4),
-        box("cabinet", (-2.75, -1.0), (0.5, 1.0), 1.9),
-    ),
-    np.array([[-3.0, -2.0], [3.0, -2.0], [3.0, 2.0], [-3.0, 2.0]]),
-    3.0,
-    (),
-    Pose2(-2.0, -1.5, 0.0),
-)
-WORKSHOP_LOOP = [[-2.0, -1.5], [2.5, -1.3], [2.4, 0.6], [-2.2, 0.7]]
-
-
-@pytest.mark.parametrize("sigma_m", [0.0, 0.01])
-def test_heights_of_what_is_round_or_stands_at_something(sigma_m):
-    scans, trajectory = scanned_room(sigma_m, 0.0, WORKSHOP, WORKSHOP_LOOP)
-    geometry = GridGeometry.covering(*WORKSHOP.extent_m(), 0.05)
-    config = with_sizes_of(WORKSHOP, RecoveryConfig())
-    recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
-    centers = geometry.centers()
-    for solid in WORKSHOP.solids:
-        inside = contains(solid.corners_m, centers) & recovered.obstacle
-        for other in WORKSHOP.solids:
-            inside &= (other is solid) | ~contains(other.corners_m, centers)
-        # A thing on a thing is seen as one, which is as high as the higher.
-        height_m = 1.4 if solid.name == "pallet" else solid.height_m
-        right = recovered.heights_m[inside] == np.float32(height_m)
-        assert right.mean() > 0.9, solid.name
-
-
-def test_known_sizes_of_what_touches():
-    sizes = known_sizes_of(WORKSHOP)
-    # A regular polygon of 12 corners has an area of 3 r^2 in a square of sides 2 r cos(15 deg).
-    width_m = 0.6 * math.cos(math.radians(15.0))
-    expected = [
-        (width_m, width_m, 0.9, 0.27 / width_m**2),
-        (1.15, 0.7, 1.4, 1.0),
-        (3.4, 0.8, 2.4, (1.92 + 0.6 - 0.1) / (3.4 * 0.8)),
-    ]
-    for size in expected:
-        assert any(np.allclose(size, other, atol=0.005) for other in sizes), size
-    # Both drums of one kind are one size; what touches is known in its parts and as a whole.
-    assert len(sizes) == len(WORKSHOP.solids) - 1 + 2
-
-
-def test_no_height_is_promised_that_another_size_of_the_plan_exceeds():
-    plan = Plan(np.array([1.1, 1.3]), 1.43, 4, np.zeros(2))
-    sizes = ((1.3, 1.1, 2.0, 1.0), (1.3, 1.1, 2.3, 1.0), (1.2, 1.1, 2.9, 1.0))
-    assert match(plan, sizes, 0.15).height_m == 2.3
-    assert match(plan, sizes[::-1], 0.15).height_m == 2.3
-
-
-def test_the_share_tells_round_from_square():
-    sizes = ((0.6, 0.6, 0.6, 1.0), (0.6, 0.6, 0.9, math.pi / 4))
-    for seen in (1, 2, 4):
-        round_m2 = 0.36 * (1.0 - (1.0 - math.pi / 4) * seen / 4)
-        sides = np.array([0.6, 0.6])
-        assert match(Plan(sides, round_m2, seen, np.zeros(2)), sizes, 0.15).height_m == 0.9
-        assert match(Plan(sides, 0.36, seen, np.zeros(2)), sizes, 0.15).misfit_m < 1e-9
-    assert match(Plan(sides, 0.36, 4, np.zeros(2)), sizes, 0.15).height_m == 0.6
-
-
-def test_a_thing_goes_on_only_as_far_as_the_other_hides():
-    size = ((1.1, 0.3, 2.4, 1.0),)
-    for unseen_m, found in ((0.0, False), (0.04, False), (0.06, True), (3.2, True)):
-        plan = Plan(np.array([0.9, 0.3]), 0.27, 1, np.array([unseen_m, 0.0]))
-        assert (match(plan, size, 0.15) is not None) == found
-    longer = Plan(np.array([1.4, 0.3]), 0.42, 1, np.array([3.2, 0.0]))
-    assert match(longer, size, 0.15) is None
-    assert match(longer, (), 0.15) is None
-
-
-def test_sizes_that_cannot_be_are_refused():
-    assert RecoveryConfig(known_sizes=((1.0, 2.0, 3.0),)).known_sizes == ((1.0, 2.0, 3.0, 1.0),)
-    for size in ((1.0, 2.0), (1.0, 2.0, 0.0), (1.0, 2.0, 3.0, 0.5, 1.0), (1.0, math.inf, 1.0)):
-        with pytest.raises(ValidationError, match="is not a size"):
-            RecoveryConfig(known_sizes=(size,))
-    with pytest.raises(ValidationError, match="at most 1"):
-        RecoveryConfig(known_sizes=((1.0, 2.0, 3.0, 1.5),))

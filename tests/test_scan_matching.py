@@ -11,13 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from slarm_graph.frontends.scans.correlative import (
-    SearchPyramid,
-    build_pyramid,
-    search,
-    search_every_pose,
-    window_of,
-)
+from slarm_graph.frontends.scans.correlative import search, search_every_pose, window_of
 from slarm_graph.frontends.scans.gauss_newton import refine, wall_tangents
 from slarm_graph.frontends.scans.icp import line_normals
 from slarm_graph.frontends.scans.likelihood_grid import (
@@ -27,6 +21,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     interpolate,
     scan_segments,
 )
+from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 

@@ -13,49 +13,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid
+from slarm_graph.frontends.scans.likelihood_grid import Grid
+from slarm_graph.frontends.scans.search_pyramid import FULL, Bytes, Integers, SearchPyramid
 from slarm_graph.geometry import Floats, Pose2
 
-Bytes = NDArray[np.uint8]
-Integers = NDArray[np.int64]
-
-_FULL = 255
 _STACK = 256
-
-
-@dataclass(frozen=True, slots=True)
-class SearchPyramid:
-    """A likelihood grid prepared for searching; prepare once per map, share between threads.
-
-    Parameters
-    ----------
-    origin_x_m, origin_y_m, resolution_m : float
-        As of the grid: centre of cell (0, 0) and cell side [m].
-    max_radius_m : float
-        Points farther from the robot are left out of a search; sets the angular step.
-    cells : (M,) uint8
-        All levels one after another, 255 for likelihood 1.
-    layout : (levels, 5) int64
-        Per level: where it starts in `cells`, rows, cols, stride in cells, cells of padding
-        before the grid's first.
-    """
-
-    origin_x_m: float
-    origin_y_m: float
-    resolution_m: float
-    max_radius_m: float
-    cells: Bytes
-    layout: Integers
-
-    @property
-    def step_rad(self) -> float:
-        """Angle at which the farthest point moves by one cell [rad]."""
-        return self.resolution_m / self.max_radius_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,39 +39,6 @@ class SearchHit:
     grid_from_robot: Pose2
     score: float
     visited: int
-
-
-def build_pyramid(
-    grid: LikelihoodGrid, *, max_radius_m: float = 15.0, levels: int = 7
-) -> SearchPyramid:
-    """Prepare a likelihood grid for `search`.
-
-    Parameters
-    ----------
-    grid : LikelihoodGrid
-    max_radius_m : float
-        Points beyond are left out of a search [m].
-    levels : int
-        The largest block spans 2^(levels - 1) cells and angles.
-    """
-    base = np.rint(np.clip(grid.values, 0.0, 1.0) * _FULL).astype(np.uint8)
-    parts, layout, start = [base.ravel()], [(0, *base.shape, 1, 0)], base.size
-    for level in range(1, levels):
-        stride = max(1, 2 ** (level - 2))
-        window = 2 ** (level + 1) + stride - 1
-        padding = -(-window // stride) * stride
-        coarse = _block_maxima(base, window, stride, padding)
-        parts.append(coarse.ravel())
-        layout.append((start, *coarse.shape, stride, padding))
-        start += coarse.size
-    return SearchPyramid(
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        max_radius_m,
-        np.concatenate(parts),
-        np.array(layout, dtype=np.int64),
-    )
 
 
 def search(
@@ -151,7 +83,7 @@ def search(
         pyramid.step_rad,
         cells,
         turns,
-        math.floor(min_score * _FULL * len(near)),
+        math.floor(min_score * FULL * len(near)),
     )
     if total < 0:
         return None
@@ -160,21 +92,13 @@ def search(
         center.y + j * pyramid.resolution_m,
         center.theta + k * pyramid.step_rad,
     )
-    return SearchHit(pose, total / (_FULL * len(near)), visited)
+    return SearchHit(pose, total / (FULL * len(near)), visited)
 
 
 def window_of(pyramid: SearchPyramid, reach_m: float, reach_rad: float) -> tuple[int, int]:
     """Half the window in cells and in angular steps."""
     turns = math.ceil(min(reach_rad, math.pi) / pyramid.step_rad)
     return math.ceil(reach_m / pyramid.resolution_m), turns
-
-
-def _block_maxima(base: Bytes, window: int, stride: int, padding: int) -> Bytes:
-    """Maximum over `window` x `window` cells from every `stride`-th cell, -padding the first."""
-    padded = np.pad(base, ((padding, 0), (padding, 0)))
-    ones = np.ones((window, window), dtype=np.uint8)
-    maxima = cv2.dilate(padded, ones, anchor=(0, 0))[::stride, ::stride]
-    return np.asarray(maxima, dtype=np.uint8)
 
 
 @njit(cache=True, nogil=True)

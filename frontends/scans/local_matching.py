@@ -11,10 +11,11 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.constraint import MatchResult
-from slarm_graph.frontends.scans.correlative import build_pyramid, search, search_every_pose
+from slarm_graph.frontends.scans.correlative import search, search_every_pose
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2, between, compose
 

@@ -20,8 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
-from slarm_graph.frontends.scans.correlative import SearchPyramid, build_pyramid, search
+from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points

@@ -15,7 +15,7 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.constraint import MatchResult
-from slarm_graph.frontends.scans.correlative import build_pyramid, search
+from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.icp import align, line_normals
 from slarm_graph.frontends.scans.likelihood_grid import (
@@ -23,6 +23,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
