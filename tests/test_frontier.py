@@ -78,3 +78,11 @@ def test_gaps_that_seem_now_open_and_now_shut_hold_nobody_for_ever() -> None:
     assert chosen[:2] == [WEST, EAST]
     assert chosen[-1] is None
     assert chosen.count(EAST) == 3
+
+
+def test_a_place_that_comes_no_nearer_is_let_be() -> None:
+    lookout = Lookout()
+    chosen = [look(lookout, 5.0) for _ in range(250)]
+    assert chosen[:30] == [WEST] * 30
+    assert EAST in chosen
+    assert chosen[-1] is None

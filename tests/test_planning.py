@@ -162,6 +162,27 @@ def test_pulled_paths_are_no_longer_than_the_cells_they_come_from() -> None:
         assert np.hypot(*np.diff(way, axis=0).T).sum() <= path_length(cells) + 1e-9
 
 
+def test_the_way_leaves_from_the_robot_not_from_the_centre_of_its_cell() -> None:
+    free = np.ones((6, 20), dtype=np.bool_)
+    free[2:, 10] = False
+    driving = driving_grid(GridGeometry(0, 0, 1.0, 6, 20), free, ~free, free, ~free)
+    begin, end = np.array([2.9, 1.1]), np.array([15.5, 4.5])
+    way = way_between(driving, begin, end)
+    assert way is not None
+    np.testing.assert_allclose(way[0], begin)
+    assert (np.diff(way[:, 0]) > 0).all(), "first a step back"
+
+
+def test_out_of_an_expansion_the_way_begins_at_the_nearest_passable_cell() -> None:
+    free = np.ones((6, 20), dtype=np.bool_)
+    free[:2, :4] = False
+    driving = driving_grid(GridGeometry(0, 0, 1.0, 6, 20), free, ~free, free, ~free)
+    begin = np.array([2.5, 1.9])
+    way = way_between(driving, begin, np.array([15.5, 0.5]))
+    assert way is not None
+    np.testing.assert_allclose(way[:2], [begin, [2.5, 2.5]])
+
+
 @given(seeds)
 @settings(max_examples=60, deadline=None)
 def test_sight_touches_only_free_cells(seed: int) -> None:

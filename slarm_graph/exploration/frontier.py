@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import cv2
@@ -26,6 +27,9 @@ _ARRIVED_M: Final = 0.1
 _NEIGHBOURHOOD_M: Final = 0.5
 _VAIN_NEIGHBOURHOOD_M: Final = 1.5
 _MAX_TRIES: Final = 3
+_NEARER_M: Final = 0.1
+_MAX_LOOKS: Final = 30
+"""A place that comes no nearer for so many looks is let be: ways to it open and close in turn."""
 
 
 class NearestFrontier:
@@ -55,6 +59,7 @@ class Lookout:
 
     def __init__(self) -> None:
         self._goal_m: Floats | None = None
+        self._away_m, self._looks = math.inf, 0
         self._tried_m: list[Floats] = []
         self._vain_m: list[Floats] = []
 
@@ -73,7 +78,7 @@ class Lookout:
         if not len(cells):
             cells = self._candidates(unknown & near, driving)
         kept = cells[self._is_at_goal(driving.geometry.center_of(cells))]
-        if not len(kept) or self._has_arrived(here):
+        if not len(kept) or self._has_arrived(here) or self._looks >= _MAX_LOOKS:
             self._let_goal_be(unknown, driving)
             kept = kept[:0]
         wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
@@ -84,8 +89,16 @@ class Lookout:
         if self._goal_m is None:
             self._goal_m = way[-1]
             self._tried_m.append(way[-1])
+        self._note_progress(way)
         way = without_straight_points(way)
         return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+
+    def _note_progress(self, way_m: Floats) -> None:
+        """Count the looks since the way (K, 2) [m] to the goal was last seen to grow shorter."""
+        away_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
+        self._looks += 1
+        if away_m < self._away_m - _NEARER_M:
+            self._away_m, self._looks = away_m, 0
 
     def _has_arrived(self, here_m: Floats) -> bool:
         """Whether the robot stands where it wanted to look from."""
@@ -101,7 +114,7 @@ class Lookout:
         places_m = driving.geometry.center_of(np.argwhere(unknown))
         if self._goal_m is not None and self._is_at_goal(places_m).any():
             self._vain_m.append(self._goal_m)
-        self._goal_m = None
+        self._goal_m, self._away_m, self._looks = None, math.inf, 0
 
     def _is_at_goal(self, points_m: Floats) -> Mask:
         """Which of points (N, 2) [m] lie near the place chosen before."""

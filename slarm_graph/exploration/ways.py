@@ -77,11 +77,17 @@ def way_to_nearest(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Float
 
 
 def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
-    """Pull a path over driving cells straight, beginning at the robot."""
-    points = cells[:, ::-1].astype(np.float64) + 0.5
+    """Pull a path over driving cells straight, beginning at the robot.
+
+    Within its own cell the robot need not go to the centre first, which may lie behind it.
+    """
     g = driving.geometry
-    pulled = shortcut(driving.passable, points) * g.resolution_m + (g.origin_x_m, g.origin_y_m)
-    return np.concatenate([begin_m[None], pulled])
+    corner_m = np.array([g.origin_x_m, g.origin_y_m])
+    points = cells[:, ::-1].astype(np.float64) + 0.5
+    begin = (begin_m - corner_m) / g.resolution_m
+    is_inside = len(cells) > 1 and bool((np.floor(begin) == cells[0, ::-1]).all())
+    way = np.concatenate([begin[None], points[1:] if is_inside else points])
+    return np.asarray(shortcut(driving.passable, way) * g.resolution_m + corner_m)
 
 
 def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
