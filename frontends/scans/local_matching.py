@@ -224,7 +224,11 @@ class LocalMatcher:
                 continue
             anywhere = Prediction(motion, _ANYWHERE)
             other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
-            found = _better(found, other, base, predictions)
+            # Odometry that stands still agrees with whatever is near: a usual fit outweighs it.
+            if other.score > max(found.score, _DOUBTFUL_SHARE * self._usual_score):
+                found = other
+            else:
+                found = _better(found, other, base, predictions)
         return found
 
 

@@ -39,6 +39,7 @@ _WIDEST = 4.0
 _PATIENCE = 1.5
 _MOST_PATIENCE = 16.0
 _MOST_FRUITLESS = 100
+_MOST_DRIFT = 0.03
 _MOST_FROM_BEHIND = 0.5
 
 
@@ -115,6 +116,7 @@ class LoopCloser:
         self._last_match = self._last_search = _LONG_AGO
         self._fruitless = 0
         self._tried: dict[int, int] = {}
+        self._ways_m: list[float] = []
 
     def is_due(self, keyframe: int) -> bool:
         """Whether the keyframe is to be compared with old submaps."""
@@ -225,18 +227,22 @@ class LoopCloser:
             return
         query = self._query(k, keyframes)
         # The longer nothing is found where it should be, the less the expectation is worth, and
-        # the rarer a search is.
-        wide = 3.0 * min(_WIDEN**self._fruitless, _WIDEST)
+        # the rarer a search is. What the expectation misses is drift, which grows with the way.
+        wide = min(_WIDEN**self._fruitless, _WIDEST)
         self._fruitless = min(self._fruitless + 1, _MOST_FRUITLESS)
         for e in tries:
             submap = int(expected.submap[e])
             self._tried[submap] = k
+            sigma_m, sigma_rad = float(expected.sigma_m[e]), float(expected.sigma_rad[e])
+            drift_m = _MOST_DRIFT * self._way_m(submaps[submap].last, k, keyframes)
             hit = search(
                 self._coarse.of(submaps[submap], keyframes),
                 query,
                 Pose2.from_array(expected.submap_from_keyframe[e]),
-                reach_m=min(wide * float(expected.sigma_m[e]), self._config.window_m),
-                reach_rad=min(wide * float(expected.sigma_rad[e]), self._config.window_rad),
+                reach_m=min(
+                    max(3.0 * sigma_m, min(3.0 * wide * sigma_m, drift_m)), self._config.window_m
+                ),
+                reach_rad=min(3.0 * wide * sigma_rad, self._config.window_rad),
                 min_score=self._config.search_score,
             )
             if hit is None:
@@ -244,6 +250,14 @@ class LoopCloser:
             found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
             if not self._doubt(found, keyframes, submaps):
                 self._tentative.append(replace(found, searched=True))
+
+    def _way_m(self, first: int, last: int, keyframes: Sequence[Keyframe]) -> float:
+        """Length of the way from one keyframe to a later one [m]."""
+        for k in range(len(self._ways_m), last + 1):
+            step = keyframes[max(k - 1, 0)].local_from_robot.between(keyframes[k].local_from_robot)
+            before_m = self._ways_m[-1] if self._ways_m else 0.0
+            self._ways_m.append(before_m + math.hypot(step.x, step.y))
+        return self._ways_m[last] - self._ways_m[first]
 
     def _doubt(
         self, found: Closure, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
