@@ -13,7 +13,8 @@ from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import RunFailed
-from slarm_graph.frontends.scans.loop_closure import Closure, LoopCloser
+from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2

@@ -16,7 +16,7 @@ from slarm_graph.backends.graph_reach import GraphReach
 from slarm_graph.backends.graph_settling import Settled, settle
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.scans.loop_closure import Closure, Expectations
+from slarm_graph.frontends.scans.closures import Closure, Expectations
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
 

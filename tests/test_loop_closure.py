@@ -12,7 +12,9 @@ import pytest
 
 from slarm_graph.config import FrontendConfig, LoopClosureConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
-from slarm_graph.frontends.scans.loop_closure import Closure, Expectations, LoopCloser
+from slarm_graph.frontends.scans import loop_closure
+from slarm_graph.frontends.scans.closures import Closure, Expectations
+from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
@@ -89,3 +91,33 @@ def test_searches_in_vain_may_go_on_for_ever(way: list[Keyframe]) -> None:
     for _ in range(4000):
         met.extend([nothing_alike] * 70)
         assert closer.examine(met, [submap], expected) == []
+
+
+def test_the_window_grows_with_vain_searches_but_not_beyond_what_matching_drifts(
+    way: list[Keyframe], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    submap, sigma_m = make_submap(way, 0, OLD, 6), 0.3
+
+    def reaches_m(later: Sequence[Keyframe]) -> list[float]:
+        """Windows of searches in vain along a drive."""
+        out: list[float] = []
+        monkeypatch.setattr(
+            loop_closure, "search", lambda *_, reach_m, **__: out.append(reach_m) or None
+        )
+        closer = LoopCloser(LoopClosureConfig(search_again=1), FrontendConfig().matching)
+        met = list(way[:OLD])
+        expected = Expectations(
+            np.array([0]), np.zeros((1, 3)), np.array([sigma_m]), np.array([0.1])
+        )
+        for keyframe in later:
+            met.append(keyframe)
+            closer.examine(met, [submap], expected)
+        return out
+
+    standing = reaches_m([way[OLD]] * 1000)
+    assert len(standing) > 10
+    assert standing == pytest.approx([3.0 * sigma_m] * len(standing))
+    driving = reaches_m([way[OLD], way[-1]] * 500)
+    assert driving[0] == pytest.approx(3.0 * sigma_m)
+    assert driving[-1] == pytest.approx(12.0 * sigma_m)
+    assert driving == sorted(driving)

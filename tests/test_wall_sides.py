@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import FrontendConfig, LoopClosureConfig
-from slarm_graph.frontends.scans.loop_closure import Expectations, LoopCloser
+from slarm_graph.frontends.scans.closures import Expectations
+from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, transform_points

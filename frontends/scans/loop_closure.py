@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
+from slarm_graph.frontends.scans.closures import Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
@@ -40,58 +41,8 @@ _PATIENCE = 1.5
 _MOST_PATIENCE = 16.0
 _MOST_FRUITLESS = 100
 _MOST_DRIFT = 0.03
+"""Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
-
-
-@dataclass(frozen=True, slots=True)
-class Expectations:
-    """Where the graph expects a keyframe in old submaps, and how sure it is; nearest first.
-
-    Parameters
-    ----------
-    submap : (E,) int64
-    submap_from_keyframe : (E, 3) float64
-    sigma_m, sigma_rad : (E,) float64
-        Standard deviations of position and heading.
-    """
-
-    submap: NDArray[np.int64]
-    submap_from_keyframe: Floats
-    sigma_m: Floats
-    sigma_rad: Floats
-
-    @staticmethod
-    def none() -> Expectations:
-        """No old submap is within reach."""
-        empty = np.zeros(0)
-        return Expectations(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
-
-
-@dataclass(frozen=True, slots=True)
-class Closure:
-    """A keyframe found again in an old submap.
-
-    Parameters
-    ----------
-    submap, keyframe : int
-    submap_from_keyframe : (3,) float64
-    information : (3, 3) float64
-        In the keyframe's body frame.
-    score : float
-        Mean agreement, 0 to 1.
-    searched : bool
-        Found by search in a window, not at the predicted pose.
-    reason : str
-        Why it was turned down; empty when it was accepted.
-    """
-
-    submap: int
-    keyframe: int
-    submap_from_keyframe: Floats
-    information: Floats
-    score: float
-    searched: bool
-    reason: str = ""
 
 
 class LoopCloser:
@@ -226,23 +177,17 @@ class LoopCloser:
         if not tries:
             return
         query = self._query(k, keyframes)
-        # The longer nothing is found where it should be, the less the expectation is worth, and
-        # the rarer a search is. What the expectation misses is drift, which grows with the way.
-        wide = min(_WIDEN**self._fruitless, _WIDEST)
+        windows = [self._window(k, e, expected, keyframes, submaps) for e in tries]
         self._fruitless = min(self._fruitless + 1, _MOST_FRUITLESS)
-        for e in tries:
+        for e, (reach_m, reach_rad) in zip(tries, windows, strict=True):
             submap = int(expected.submap[e])
             self._tried[submap] = k
-            sigma_m, sigma_rad = float(expected.sigma_m[e]), float(expected.sigma_rad[e])
-            drift_m = _MOST_DRIFT * self._way_m(submaps[submap].last, k, keyframes)
             hit = search(
                 self._coarse.of(submaps[submap], keyframes),
                 query,
                 Pose2.from_array(expected.submap_from_keyframe[e]),
-                reach_m=min(
-                    max(3.0 * sigma_m, min(3.0 * wide * sigma_m, drift_m)), self._config.window_m
-                ),
-                reach_rad=min(3.0 * wide * sigma_rad, self._config.window_rad),
+                reach_m=reach_m,
+                reach_rad=reach_rad,
                 min_score=self._config.search_score,
             )
             if hit is None:
@@ -250,6 +195,25 @@ class LoopCloser:
             found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
             if not self._doubt(found, keyframes, submaps):
                 self._tentative.append(replace(found, searched=True))
+
+    def _window(
+        self,
+        k: int,
+        e: int,
+        expected: Expectations,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> tuple[float, float]:
+        """Half the window to search an old submap in [m, rad].
+
+        The longer nothing is found where it should be, the less the expectation is worth, and the
+        rarer a search is. What the expectation misses is drift, which grows with the way.
+        """
+        wide = min(_WIDEN**self._fruitless, _WIDEST)
+        near_m, near_rad = 3.0 * float(expected.sigma_m[e]), 3.0 * float(expected.sigma_rad[e])
+        way_m = self._way_m(submaps[int(expected.submap[e])].last, k, keyframes)
+        reach_m = max(near_m, min(wide * near_m, _MOST_DRIFT * way_m))
+        return min(reach_m, self._config.window_m), min(wide * near_rad, self._config.window_rad)
 
     def _way_m(self, first: int, last: int, keyframes: Sequence[Keyframe]) -> float:
         """Length of the way from one keyframe to a later one [m]."""

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What is asked of loop closure, and what it answers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Expectations:
+    """Where the graph expects a keyframe in old submaps, and how sure it is; nearest first.
+
+    Parameters
+    ----------
+    submap : (E,) int64
+    submap_from_keyframe : (E, 3) float64
+    sigma_m, sigma_rad : (E,) float64
+        Standard deviations of position and heading.
+    """
+
+    submap: NDArray[np.int64]
+    submap_from_keyframe: Floats
+    sigma_m: Floats
+    sigma_rad: Floats
+
+    @staticmethod
+    def none() -> Expectations:
+        """No old submap is within reach."""
+        empty = np.zeros(0)
+        return Expectations(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
+
+
+@dataclass(frozen=True, slots=True)
+class Closure:
+    """A keyframe found again in an old submap.
+
+    Parameters
+    ----------
+    submap, keyframe : int
+    submap_from_keyframe : (3,) float64
+    information : (3, 3) float64
+        In the keyframe's body frame.
+    score : float
+        Mean agreement, 0 to 1.
+    searched : bool
+        Found by search in a window, not at the predicted pose.
+    reason : str
+        Why it was turned down; empty when it was accepted.
+    """
+
+    submap: int
+    keyframe: int
+    submap_from_keyframe: Floats
+    information: Floats
+    score: float
+    searched: bool
+    reason: str = ""
