@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
 from slarm_graph.config import FrontendConfig, LidarConfig, SimulationConfig, SourceConfig
 from slarm_graph.files.worlds import load_world
@@ -198,3 +199,16 @@ def test_real_recordings_are_tracked_throughout(shared_data, name: str, odometry
     tracked = follow(readings)
     failed = sum(not t.match for t in tracked)
     assert failed <= 0.002 * len(tracked) + 1
+
+
+def test_odometry_that_stands_still_does_not_hold_the_robot_back(shared_data) -> None:
+    """In its last seconds this robot drives back while its odometry's position does not change.
+
+    The oracle is its own map from before: the last scans must lie on the walls seen then.
+    """
+    bag = shared_data / "robot_bags" / "dec13_target_before.bag"
+    readings = list(open_source(bag, SourceConfig()))
+    for seen in (readings, [without_odometry(0, reading) for reading in readings]):
+        placed = [t.local_from_robot.transform(t.points_m) for t in follow(seen)]
+        away_m, _ = cKDTree(np.concatenate(placed[:815])).query(np.concatenate(placed[-15:]))
+        assert np.mean(away_m < 0.1) > 0.7
