@@ -87,7 +87,7 @@ class Pilot:
         command = self._around(command, scan, dt_s)
         radius_m, bearing_rad = self._config.robot_radius_m, 0.5 * command.turn_rate_rad_s * dt_s
         room_m = min(free_ahead_m(scan, radius_m, bearing_rad=b) for b in (0.0, bearing_rad))
-        speed = max(0.0, min(command.speed_m_s, room_m / dt_s))
+        speed = max(0.0, min(command.speed_m_s, (room_m - _GRAZE_M) / dt_s))
         if speed >= command.speed_m_s:
             self._stuck = 0
             return command
