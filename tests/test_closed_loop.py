@@ -16,7 +16,7 @@ from slarm_graph.exploration.drive_report import count_turns, revisit_share
 from slarm_graph.exploration.explorers import EXPLORERS, make
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.exploration.path_follower import PathFollower
-from slarm_graph.exploration.pilot import clear_bearing_rad, free_ahead_m
+from slarm_graph.exploration.pilot import Pilot, clear_bearing_rad, free_ahead_m
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -181,6 +181,19 @@ def test_free_ahead_is_the_gap_of_a_disc() -> None:
     scan = LaserScan(ranges, 0.0, math.pi / 2, 0.1, 5.0)
     assert free_ahead_m(scan, 0.2) == pytest.approx(0.8)
     assert free_ahead_m(scan, 0.3, behind=True) == pytest.approx(0.7)
+
+
+def test_the_pilot_stops_short_of_what_it_sees_by_more_than_the_noise() -> None:
+    pilot = Pilot(DrivingConfig())
+    pilot.follower.follow(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    x_m, readings = 0.0, []
+    for _ in range(60):
+        ahead_m = 0.6 - x_m
+        scan = LaserScan(np.array([9.0, ahead_m, 9.0]), -0.5, 0.5, 0.1, 5.0)
+        speed = pilot.command(Pose2(x_m, 0.0, 0.0), scan, 0.1).speed_m_s
+        x_m += 0.1 * speed
+        readings.append(ahead_m)
+    assert min(readings) == pytest.approx(DrivingConfig().robot_radius_m + 0.01)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
