@@ -113,22 +113,23 @@ def _finish(axes: Axes, radio: RadioMap, indices: list[int]) -> None:
         ap = radio.access_points[index]
         # One far outside would squeeze the map to nothing.
         if x_min <= ap.x_m <= x_max and y_min <= ap.y_m <= y_max:
-            _draw_access_point(axes, ap)
+            # Low down the name stands above its star, for below it stands the scale bar.
+            _draw_access_point(axes, ap, above=ap.y_m < y_min + 0.2 * (y_max - y_min))
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_aspect("equal")
 
 
-def _draw_access_point(axes: Axes, ap: AccessPoint) -> None:
+def _draw_access_point(axes: Axes, ap: AccessPoint, *, above: bool) -> None:
     place = (ap.x_m, ap.y_m)
     axes.plot(*place, "*", color="white", mec="black", ms=13, clip_on=False, zorder=5)
     label = axes.annotate(
         ap.name,
         place,
-        (0.0, -9.0),
+        (0.0, 9.0 if above else -9.0),
         textcoords="offset points",
         ha="center",
-        va="top",
+        va="bottom" if above else "top",
         fontsize=8,
         color="white",
         zorder=6,
