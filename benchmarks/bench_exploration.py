@@ -8,8 +8,8 @@ A line to stderr tells of every drive as soon as it is done; the tables follow w
 
 Everybody drives the same simulated robot with the same follower through a world that it does not
 know. Of the truly reachable floor, known is the share that the map knows in the end, and footprint
-the share that the body passed over. `ggmr+ at` is when `ggmr+` had passed over as much as the other
-did in the end, and `saved` is what it saved.
+the share that the body passed over. `both` is the most that the explorer and `ggmr+` both passed
+over, which `ggmr+` had done after `ours`, the explorer after `its`; `saved` compares the two times.
 `--backend truth` tells the robot where it is, so that only the explorers differ.
 """
 
@@ -194,16 +194,19 @@ def show(drives: list[Drive]) -> float:
     ours = next((d for d in drives if d.explorer == OURS), None)
     print(f"\n{drives[0].world}", flush=True)
     print(
-        "explorer       drive [s]  path [m]  turns  hits   known  footprint  ggmr+ at [s]   saved"
+        "explorer       drive [s]  path [m]  turns  hits   known  footprint"
+        "   both   ours [s]    its [s]   saved"
     )
     savings = []
     for d in drives:
-        there_s = reached_s(ours, d.footprint[-1]) if ours else float("nan")
-        saved = 1.0 - there_s / d.time_s
+        both = min(d.footprint[-1], ours.footprint[-1]) if ours else d.footprint[-1]
+        ours_s = reached_s(ours, both) if ours else float("nan")
+        saved = 1.0 - ours_s / reached_s(d, both)
         if d.explorer != OURS and d.footprint[-1] > 0.5:
             savings.append(saved)
         print(
-            f"{d.explorer:14s}{line_of(d)}{there_s:13.0f}{100 * saved:7.1f} %   {d.reason}",
+            f"{d.explorer:14s}{line_of(d)}{100 * both:7.1f}{ours_s:11.0f}{reached_s(d, both):11.0f}"
+            f"{100 * saved:7.1f} %   {d.reason}",
             flush=True,
         )
     return min(savings, default=float("nan"))
