@@ -19,7 +19,7 @@ from slarm_graph.radio.pictures import draw_gain
 from slarm_graph.radio_words import RadioMap
 
 _DPI: Final = 130
-_SPEED_STYLES: Final = ("-", "--", ":")
+_STYLES: Final = ("-", "--", ":", "-.")
 _PANELS: Final = ("ours", "R_e = one cell", "hypothesis")
 _TITLES: Final = {
     "ours": "Closed loop, R_e = 0",
@@ -102,10 +102,10 @@ def save_complexity_figure(path: Path, table: Sequence[Complexity]) -> None:
 def _draw_panel(
     axes: Axes, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
 ) -> None:
-    names = sorted({c.label.split(",")[0] for c in curves})
-    for index, curve in enumerate(curves):
-        color = f"C{names.index(curve.label.split(',')[0])}"
-        style = _SPEED_STYLES[index % len(_SPEED_STYLES)]
+    names = [c.label.split(",")[0] for c in curves]
+    for index, (name, curve) in enumerate(zip(names, curves, strict=True)):
+        color = f"C{sorted(set(names)).index(name)}"
+        style = _STYLES[names[:index].count(name) % len(_STYLES)]
         percent, spread = 100 * np.array(curve.accuracy), 100 * np.array(curve.spread)
         axes.errorbar(
             curve.resolution_m,
