@@ -225,7 +225,9 @@ class LocalMatcher:
             anywhere = Prediction(motion, _ANYWHERE)
             other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
             # Odometry that stands still agrees with whatever is near: a usual fit outweighs it.
-            if other.score > max(found.score, _DOUBTFUL_SHARE * self._usual_score):
+            has_odometry = len(predictions) > 1
+            usual = max(found.score, _DOUBTFUL_SHARE * self._usual_score)
+            if has_odometry and other.score > usual:
                 found = other
             else:
                 found = _better(found, other, base, predictions)
