@@ -42,6 +42,10 @@ _STYLES = {
 
 
 _MAP_WORDS = "<p>White is free, black occupied, grey unknown.</p>"
+_PAGE_PX = 1000.0
+_LETTER_PX, _LINE_PX = 8.0, 18.0
+_ROOM_FOR_LABEL = 1.5
+"""A label is written where an obstacle is so many times as long, or as wide; else on hovering."""
 
 
 def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
@@ -110,7 +114,7 @@ def geographic_figure(geographic: GeographicMap) -> str:
             fig.add_scatter(x=[None], y=[None], mode="markers", name=name, marker=marker)
     for solid in geographic.solids:
         if math.isfinite(solid.height_m):
-            _put_solid(fig, solid)
+            _put_solid(fig, solid, px_per_m(geometry))
     metric_axes(fig, geometry)
     return html.figure(fig, height_px(geometry), _GROUND)
 
@@ -127,17 +131,29 @@ def _state_picture(geographic: GeographicMap) -> tuple[str, GridGeometry]:
     return _sharp_uri(palette[states]), shown
 
 
-def _put_solid(fig: go.Figure, solid: Solid) -> None:
-    """Outline an obstacle and write its height into it."""
+def _put_solid(fig: go.Figure, solid: Solid, scale_px_m: float) -> None:
+    """Outline an obstacle, tell its height on hovering, and write it there where there is room."""
     ring = np.vstack([solid.corners_m, solid.corners_m[:1]])
-    line = {"color": _SOLID, "width": 2}
+    label = f"{solid.height_m:g} m"
     fig.add_scatter(
-        x=ring[:, 0], y=ring[:, 1], mode="lines", line=line, hoverinfo="skip", showlegend=False
+        x=ring[:, 0],
+        y=ring[:, 1],
+        mode="lines",
+        line={"color": _SOLID, "width": 2},
+        fill="toself",
+        fillcolor="rgba(0,0,0,0)",
+        hoveron="fills",
+        hoverinfo="text",
+        text=f"{solid.name} {label}",
+        showlegend=False,
     )
+    size_px = np.ptp(solid.corners_m, axis=0) * scale_px_m
+    if (size_px < np.array([_LETTER_PX * len(label), _LINE_PX]) * _ROOM_FOR_LABEL).all():
+        return
     x, y = solid.corners_m.mean(axis=0)
     font = {"color": _SOLID}
-    label = f"<b>{solid.height_m:g} m</b>"
-    fig.add_annotation(x=x, y=y, text=label, showarrow=False, font=font, bgcolor="#ffffff")
+    bold = f"<b>{label}</b>"
+    fig.add_annotation(x=x, y=y, text=bold, showarrow=False, font=font, bgcolor="#ffffff")
 
 
 def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
@@ -167,7 +183,13 @@ def _put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None
 def height_px(geometry: GridGeometry) -> int:
     """Return a figure height at which the map fills the page's width, within what fits a screen."""
     x_min, x_max, y_min, y_max = geometry.extent_m
-    return round(min(max(1000.0 * (y_max - y_min) / (x_max - x_min), 420.0), 860.0))
+    return round(min(max(_PAGE_PX * (y_max - y_min) / (x_max - x_min), 420.0), 860.0))
+
+
+def px_per_m(geometry: GridGeometry) -> float:
+    """Return how many pixels of the page a metre of a map takes, roughly."""
+    x_min, x_max, y_min, y_max = geometry.extent_m
+    return min(_PAGE_PX / (x_max - x_min), height_px(geometry) / (y_max - y_min))
 
 
 def metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:

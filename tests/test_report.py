@@ -106,3 +106,14 @@ def test_the_geographic_map_tells_states_and_heights() -> None:
     assert "accessible" in page
     assert "obstacle" in page
     assert "out of reach" not in page
+
+
+def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
+    p = np.zeros((400, 600), dtype=np.float32)
+    ring = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    pillar, hall = Solid("pillar", 2.0 + 0.3 * ring, 6.5), Solid("hall", 10.0 + 9.0 * ring, 4.5)
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 400, 600), p)
+    page = geographic_figure(replace(as_geographic(grid), solids=(pillar, hall)))
+    assert "pillar 6.5 m" in page
+    assert ">6.5 m<" not in page.encode().decode("unicode_escape")
+    assert ">4.5 m<" in page.encode().decode("unicode_escape")
