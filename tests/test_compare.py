@@ -6,7 +6,9 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +16,7 @@ from pathlib import Path
 import pytest
 from test_cli import room_bag, run
 
+from slarm_graph.app import compare as compare_module
 from slarm_graph.app.compare import carry_out, compare
 from slarm_graph.app.trials import Source, Trial, find_sources, trials
 from slarm_graph.errors import BadInput
@@ -135,7 +138,21 @@ class Waiting(Trial):
         return [sys.executable, "-c", f"{wait}; open({place!r} + '.ended', 'w')"]
 
 
-def test_an_interrupt_stops_what_runs(tmp_path: Path) -> None:
+@pytest.mark.parametrize("late", [False, True])
+def test_an_interrupt_stops_what_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
+) -> None:
+    """Also what is just being started, whose process is there before anybody knows of it."""
+    interrupted, start = threading.Event(), compare_module._started
+
+    def started(trial: Trial) -> subprocess.Popen[str]:
+        process = start(trial)
+        if late and isinstance(trial, Waiting):
+            interrupted.wait()
+            time.sleep(0.3)
+        return process
+
+    monkeypatch.setattr(compare_module, "_started", started)
     source = Source("x.bag", False)
     waiting = Waiting(source, "odometry", 1, tmp_path / "waiting")
     begun, ended = (tmp_path / f"waiting.{how}" for how in ("begun", "ended"))
@@ -143,6 +160,7 @@ def test_an_interrupt_stops_what_runs(tmp_path: Path) -> None:
     def interrupt(_outcome: Outcome) -> None:
         while not begun.exists():
             time.sleep(0.01)
+        interrupted.set()
         raise KeyboardInterrupt
 
     first = Crashing(source, "odometry", 0, tmp_path / "x")

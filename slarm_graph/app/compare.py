@@ -16,6 +16,7 @@ from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
 from pathlib import Path
+from threading import Event, Lock
 
 from slarm_graph.app.progress import Progress, Quiet
 from slarm_graph.app.run_folder import RECORD
@@ -137,15 +138,27 @@ def _as_they_end(
 def _locally(workers: int, progress: Progress) -> Runner:
     """Run trials on this machine; Ctrl-C stops those that run after their present scan."""
     running: set[subprocess.Popen[str]] = set()
+    lock, stopping = Lock(), Event()
 
     def carry_out_here(trial: Trial) -> Outcome:
         """Run a trial and be there to be stopped."""
         process = _started(trial)
-        running.add(process)
+        with lock:
+            running.add(process)
+            if stopping.is_set():
+                process.send_signal(signal.SIGINT)
         try:
             return _waited_for(trial, process)
         finally:
-            running.discard(process)
+            with lock:
+                running.discard(process)
+
+    def stop() -> None:
+        """Stop every process once; those that are just being started stop themselves."""
+        with lock:
+            stopping.set()
+            for process in running:
+                process.send_signal(signal.SIGINT)
 
     def run(planned: Sequence[Trial]) -> Outcomes:
         """Yield outcomes as trials end."""
@@ -155,8 +168,7 @@ def _locally(workers: int, progress: Progress) -> Runner:
                 yield from _as_they_end(futures, progress)
             except BaseException:  # Ctrl-C may strike in whoever takes the outcomes, too
                 pool.shutdown(wait=False, cancel_futures=True)
-                for process in tuple(running):
-                    process.send_signal(signal.SIGINT)
+                stop()
                 raise
 
     return run
