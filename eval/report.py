@@ -118,7 +118,7 @@ def _geographic_part(geographic: GeographicMap) -> str:
     words = (
         f"{area_m2:.1f} m² accessible, in cells of {geographic.geometry.resolution_m:g} m; recovery"
         f" changed {geographic.changed_cells} of {geographic.states.size} cells. Obstacle heights:"
-        f" {geographic.height_source}; those of small ones show under the pointer."
+        f" {geographic.height_source}."
     )
     if "infinite" in geographic.height_source:
         words += (

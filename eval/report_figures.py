@@ -42,6 +42,7 @@ _STYLES = {
 
 
 _MAP_WORDS = "<p>White is free, black occupied, grey unknown.</p>"
+_HEIGHT_WORDS = "<p>Heights that are not written show under the pointer.</p>"
 _PAGE_PX = 1000.0
 _LETTER_PX, _LINE_PX = 8.0, 18.0
 _ROOM_FOR_LABEL = 1.5
@@ -112,11 +113,12 @@ def geographic_figure(geographic: GeographicMap) -> str:
         if (geographic.states == state).any():
             marker = {"symbol": "square", "size": 11, "color": color, "line": {"width": 1}}
             fig.add_scatter(x=[None], y=[None], mode="markers", name=name, marker=marker)
-    for solid in geographic.solids:
-        if math.isfinite(solid.height_m):
-            _put_solid(fig, solid, px_per_m(geometry))
+    known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
+    for solid in known:
+        _put_solid(fig, solid, px_per_m(geometry))
     metric_axes(fig, geometry)
-    return html.figure(fig, height_px(geometry), _GROUND)
+    words = _HEIGHT_WORDS if len(fig.layout.annotations) < len(known) else ""
+    return html.figure(fig, height_px(geometry), _GROUND) + words
 
 
 def _state_picture(geographic: GeographicMap) -> tuple[str, GridGeometry]:

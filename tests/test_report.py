@@ -106,6 +106,7 @@ def test_the_geographic_map_tells_states_and_heights() -> None:
     assert "accessible" in page
     assert "obstacle" in page
     assert "out of reach" not in page
+    assert "under the pointer" not in page
 
 
 def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
@@ -115,5 +116,6 @@ def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
     grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 400, 600), p)
     page = geographic_figure(replace(as_geographic(grid), solids=(pillar, hall)))
     assert "pillar 6.5 m" in page
+    assert "under the pointer" in page
     assert ">6.5 m<" not in page.encode().decode("unicode_escape")
     assert ">4.5 m<" in page.encode().decode("unicode_escape")

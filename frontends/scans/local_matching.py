@@ -224,14 +224,22 @@ class LocalMatcher:
                 continue
             anywhere = Prediction(motion, _ANYWHERE)
             other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
-            # Odometry that stands still agrees with whatever is near: a usual fit outweighs it.
-            has_odometry = len(predictions) > 1
-            usual = max(found.score, _DOUBTFUL_SHARE * self._usual_score)
-            if has_odometry and other.score > usual:
+            if self._outweighs(other, found, predictions):
                 found = other
             else:
                 found = _better(found, other, base, predictions)
         return found
+
+    def _outweighs(
+        self, other: _Refined, found: _Refined, predictions: tuple[Prediction, ...]
+    ) -> bool:
+        """Whether a scan fits as usual elsewhere, however far that is from the predictions.
+
+        Odometry that stands still agrees with whatever wrong place is near, so its distance tells
+        nothing. Alone, the one prediction is the velocity of the matches so far, and its does.
+        """
+        usual = _DOUBTFUL_SHARE * self._usual_score
+        return len(predictions) > 1 and other.score > max(found.score, usual)
 
 
 def _failed(

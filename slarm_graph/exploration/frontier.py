@@ -73,13 +73,13 @@ class Lookout:
             Driving cells that can be reached.
         pose : Pose2
         """
-        unknown, here = frontier(driving), pose.as_array()[:2]
+        here = pose.as_array()[:2]
         cells = self._candidates(frontier(driving, _STRIP_M) & near, driving)
         if not len(cells):
-            cells = self._candidates(unknown & near, driving)
+            cells = self._candidates(frontier(driving) & near, driving)
         kept = cells[self._is_at_goal(driving.geometry.center_of(cells))]
         if not len(kept) or self._has_arrived(here) or self._looks >= _MAX_LOOKS:
-            self._let_goal_be(unknown, driving)
+            self._let_goal_be(driving)
             kept = kept[:0]
         wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
         wanted[tuple((kept if len(kept) else cells).T)] = True
@@ -109,11 +109,12 @@ class Lookout:
         cells = np.argwhere(edge)
         return np.asarray(cells[self._is_worth_trying(driving.geometry.center_of(cells))])
 
-    def _let_goal_be(self, unknown: Mask, driving: DrivingGrid) -> None:
+    def _let_goal_be(self, driving: DrivingGrid) -> None:
         """Note a goal that is given up though it has not been seen."""
-        places_m = driving.geometry.center_of(np.argwhere(unknown))
-        if self._goal_m is not None and self._is_at_goal(places_m).any():
-            self._vain_m.append(self._goal_m)
+        if self._goal_m is not None:
+            unseen_m = driving.geometry.center_of(np.argwhere(frontier(driving)))
+            if self._is_at_goal(unseen_m).any():
+                self._vain_m.append(self._goal_m)
         self._goal_m, self._away_m, self._looks = None, math.inf, 0
 
     def _is_at_goal(self, points_m: Floats) -> Mask:
