@@ -147,11 +147,11 @@ def footprint_over_time(world: WorldMap, out: Exploration) -> tuple[Floats, Floa
     """Share of the reachable floor passed over (K,) at times (K,) [s], every five seconds."""
     truth = truth_map(world, LATTICE_M)
     g, swept = truth.geometry, np.zeros(truth.blocked.shape, dtype=np.bool_)
-    way = (out.truth.poses[:, :2] - (g.origin_x_m, g.origin_y_m)) / LATTICE_M
+    path = (out.truth.poses[:, :2] - (g.origin_x_m, g.origin_y_m)) / LATTICE_M
     stamps_s = (out.truth.stamps_ns - out.truth.stamps_ns[0]) * 1e-9
     at_s, share = [], []
-    for first in range(0, len(way) - 1, 50):
-        piece = way[first : first + 51]
+    for first in range(0, len(path) - 1, 50):
+        piece = path[first : first + 51]
         mark_swept(swept, piece, ExploreConfig().driving.robot_radius_m / LATTICE_M)
         at_s.append(stamps_s[first + len(piece) - 1])
         share.append(swept[truth.reachable].mean())

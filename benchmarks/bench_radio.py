@@ -20,13 +20,13 @@ from typing import TypeVar
 import numpy as np
 from numba import njit
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import RadioConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.radio.line_of_sight import line_of_sight_over_cells
 from slarm_graph.radio.radio_map import radio_map
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.recovery.recover import recover
 from slarm_graph.trajectory import Trajectory
 

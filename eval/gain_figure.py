@@ -9,10 +9,10 @@ import math
 import numpy as np
 import plotly.graph_objects as go
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.eval import report_page as html
 from slarm_graph.eval.report_figures import height_px, metric_axes, single
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.radio_words import RadioMap
 
 _MAX_GAIN_CELLS = 90_000
 

@@ -13,13 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.path_loss import smallest_blocking_gap_db
-from slarm_graph.radio_words import RadioMap
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table
 from slarm_graph.eval import report_page as html
 from slarm_graph.eval.gain_figure import gain_figure
@@ -15,7 +16,6 @@ from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.report_figures import geographic_figure, trajectory_figure
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
@@ -88,7 +88,7 @@ def report_html(content: ReportContent) -> str:
 
 
 def count_by_reason(scans: Iterable[ScanStatus]) -> list[tuple[str, int]]:
-    """Return how many scans met each fate: the used ones first, then the commonest reasons."""
+    """Return how many scans have each status: the used ones first, then the commonest reasons."""
     reasons = Counter(scan.reason for scan in scans)
     used = reasons.pop("", 0)
     return [("used", used), *reasons.most_common()]
@@ -97,7 +97,7 @@ def count_by_reason(scans: Iterable[ScanStatus]) -> list[tuple[str, int]]:
 def dropped_table(scans: Sequence[ScanStatus]) -> str:
     """Return the table of used and dropped scans."""
     rows = [(reason, count, f"{count / len(scans):.1%}") for reason, count in _counts(scans)]
-    return html.table(("fate", "scans", "share"), rows)
+    return html.table(("status", "scans", "share"), rows)
 
 
 def _counts(scans: Sequence[ScanStatus]) -> list[tuple[str, int]]:

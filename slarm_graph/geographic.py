@@ -81,7 +81,7 @@ class GeographicMap:
 
     @property
     def obstacle(self) -> Mask:
-        """Cells that belong to a wall or a thing."""
+        """Cells that belong to a wall or an obstacle."""
         return np.asarray(self.states == CellState.OBSTACLE)
 
 

@@ -121,7 +121,7 @@ class Source(Protocol):
         ...
 
     def scan_statuses(self) -> tuple[ScanStatus, ...]:
-        """Return every scan met so far with its fate; complete once iterated."""
+        """Return every scan met so far with its status; complete once iterated."""
         ...
 
     def __iter__(self) -> Iterator[Reading]:

@@ -9,8 +9,8 @@ from typing import Protocol
 
 import numpy as np
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.readings import Reading
 
 

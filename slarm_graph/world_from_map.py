@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.world import Solid, WorldMap
 
 _CEILING_M = 3.0

@@ -15,8 +15,12 @@ from slarm_graph.exploration.closed_loop import Exploration, explore
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
 from slarm_graph.exploration.explorers import EXPLORERS, make
 from slarm_graph.exploration.live_map import LiveMap
+from slarm_graph.exploration.local_controller import (
+    LocalController,
+    clear_bearing_rad,
+    free_ahead_m,
+)
 from slarm_graph.exploration.path_follower import PathFollower
-from slarm_graph.exploration.pilot import Pilot, clear_bearing_rad, free_ahead_m
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -119,7 +123,7 @@ def test_no_speed_makes_the_robot_touch_anything(speed_m_s: float) -> None:
     assert explored(random_room(4), config).report.collisions == 0
 
 
-def test_keep_out_area_and_way_home() -> None:
+def test_keep_out_area_and_path_home() -> None:
     room = random_room(5)
     keep_out = (((2.0, 1.2), (2.6, 1.2), (2.6, 1.7), (2.0, 1.7)),)
     config = ExploreConfig(
@@ -159,17 +163,17 @@ def test_coverage_follows_the_corrected_trajectory() -> None:
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.6, 1.0])
-def test_follower_keeps_to_its_way(speed_m_s: float) -> None:
-    way = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.05], [0.0, 0.05], [0.0, 1.0], [1.0, 2.0]])
+def test_follower_keeps_to_its_path(speed_m_s: float) -> None:
+    path = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 0.05], [0.0, 0.05], [0.0, 1.0], [1.0, 2.0]])
     follower = PathFollower(DrivingConfig(speed_m_s=speed_m_s))
-    follower.follow(way)
+    follower.follow(path)
     pose, off, steps = Pose2(), [], 0
     while not follower.done and steps < 2000:
         command = follower.command(pose, 0.1)
         assert 0.0 <= command.speed_m_s <= speed_m_s
         assert abs(command.turn_rate_rad_s) <= DrivingConfig().turn_rate_rad_s + 1e-9
         pose = pose @ Pose2.exp([0.1 * command.speed_m_s, 0.0, 0.1 * command.turn_rate_rad_s])
-        rel, step = np.array([pose.x, pose.y]) - way[:-1], np.diff(way, axis=0)
+        rel, step = np.array([pose.x, pose.y]) - path[:-1], np.diff(path, axis=0)
         share = np.clip((rel * step).sum(axis=1) / (step**2).sum(axis=1), 0, 1)
         off.append(np.hypot(*(rel - share[:, None] * step).T).min())
         steps += 1
@@ -184,14 +188,14 @@ def test_free_ahead_is_the_gap_of_a_disc() -> None:
     assert free_ahead_m(scan, 0.3, behind=True) == pytest.approx(0.7)
 
 
-def test_the_pilot_stops_short_of_what_it_sees_by_more_than_the_noise() -> None:
-    pilot = Pilot(DrivingConfig())
-    pilot.follower.follow(np.array([[0.0, 0.0], [1.0, 0.0]]))
+def test_the_local_controller_stops_short_of_what_it_sees_by_more_than_the_noise() -> None:
+    controller = LocalController(DrivingConfig())
+    controller.follower.follow(np.array([[0.0, 0.0], [1.0, 0.0]]))
     x_m, readings = 0.0, []
     for _ in range(60):
         ahead_m = 0.6 - x_m
         scan = LaserScan(np.array([9.0, ahead_m, 9.0]), -0.5, 0.5, 0.1, 5.0)
-        speed = pilot.command(Pose2(x_m, 0.0, 0.0), scan, 0.1).speed_m_s
+        speed = controller.command(Pose2(x_m, 0.0, 0.0), scan, 0.1).speed_m_s
         x_m += 0.1 * speed
         readings.append(ahead_m)
     assert min(readings) == pytest.approx(DrivingConfig().robot_radius_m + 0.01)

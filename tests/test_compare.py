@@ -18,7 +18,7 @@ from test_cli import room_bag, run
 
 from slarm_graph.app import compare as compare_module
 from slarm_graph.app.compare import carry_out, compare
-from slarm_graph.app.trials import Source, Trial, find_sources, trials
+from slarm_graph.app.trials import Trial, TrialSource, find_sources, trials
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import (
     Outcome,
@@ -111,7 +111,7 @@ def test_the_plan_covers_every_combination_and_finds_what_is_true(tmp_path: Path
 
 
 def test_same_names_from_different_folders_do_not_meet(tmp_path: Path) -> None:
-    sources = [Source(str(tmp_path / folder / "run.bag"), False) for folder in "ab"]
+    sources = [TrialSource(str(tmp_path / folder / "run.bag"), False) for folder in "ab"]
     assert len({trial.folder for trial in trials(sources, ["x"], 1, tmp_path)}) == 2
 
 
@@ -123,7 +123,7 @@ class Crashing(Trial):
 
 
 def test_a_crash_is_one_failed_run(tmp_path: Path) -> None:
-    crash = Crashing(Source("x.bag", False), "odometry", 0, tmp_path / "x")
+    crash = Crashing(TrialSource("x.bag", False), "odometry", 0, tmp_path / "x")
     outcome = carry_out(crash)
     assert outcome.status == "failed"
     assert outcome.problem
@@ -153,7 +153,7 @@ def test_an_interrupt_stops_what_runs(
         return process
 
     monkeypatch.setattr(compare_module, "_started", started)
-    source = Source("x.bag", False)
+    source = TrialSource("x.bag", False)
     waiting = Waiting(source, "odometry", 1, tmp_path / "waiting")
     begun, ended = (tmp_path / f"waiting.{how}" for how in ("begun", "ended"))
 

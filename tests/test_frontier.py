@@ -8,7 +8,7 @@ import numpy as np
 
 from slarm_graph.exploration.coverage_grid import DrivingGrid, driving_grid
 from slarm_graph.exploration.explorer import Leg
-from slarm_graph.exploration.frontier import Lookout, frontier
+from slarm_graph.exploration.frontier import FrontierSelector, frontier
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 
@@ -30,7 +30,7 @@ def corridor(*shut: str) -> DrivingGrid:
     return driving_grid(geometry, passable, nothing, observed, nothing)
 
 
-def look(lookout: Lookout, x_m: float, *shut: str) -> str | None:
+def look(selector: FrontierSelector, x_m: float, *shut: str) -> str | None:
     """Where the robot at x goes; None where it gives up."""
     driving = corridor(*shut)
     near = driving.passable.copy()
@@ -38,7 +38,7 @@ def look(lookout: Lookout, x_m: float, *shut: str) -> str | None:
         near[:, :5] = False
     if EAST in shut:
         near[:, -5:] = False
-    leg = lookout.look_at_unknown(driving, near, Pose2(x_m, 0.25, 0.0))
+    leg = selector.look_at_unknown(driving, near, Pose2(x_m, 0.25, 0.0))
     if leg is None:
         return None
     assert isinstance(leg, Leg)
@@ -60,29 +60,29 @@ def test_narrow_strips_are_left_out_where_that_is_asked_for() -> None:
 
 
 def test_the_nearest_frontier_comes_first() -> None:
-    assert look(Lookout(), 5.0) == WEST
-    assert look(Lookout(), 9.0) == EAST
+    assert look(FrontierSelector(), 5.0) == WEST
+    assert look(FrontierSelector(), 9.0) == EAST
 
 
 def test_a_frontier_once_chosen_is_kept_though_another_comes_nearer() -> None:
-    lookout = Lookout()
-    assert [look(lookout, x) for x in (5.3, 5.5, 8.0, 5.0)] == [WEST] * 4
+    selector = FrontierSelector()
+    assert [look(selector, x) for x in (5.3, 5.5, 8.0, 5.0)] == [WEST] * 4
 
 
 def test_gaps_that_seem_now_open_and_now_shut_hold_nobody_for_ever() -> None:
     """Each of two frontiers vanishes as the robot comes near to it, as behind a phantom gap."""
-    lookout = Lookout()
+    selector = FrontierSelector()
     chosen: list[str | None] = []
     while None not in chosen and len(chosen) < 100:
-        chosen += [look(lookout, 4.0, EAST), look(lookout, 10.0, WEST)]
+        chosen += [look(selector, 4.0, EAST), look(selector, 10.0, WEST)]
     assert chosen[:2] == [WEST, EAST]
     assert chosen[-1] is None
     assert chosen.count(EAST) == 3
 
 
 def test_a_place_that_comes_no_nearer_is_let_be() -> None:
-    lookout = Lookout()
-    chosen = [look(lookout, 5.0) for _ in range(250)]
+    selector = FrontierSelector()
+    chosen = [look(selector, 5.0) for _ in range(250)]
     assert chosen[:30] == [WEST] * 30
     assert EAST in chosen
     assert chosen[-1] is None

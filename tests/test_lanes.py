@@ -17,7 +17,7 @@ from slarm_graph.exploration.contour_lanes import contour_lanes
 from slarm_graph.exploration.coverage_grid import driving_grid
 from slarm_graph.exploration.lane_order import in_driving_order
 from slarm_graph.exploration.live_map import mark_swept
-from slarm_graph.exploration.smooth_ways import smooth_way
+from slarm_graph.exploration.smooth_paths import smooth_path
 from slarm_graph.exploration.thin_lines import pruned, thinned, traced
 from slarm_graph.exploration.tour import ordered, without_detours
 from slarm_graph.geometry import Floats, Pose2
@@ -157,17 +157,17 @@ def test_smooth_ways_round_links_and_keep_the_corners_of_lanes() -> None:
     driving = driving_grid(GridGeometry(0.0, 0.0, 0.025, 200, 200), free, ~free, free, ~free)
     link = np.array([[1.0, 1.0], [3.0, 1.0]])
     lane = np.array([[3.0, 1.0], [3.0, 3.0], [1.0, 3.0]])
-    way = smooth_way([(link, True), (lane, False)], driving)
-    np.testing.assert_allclose(way[[0, -1]], [[1.0, 1.0], [1.0, 3.0]])
-    assert np.linalg.norm(way - (3.0, 3.0), axis=1).min() < 1e-6
-    assert np.linalg.norm(way - (3.0, 1.0), axis=1).min() > 0.04
+    path = smooth_path([(link, True), (lane, False)], driving)
+    np.testing.assert_allclose(path[[0, -1]], [[1.0, 1.0], [1.0, 3.0]])
+    assert np.linalg.norm(path - (3.0, 3.0), axis=1).min() < 1e-6
+    assert np.linalg.norm(path - (3.0, 1.0), axis=1).min() > 0.04
     free[41:, :79] = False
     walled = driving_grid(GridGeometry(0.0, 0.0, 0.025, 200, 200), free, ~free, free, ~free)
     around = np.array([[1.0, 1.0], [2.0, 1.0], [2.0, 2.0]])
-    way = smooth_way([(around, True)], walled)
-    cells = walled.geometry.cell_of(way)
+    path = smooth_path([(around, True)], walled)
+    cells = walled.geometry.cell_of(path)
     assert walled.passable[cells[:, 0], cells[:, 1]].all()
-    assert np.linalg.norm(way - (2.0, 1.0), axis=1).min() < 0.04
+    assert np.linalg.norm(path - (2.0, 1.0), axis=1).min() < 0.04
 
 
 def test_a_robot_too_near_to_a_wall_for_its_tile_still_finds_all_lanes() -> None:

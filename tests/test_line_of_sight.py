@@ -194,7 +194,7 @@ def test_nothing_hides_anything_in_the_open():
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("antenna_m", [0.5, 2.0])
 def test_points_and_cells_see_the_same(seed: int, antenna_m: float) -> None:
-    world = random_world(np.random.default_rng(seed), things=8)
+    world = random_world(np.random.default_rng(seed), obstacles=8)
     geometry = GridGeometry(-6.0, -4.5, 0.1, 90, 120)
     centers, ap = geometry.centers(), world.access_points[0].position_m()
     boxes = [solid for solid in world.solids if len(solid.corners_m) == 4]

@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from slarm_graph.exploration.coverage_grid import driving_grid
 from slarm_graph.exploration.moves import DELTA_COL, DELTA_ROW, clearance_m, moves_within
+from slarm_graph.exploration.paths import drivable, path_between
 from slarm_graph.exploration.searches import (
     distances_between,
     distances_from,
@@ -24,8 +25,7 @@ from slarm_graph.exploration.searches import (
     reachable,
     shortest_path,
 )
-from slarm_graph.exploration.sight import sees
-from slarm_graph.exploration.ways import drivable, way_between
+from slarm_graph.exploration.visibility import sees
 from slarm_graph.grid import GridGeometry, Mask
 
 seeds = st.integers(0, 2**32 - 1)
@@ -139,10 +139,10 @@ def test_legs_never_touch_the_expansion_of_obstacles(seed: int, radius_m: float)
     if len(spots) < 2:
         return
     ends = geometry.center_of(spots[rng.integers(len(spots), size=2)])
-    way = way_between(driving, ends[0], ends[1])
-    if way is None:
+    path = path_between(driving, ends[0], ends[1])
+    if path is None:
         return
-    dense = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(way)] or [way])
+    dense = np.concatenate([np.linspace(a, b, 200) for a, b in itertools.pairwise(path)] or [path])
     cells = geometry.cell_of(dense)
     assert passable[cells[:, 0], cells[:, 1]].all()
     blocked = geometry.center_of(np.argwhere(occupied))
@@ -158,34 +158,34 @@ def test_pulled_paths_are_no_longer_than_the_cells_they_come_from() -> None:
     for goal in spots[::97]:
         cells = shortest_path(driving.moves, (0, 0), (int(goal[0]), int(goal[1])))
         assert cells is not None
-        way = drivable(driving, np.array([0.5, 0.5]), cells)
-        assert np.hypot(*np.diff(way, axis=0).T).sum() <= path_length(cells) + 1e-9
+        path = drivable(driving, np.array([0.5, 0.5]), cells)
+        assert np.hypot(*np.diff(path, axis=0).T).sum() <= path_length(cells) + 1e-9
 
 
-def test_the_way_leaves_from_the_robot_not_from_the_centre_of_its_cell() -> None:
+def test_the_path_leaves_from_the_robot_not_from_the_centre_of_its_cell() -> None:
     free = np.ones((6, 20), dtype=np.bool_)
     free[2:, 10] = False
     driving = driving_grid(GridGeometry(0, 0, 1.0, 6, 20), free, ~free, free, ~free)
     begin, end = np.array([2.9, 1.1]), np.array([15.5, 4.5])
-    way = way_between(driving, begin, end)
-    assert way is not None
-    np.testing.assert_allclose(way[0], begin)
-    assert (np.diff(way[:, 0]) > 0).all(), "first a step back"
+    path = path_between(driving, begin, end)
+    assert path is not None
+    np.testing.assert_allclose(path[0], begin)
+    assert (np.diff(path[:, 0]) > 0).all(), "first a step back"
 
 
-def test_out_of_an_expansion_the_way_begins_at_the_nearest_passable_cell() -> None:
+def test_out_of_an_expansion_the_path_begins_at_the_nearest_passable_cell() -> None:
     free = np.ones((6, 20), dtype=np.bool_)
     free[:2, :4] = False
     driving = driving_grid(GridGeometry(0, 0, 1.0, 6, 20), free, ~free, free, ~free)
     begin = np.array([2.5, 1.9])
-    way = way_between(driving, begin, np.array([15.5, 0.5]))
-    assert way is not None
-    np.testing.assert_allclose(way[:2], [begin, [2.5, 2.5]])
+    path = path_between(driving, begin, np.array([15.5, 0.5]))
+    assert path is not None
+    np.testing.assert_allclose(path[:2], [begin, [2.5, 2.5]])
 
 
 @given(seeds)
 @settings(max_examples=60, deadline=None)
-def test_sight_touches_only_free_cells(seed: int) -> None:
+def test_visibility_touches_only_free_cells(seed: int) -> None:
     rng = np.random.default_rng(seed)
     free = random_floor(seed, (12, 12), 0.1)
     a, b = rng.uniform(0, 12, size=(2, 2))

@@ -10,6 +10,7 @@ import math
 import numpy as np
 import pytest
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.worlds import load_world
@@ -18,7 +19,6 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.fading import channel_coefficients, faded_gain_db
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import radio_map, radio_notices, theoretical_radio_map
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.world import Solid
 
 CONFIG = RadioConfig()

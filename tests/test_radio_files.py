@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import xarray
 
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.files import (
@@ -21,7 +22,6 @@ from slarm_graph.radio.files import (
     write_radio_npz,
 )
 from slarm_graph.radio.pictures import write_radio_png
-from slarm_graph.radio_words import AccessPoint, RadioMap
 
 
 @pytest.fixture

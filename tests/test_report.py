@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report page: nothing occupied is lost when made coarser, every scan's fate is counted."""
+"""The report page: nothing occupied is lost when made coarser, every scan's status is counted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import Table
 from slarm_graph.eval import report_page as html
 from slarm_graph.eval.gain_figure import gain_figure
@@ -18,7 +19,6 @@ from slarm_graph.eval.report import backend_table, count_by_reason, dropped_tabl
 from slarm_graph.eval.report_figures import geographic_figure, map_picture
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.readings import ScanStatus
 from slarm_graph.world import Solid
 
@@ -53,12 +53,12 @@ def test_gain_page_stays_small_whatever_the_map(count: int) -> None:
     assert all(point.name in page for point in points)
 
 
-def test_fates_add_up_with_the_used_first() -> None:
+def test_statuses_add_up_with_the_used_first() -> None:
     reasons = ["", "late", "", "blind", "late", ""]
     scans = [ScanStatus(i, reason) for i, reason in enumerate(reasons)]
     assert count_by_reason(scans) == [("used", 3), ("late", 2), ("blind", 1)]
     assert "33.3%" in dropped_table(scans)
-    assert dropped_table([]) == html.table(("fate", "scans", "share"), [])
+    assert dropped_table([]) == html.table(("status", "scans", "share"), [])
 
 
 def test_long_tables_tell_what_is_left_out() -> None:

@@ -71,7 +71,7 @@ def distance_to_edges(edges: np.ndarray, points: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("seed", range(4))
 def test_ray_casting_equals_brute_force(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    world = random_world(rng, things=int(rng.integers(1, 20)))
+    world = random_world(rng, obstacles=int(rng.integers(1, 20)))
     grid = visible_segments(world, 0.2)
     angles = rng.uniform(-math.pi, math.pi, 60)
     origin = np.array([world.start.x, world.start.y])
@@ -233,7 +233,7 @@ def test_the_laser_looks_over_low_things_but_the_body_does_not() -> None:
 
 
 def test_the_body_never_enters_a_solid() -> None:
-    world = random_world(np.random.default_rng(11), things=15)
+    world = random_world(np.random.default_rng(11), obstacles=15)
     robot = simulated(world, SimulationConfig(), seed=1)
     rng = np.random.default_rng(2)
     edges = all_edges(world)

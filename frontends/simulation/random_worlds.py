@@ -9,9 +9,9 @@ import math
 import numpy as np
 from scipy import ndimage
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import Solid, WorldMap
 
@@ -24,7 +24,7 @@ def random_world(
     rng: np.random.Generator,
     *,
     size_m: tuple[float, float] = (12.0, 9.0),
-    things: int = 10,
+    obstacles: int = 10,
     start_room_m: float = 0.5,
 ) -> WorldMap:
     """Scatter boxes and polygons of all headings in a rectangle, with one access point.
@@ -33,7 +33,7 @@ def random_world(
     ----------
     rng : numpy.random.Generator
     size_m : (width, depth) [m]
-    things : int
+    obstacles : int
         Number of solids; they may overlap one another.
     start_room_m : float
         The start is drawn among places at least this far from everything [m].
@@ -41,7 +41,7 @@ def random_world(
     half = 0.5 * np.array(size_m)
     boundary = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     while True:
-        solids = tuple(_thing(rng, half, n + 1) for n in range(things))
+        solids = tuple(_obstacle(rng, half, n + 1) for n in range(obstacles))
         x, y = rng.uniform(-half, half)
         z = rng.uniform(_HEIGHTS_M[1], _CEILING_M)
         ap = AccessPoint("ap", float(x), float(y), float(z))
@@ -51,7 +51,7 @@ def random_world(
             return WorldMap("random", solids, boundary, _CEILING_M, (ap,), start)
 
 
-def _thing(rng: np.random.Generator, half_m: Floats, number: int) -> Solid:
+def _obstacle(rng: np.random.Generator, half_m: Floats, number: int) -> Solid:
     """One box, or a polygon with 3 to 8 corners around a centre."""
     if rng.random() < 0.5:
         a, b = 0.5 * rng.uniform(0.2, 2.5, 2)
@@ -63,7 +63,7 @@ def _thing(rng: np.random.Generator, half_m: Floats, number: int) -> Solid:
         corners = reach[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     x, y = rng.uniform(-half_m, half_m)
     turned = transform_points([x, y, rng.uniform(-math.pi, math.pi)], corners)
-    return Solid(f"thing {number}", _pulled_in(turned, half_m), float(rng.uniform(*_HEIGHTS_M)))
+    return Solid(f"obstacle {number}", _pulled_in(turned, half_m), float(rng.uniform(*_HEIGHTS_M)))
 
 
 def _pulled_in(corners_m: Floats, half_m: Floats) -> Floats:

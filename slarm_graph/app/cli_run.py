@@ -16,10 +16,10 @@ import typer
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
+    from slarm_graph.access_points import AccessPoint
     from slarm_graph.app.job import Job, Run
     from slarm_graph.app.run_folder import RunFolder
     from slarm_graph.config import RunConfig, SourceConfig
-    from slarm_graph.radio_words import AccessPoint
 
 POINT_OPTIONS = ("--ap",)
 
@@ -143,7 +143,7 @@ def source_config(
 
 def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:
     """Build access points AP1, AP2, ... from texts `X Y Z` [m]."""
-    from slarm_graph.radio_words import AccessPoint
+    from slarm_graph.access_points import AccessPoint
 
     points = []
     for number, text in enumerate(given, start=1):

@@ -16,7 +16,7 @@ _OPTIONAL = ("mujoco", "rerun-sdk", "sionna-rt")
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class SelfCheck:
     """One thing looked at.
 
     Parameters
@@ -32,10 +32,10 @@ class Finding:
     detail: str
 
 
-def examine(folder: Path) -> tuple[Finding, ...]:
+def examine(folder: Path) -> tuple[SelfCheck, ...]:
     """Look at Python, packages, compiled code, and whether results can be written to a folder."""
     return (
-        Finding("python", sys.version_info >= (3, 11), sys.version.split()[0]),
+        SelfCheck("python", sys.version_info >= (3, 11), sys.version.split()[0]),
         *(_package(name, needed=True) for name in _PACKAGES),
         *(_package(name, needed=False) for name in _OPTIONAL),
         _tried("gtsam with this numpy", _optimise),
@@ -45,19 +45,19 @@ def examine(folder: Path) -> tuple[Finding, ...]:
     )
 
 
-def _package(name: str, *, needed: bool) -> Finding:
+def _package(name: str, *, needed: bool) -> SelfCheck:
     try:
-        return Finding(name, True, version(name))
+        return SelfCheck(name, True, version(name))
     except PackageNotFoundError:
         missing = f"not installed: pip install '{name}'"
-        return Finding(name, not needed, missing if needed else "not installed (optional)")
+        return SelfCheck(name, not needed, missing if needed else "not installed (optional)")
 
 
-def _tried(name: str, attempt: Callable[[], str]) -> Finding:
+def _tried(name: str, attempt: Callable[[], str]) -> SelfCheck:
     try:
-        return Finding(name, True, attempt())
+        return SelfCheck(name, True, attempt())
     except Exception as error:
-        return Finding(name, False, f"{type(error).__name__}: {error}")
+        return SelfCheck(name, False, f"{type(error).__name__}: {error}")
 
 
 def _optimise() -> str:

@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.explore import explore_world
 from slarm_graph.app.job import Job, Run
 from slarm_graph.app.pipeline import run
@@ -20,7 +21,6 @@ from slarm_graph.errors import BadInput
 from slarm_graph.files.configs import config_differences, config_yaml, load_config
 from slarm_graph.files.inputs import input_facts
 from slarm_graph.files.worlds import world_to_yaml
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)

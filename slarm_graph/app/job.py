@@ -7,13 +7,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.intake import Intake
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.radio.radio_map import radio_notices
-from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.readings import Source
 
 

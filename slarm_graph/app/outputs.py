@@ -10,6 +10,7 @@ from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.intake import Intake
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
@@ -21,7 +22,6 @@ from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.files import write_radio_csv, write_radio_netcdf, write_radio_npz
 from slarm_graph.radio.pictures import write_radio_png
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.readings import ScanStatus
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory

@@ -20,6 +20,7 @@ from typing import Final, Literal
 
 import numpy as np
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.reproduce_figures import (
     Curve,
     save_accuracy_figure,
@@ -34,12 +35,11 @@ from slarm_graph.app.reproduce_theory import (
     mission_accuracy,
     one_cell_ring_accuracy,
 )
-from slarm_graph.app.reproduce_trial import PAPER_ROOM, Row, Trial, run_trial
+from slarm_graph.app.reproduce_trial import PAPER_ROOM, RoomTrial, Row, run_trial
 from slarm_graph.backend import silent
 from slarm_graph.config import DrivingConfig, RunConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.radio.radio_map import theoretical_radio_map
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
@@ -72,12 +72,12 @@ class Plan:
     explorer: str = "ggmr+"
     goal: Literal["observed", "footprint"] = "observed"
 
-    def trials(self) -> tuple[Trial, ...]:
+    def trials(self) -> tuple[RoomTrial, ...]:
         """Return every combination, the slowest first so that processes end together."""
         every = product(
             sorted(self.speeds_m_s), self.backends, self.resolutions_m, range(self.seeds)
         )
-        return tuple(Trial(b, d, v, s, self.explorer, self.goal) for v, b, d, s in every)
+        return tuple(RoomTrial(b, d, v, s, self.explorer, self.goal) for v, b, d, s in every)
 
 
 QUICK: Final = Plan(resolutions_m=FIGURE_RESOLUTIONS_M, speeds_m_s=(0.6,), seeds=1)
@@ -207,14 +207,14 @@ def _summary(rows: Sequence[Row]) -> Summary:
 
 
 def _run_all(
-    trials: Sequence[Trial], table: Path, jobs: int | None, tell: Callable[[str], None]
-) -> tuple[tuple[Row, ...], list[tuple[Trial, RadioMap]]]:
+    trials: Sequence[RoomTrial], table: Path, jobs: int | None, tell: Callable[[str], None]
+) -> tuple[tuple[Row, ...], list[tuple[RoomTrial, RadioMap]]]:
     """Run the trials in parallel; the table on disk is complete up to the last one that ended.
 
     Returns the rows, and the radio maps that figure 4 shows.
     """
     rows: list[Row] = []
-    gains: list[tuple[Trial, RadioMap]] = []
+    gains: list[tuple[RoomTrial, RadioMap]] = []
     workers = min(jobs or os.cpu_count() or 1, len(trials))
     with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         pending = {pool.submit(run_trial, trial): trial for trial in trials}
@@ -231,7 +231,7 @@ def _run_all(
     return tuple(_in_order(rows)), sorted(gains, key=lambda g: g[0].resolution_m)
 
 
-def _is_shown(trial: Trial) -> bool:
+def _is_shown(trial: RoomTrial) -> bool:
     shown = trial.resolution_m in FIGURE_RESOLUTIONS_M
     return shown and trial.speed_m_s == 0.6 and trial.seed == 0
 

@@ -14,9 +14,9 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.reproduce_theory import Complexity
 from slarm_graph.radio.pictures import draw_gain
-from slarm_graph.radio_words import RadioMap
 
 _DPI: Final = 130
 _STYLES: Final = ("-", "--", ":", "-.")

@@ -11,6 +11,7 @@ from typing import Final, Literal
 import numpy as np
 
 from slarm_graph import backends
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.truth import FINE_M, accuracy_on
 from slarm_graph.backend import silent
 from slarm_graph.config import DrivingConfig, ExploreConfig, RunConfig
@@ -22,7 +23,6 @@ from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.world import WorldMap
 
@@ -30,7 +30,7 @@ PAPER_ROOM: Final = "paper_room"
 
 
 @dataclass(frozen=True, slots=True)
-class Trial:
+class RoomTrial:
     """One closed loop."""
 
     backend: str
@@ -92,7 +92,7 @@ class Maps:
     radio: RadioMap
 
 
-def run_trial(trial: Trial) -> tuple[Row, RadioMap]:
+def run_trial(trial: RoomTrial) -> tuple[Row, RadioMap]:
     """Drive one closed loop and measure it; its radio map comes along."""
     began = time.process_time()
     world, config = load_world(PAPER_ROOM), trial.config()

@@ -15,7 +15,7 @@ from slarm_graph.frontends.recordings.sources import existing_paths
 
 
 @dataclass(frozen=True, slots=True)
-class Source:
+class TrialSource:
     """A recording, or a world to be explored.
 
     Parameters
@@ -44,7 +44,7 @@ class Trial:
         Further words of the command line.
     """
 
-    source: Source
+    source: TrialSource
     backend: str
     seed: int
     folder: Path
@@ -62,7 +62,7 @@ class Trial:
         ]
 
 
-def find_sources(given: Sequence[str]) -> tuple[Source, ...]:
+def find_sources(given: Sequence[str]) -> tuple[TrialSource, ...]:
     """Tell recordings and worlds apart.
 
     Raises
@@ -73,15 +73,15 @@ def find_sources(given: Sequence[str]) -> tuple[Source, ...]:
     return tuple(_find(source) for source in given)
 
 
-def _find(given: str) -> Source:
+def _find(given: str) -> TrialSource:
     shipped, path = given in shipped_worlds(), Path(given)
     if shipped or (path.suffix in (".yaml", ".yml") and path.name != "metadata.yaml"):
-        return Source(given if shipped else str(path.resolve()), True)
-    return Source(str(existing_paths(given)[0].resolve()), False)
+        return TrialSource(given if shipped else str(path.resolve()), True)
+    return TrialSource(str(existing_paths(given)[0].resolve()), False)
 
 
 def trials(
-    sources: Sequence[Source],
+    sources: Sequence[TrialSource],
     backends: Sequence[str],
     seeds: int,
     folder: Path,

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.radio_accuracy import RadioAccuracy, radio_accuracy
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.radio.radio_map import theoretical_radio_map
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 

@@ -26,7 +26,7 @@ class RecoveryConfig(Stage):
     """Global geographic map recovery (GGMR)."""
 
     expansion_radius_m: float = Field(default=0.0, ge=0)
-    """How far to keep from obstacles; where that leaves no way, what lies beyond is out of reach.
+    """How far to keep from obstacles; where that leaves no path, what lies beyond is out of reach.
 
     The robot's radius gives what it can drive to.
     """

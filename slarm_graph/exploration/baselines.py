@@ -28,8 +28,8 @@ from slarm_graph.exploration.coverage_grid import (
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.floor_cells import label_floor_cells
 from slarm_graph.exploration.moves import Moves
+from slarm_graph.exploration.paths import leg_along
 from slarm_graph.exploration.searches import Indices, path_to_nearest, reachable
-from slarm_graph.exploration.ways import leg_along
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import Cells, Mask
 
@@ -39,7 +39,7 @@ _SWEPT_SHARE: Final = 0.7
 _MAX_ATTEMPTS: Final = 4
 _NOTHING_LEFT: Final = "no reachable tile is left"
 _HORIZON_TILES: Final = 60
-"""Tiles of a sweep that are made into a way at once: over unknown ground the rest will change."""
+"""Tiles of a sweep that are made into a path at once: over unknown ground the rest will change."""
 
 
 class BaStar:
@@ -77,10 +77,10 @@ class BaStar:
         codes[start] = VISITED
         points = _backtracking_points(codes)
         points[start] = False
-        way = path_to_nearest(tiles.moves, points, start)
-        if way is None or len(self._sweep(tiles, (int(way[-1, 0]), int(way[-1, 1])))) < 2:
-            way = path_to_nearest(tiles.moves, codes == OPEN, start)
-        return way
+        path = path_to_nearest(tiles.moves, points, start)
+        if path is None or len(self._sweep(tiles, (int(path[-1, 0]), int(path[-1, 1])))) < 2:
+            path = path_to_nearest(tiles.moves, codes == OPEN, start)
+        return path
 
 
 class Boustrophedon:
@@ -99,13 +99,13 @@ class Boustrophedon:
         is_open = tiles.codes == OPEN
         is_open[start] = False
         mine = is_open & (labels == labels[start])
-        way = path_to_nearest(tiles.moves, mine, start) if mine.any() else None
-        way = path_to_nearest(tiles.moves, is_open, start) if way is None else way
-        if way is None:
+        path = path_to_nearest(tiles.moves, mine, start) if mine.any() else None
+        path = path_to_nearest(tiles.moves, is_open, start) if path is None else path
+        if path is None:
             return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
-        here = is_open & (labels == labels[way[-1, 0], way[-1, 1]])
-        rows = _rows_to_and_fro(here, (int(way[-1, 0]), int(way[-1, 1])))
-        return self._tiles.leg(tiles, pose, np.concatenate([way[:-1], rows]))
+        here = is_open & (labels == labels[path[-1, 0], path[-1, 1]])
+        rows = _rows_to_and_fro(here, (int(path[-1, 0]), int(path[-1, 1])))
+        return self._tiles.leg(tiles, pose, np.concatenate([path[:-1], rows]))
 
 
 @dataclass(slots=True)
@@ -133,7 +133,7 @@ class _TiledFloor:
         return replace(tiles, codes=np.where(visited & (tiles.codes == OPEN), VISITED, tiles.codes))
 
     def out_of_reach(self, coverage: CoverageGrid, tiles: CoverageGrid | None) -> int:
-        """Count the tiles that are open but for having no way to them."""
+        """Count the tiles that are open but for having no path to them."""
         everything = tiled(coverage.driving, self._side(coverage.driving))
         is_open = (everything.codes == OPEN) & ~self._covered(everything)
         return int(np.sum(is_open if tiles is None else is_open & (tiles.codes == BLOCKED)))
@@ -149,7 +149,7 @@ class _TiledFloor:
         return np.asarray(in_blocks(floor & swept, side).sum(axis=(2, 3)) >= _SWEPT_SHARE * free)
 
     def leg(self, tiles: CoverageGrid, pose: Pose2, cells: Cells) -> Leg:
-        """Turn tiles into a way, and remember which open one comes first."""
+        """Turn tiles into a path, and remember which open one comes first."""
         assert self.attempts is not None
         is_open = tiles.codes[cells[:, 0], cells[:, 1]] == OPEN
         first = int(np.argmax(is_open))

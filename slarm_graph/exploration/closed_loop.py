@@ -17,10 +17,10 @@ from slarm_graph.exploration.coverage_grid import CoverageGrid, driving_cell
 from slarm_graph.exploration.drive_report import DriveReport, drive_report
 from slarm_graph.exploration.explorer import Explorer, Finished, Leg
 from slarm_graph.exploration.live_map import LiveMap
-from slarm_graph.exploration.pilot import Pilot
+from slarm_graph.exploration.local_controller import LocalController
+from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.survey import Survey
-from slarm_graph.exploration.ways import way_between
 from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
@@ -117,8 +117,8 @@ class ClosedLoop:
         self._world, self._explorer = world, explorer
         self._config, self._start = config, start
         self._survey = Survey(backend, config, extent_m, start)
-        self._pilot = Pilot(config.driving)
-        self._follower = self._pilot.follower
+        self._controller = LocalController(config.driving)
+        self._follower = self._controller.follower
         self._leg = _NO_LEG
         self._leg_age_s = 0.0
         self._going_home = False
@@ -152,7 +152,7 @@ class ClosedLoop:
         if self.finished is not None:
             return False
         dt_s = self._survey.dt_s or 0.1
-        self._world.drive(self._pilot.command(self.pose, reading.scan, dt_s))
+        self._world.drive(self._controller.command(self.pose, reading.scan, dt_s))
         return True
 
     def outcome(self) -> Exploration:
@@ -178,20 +178,20 @@ class ClosedLoop:
             self.finished = Finished("the mission time is over")
             return
         self._leg_age_s += self._survey.dt_s
-        self._pilot.watch(self.pose)
-        if self._pilot.has_given_up:
+        self._controller.watch(self.pose)
+        if self._controller.has_given_up:
             self.finished = Finished("the robot does not get on")
-        if self._pilot.is_backing_off:
+        if self._controller.is_backing_off:
             return
         done = self._follower.done
-        blocked = not done and not self.live.is_clear(self._pilot.near_way(self.pose))
+        blocked = not done and not self.live.is_clear(self._controller.path_ahead(self.pose))
         if done or blocked or self._leg_age_s >= self._leg.review_s:
             self._ask(self.pose, self.live.coverage(), go_on=False)
         elif self._leg.more and self._follower.remaining_m(self.pose) < self._braking_m():
-            way = np.concatenate([[[self.pose.x, self.pose.y]], self._follower.points_m[1:]])
-            heading = math.atan2(*(way[-1] - way[-2])[::-1])
-            end = Pose2(way[-1, 0], way[-1, 1], heading)
-            self._ask(end, self.live.coverage(way), go_on=True)
+            path = np.concatenate([[[self.pose.x, self.pose.y]], self._follower.points_m[1:]])
+            heading = math.atan2(*(path[-1] - path[-2])[::-1])
+            end = Pose2(path[-1, 0], path[-1, 1], heading)
+            self._ask(end, self.live.coverage(path), go_on=True)
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
         goal = self._goal(coverage, pose)
@@ -213,7 +213,7 @@ class ClosedLoop:
             self._follower.follow(goal.points_m)
 
     def _squeeze(self, coverage: CoverageGrid, pose: Pose2) -> Leg | None:
-        """Look for a way through a gap that the body just fits through, into a part unknown."""
+        """Look for a path through a gap that the body just fits through, into a part unknown."""
         tight = self.live.coverage(tight=True)
         start = driving_cell(coverage.driving, pose.x, pose.y)
         if start is None or self._going_home:
@@ -227,7 +227,7 @@ class ClosedLoop:
         return goal if isinstance(goal, Leg) and len(goal.points_m) > 1 else None
 
     def _goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Ask until there is a way to drive, for a goal may turn out to have none."""
+        """Ask until there is a path to drive, for a goal may turn out to have none."""
         if self._going_home:
             return Finished("everything is known, back at the start")
         for _ in range(_MAX_ASKS):
@@ -246,10 +246,10 @@ class ClosedLoop:
         home = np.array([self._start.x, self._start.y])
         away_m = math.hypot(*(home - (self.pose.x, self.pose.y)))
         if self._config.return_to_start and not self._going_home and away_m > 0.05:
-            way = way_between(coverage.driving, np.array([self.pose.x, self.pose.y]), home)
-            if way is not None:
+            path = path_between(coverage.driving, np.array([self.pose.x, self.pose.y]), home)
+            if path is not None:
                 self._going_home = True
-                self._follower.follow(way)
+                self._follower.follow(path)
                 return
         self.finished = goal
 

@@ -146,7 +146,7 @@ def driving_cell(driving: DrivingGrid, x_m: float, y_m: float) -> tuple[int, int
 
 
 def unreachable_cells(coverage: CoverageGrid, start: tuple[int, int]) -> int:
-    """Count open cells that have no way to them from the start."""
+    """Count open cells that have no path to them from the start."""
     return int(np.sum((coverage.codes == OPEN) & ~reachable(coverage.moves, start)))
 
 

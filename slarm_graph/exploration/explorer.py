@@ -14,12 +14,12 @@ from slarm_graph.geometry import Floats, Pose2
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A way to drive.
+    """A path to drive.
 
     Parameters
     ----------
     points_m : (K, 2) float64
-        Corners of the way in the map, beginning at the robot [m].
+        Corners of the path in the map, beginning at the robot [m].
     more : bool
         Whether the explorer already knows that it will go on from the end.
     review_s : float
@@ -39,7 +39,7 @@ class Finished:
     ----------
     reason : str
     unreachable_cells : int
-        Coverage cells that were never ruled out but have no way to them.
+        Coverage cells that were never ruled out but have no path to them.
     """
 
     reason: str
@@ -50,7 +50,7 @@ class Explorer(Protocol):
     """Decides where to drive next."""
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Return the next way to drive from the pose, or that nothing is left to do.
+        """Return the next path to drive from the pose, or that nothing is left to do.
 
         Parameters
         ----------

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.paths import path_to_wanted, without_straight_points
 from slarm_graph.exploration.searches import reachable
-from slarm_graph.exploration.ways import way_to_nearest, without_straight_points
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells, Mask
 
@@ -29,14 +29,14 @@ _VAIN_NEIGHBOURHOOD_M: Final = 1.5
 _MAX_TRIES: Final = 3
 _NEARER_M: Final = 0.1
 _MAX_LOOKS: Final = 30
-"""A place that comes no nearer for so many looks is let be: ways to it open and close in turn."""
+"""A place that comes no nearer for so many looks is let be: paths to it open and close in turn."""
 
 
 class NearestFrontier:
     """Baseline: drive to the nearest frontier until none is left; what was seen counts as known."""
 
     def __init__(self) -> None:
-        self._lookout = Lookout()
+        self._selector = FrontierSelector()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Look at the nearest unknown cells."""
@@ -44,11 +44,11 @@ class NearestFrontier:
         if start is None:
             return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
         near = reachable(coverage.driving.moves, start)
-        leg = self._lookout.look_at_unknown(coverage.driving, near, pose)
+        leg = self._selector.look_at_unknown(coverage.driving, near, pose)
         return leg or Finished("everything reachable has been seen", unseen_cells(coverage, near))
 
 
-class Lookout:
+class FrontierSelector:
     """Goes to where unknown cells can be seen from.
 
     The place chosen is kept until it has been seen, for the nearest changes with every step where
@@ -83,19 +83,19 @@ class Lookout:
             kept = kept[:0]
         wanted = np.zeros(driving.passable.shape, dtype=np.bool_)
         wanted[tuple((kept if len(kept) else cells).T)] = True
-        way = way_to_nearest(driving, here, wanted) if len(cells) else None
-        if way is None:
+        path = path_to_wanted(driving, here, wanted) if len(cells) else None
+        if path is None:
             return None
         if self._goal_m is None:
-            self._goal_m = way[-1]
-            self._tried_m.append(way[-1])
-        self._note_progress(way)
-        way = without_straight_points(way)
-        return Leg(way, review_s=_REVIEW_S) if len(way) > 1 else None
+            self._goal_m = path[-1]
+            self._tried_m.append(path[-1])
+        self._note_progress(path)
+        path = without_straight_points(path)
+        return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
 
-    def _note_progress(self, way_m: Floats) -> None:
-        """Count the looks since the way (K, 2) [m] to the goal was last seen to grow shorter."""
-        away_m = float(np.hypot(*np.diff(way_m, axis=0).T).sum())
+    def _note_progress(self, path_m: Floats) -> None:
+        """Count the looks since the path (K, 2) [m] to the goal was last seen to grow shorter."""
+        away_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
         self._looks += 1
         if away_m < self._away_m - _NEARER_M:
             self._away_m, self._looks = away_m, 0

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """GGMR as the paper has it: Algorithm 1, literally, with its open points settled.
 
-Settled: a new start position is the open cell with the cheapest way from here (ties: lowest row,
+Settled: a new start position is the open cell with the cheapest path from here (ties: lowest row,
 then lowest column), the direction of travel is looked for anew in every row that the robot comes
 to (+x first, then -x), a diagonal step is two moves through a side cell that is not blocked, and
 the algorithm ends when no reachable open cell is left.
@@ -28,8 +28,8 @@ from slarm_graph.exploration.coverage_grid import (
 )
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.moves import Moves
+from slarm_graph.exploration.paths import leg_along
 from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wavefront
-from slarm_graph.exploration.ways import leg_along
 from slarm_graph.geometry import Pose2
 
 _HORIZON_CELLS: Final = 400
@@ -228,10 +228,10 @@ def _algorithm_1(
         if goal < 0:
             return cells[:count], facings[:count], tally, True
         tally[1] += 1
-        way = walk_back(labels, goal, cols)
-        tally[2] += len(way) - 2
-        cells, facings = _with_room(cells, facings, count + len(way) - len(facings))
-        for cell in way[1:]:
+        path = walk_back(labels, goal, cols)
+        tally[2] += len(path) - 2
+        cells, facings = _with_room(cells, facings, count + len(path) - len(facings))
+        for cell in path[1:]:
             cells[count, 0], cells[count, 1], facings[count] = cell // cols, cell % cols, 0
             count += 1
         here, row, col = goal, goal // cols, goal % cols

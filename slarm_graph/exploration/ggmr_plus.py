@@ -20,11 +20,11 @@ from slarm_graph.config import ExploreConfig
 from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.frontier import Lookout, unseen_cells
+from slarm_graph.exploration.frontier import FrontierSelector, unseen_cells
 from slarm_graph.exploration.lane_order import in_driving_order
+from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
-from slarm_graph.exploration.smooth_ways import smooth_way
-from slarm_graph.exploration.ways import way_between
+from slarm_graph.exploration.smooth_paths import smooth_path
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Mask
 
@@ -55,7 +55,7 @@ class GgmrPlus:
         self._tour: list[Floats] = []
         self._rest: list[Lane] = []
         self._planned_on: Mask | None = None
-        self._lookout = Lookout()
+        self._selector = FrontierSelector()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Cover the next part of what is known to be free, or else look at the unknown."""
@@ -68,7 +68,7 @@ class GgmrPlus:
             if leg is not None:
                 return leg
         near = reachable(driving.moves, start)
-        leg = self._lookout.look_at_unknown(driving, near, pose)
+        leg = self._selector.look_at_unknown(driving, near, pose)
         return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
@@ -112,14 +112,14 @@ class GgmrPlus:
             lane = self._tour.pop(0)
             self._tries[_place(lane, driving)] += 1
             points_m = lane * g.resolution_m + (g.origin_x_m, g.origin_y_m)
-            link_m = way_between(driving, here, points_m[0])
+            link_m = path_between(driving, here, points_m[0])
             if link_m is None:
                 continue
             pieces += [(link_m, True), (points_m, False)]
             length_m += len(lane) * g.resolution_m
             here = points_m[-1]
-        way_m = smooth_way(pieces, driving) if pieces else np.empty((0, 2))
-        return Leg(way_m) if len(way_m) > 1 else None
+        path_m = smooth_path(pieces, driving) if pieces else np.empty((0, 2))
+        return Leg(path_m) if len(path_m) > 1 else None
 
 
 def lanes_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[Lane]:

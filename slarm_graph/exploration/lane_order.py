@@ -118,7 +118,7 @@ def _tile_of(spots: _Spots, tile_m: float, shape: tuple[int, ...]) -> Cells:
 
 
 def _nearest_first(away: Floats) -> NDArray[np.int64]:
-    """Lanes with a way there, by how far their nearer end is."""
+    """Lanes with a path there, by how far their nearer end is."""
     of_lane = away.reshape(-1, 2).min(axis=1)
     order = np.argsort(of_lane, kind="stable")
     return np.asarray(order[np.isfinite(of_lane[order])])
@@ -131,9 +131,9 @@ def _link_times_s(spots: _Spots, around_m: Floats, slack_m: float, config: Drivi
     ----------
     spots : _Spots
     around_m : (N, N) float64
-        Length of the way around obstacles [m]; inf where it is long.
+        Length of the path around obstacles [m]; inf where it is long.
     slack_m : float
-        A way about as long as the straight line is the straight line [m].
+        A path about as long as the straight line is the straight line [m].
     config : DrivingConfig
     """
     step_m = spots.points_m[None] - spots.points_m[:, None]

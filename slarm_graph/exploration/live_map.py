@@ -88,7 +88,7 @@ class LiveMap:
         Parameters
         ----------
         ahead_m : (K, 2) float64, optional
-            A way that is about to be driven and counts as such [m].
+            A path that is about to be driven and counts as such [m].
         tight : bool
             Whether to do without the margin, for a gap that the body just fits through.
         """
@@ -103,14 +103,14 @@ class LiveMap:
         grid = driving_grid(g, passable, occupied, self.states == FREE, swept)
         return coverage_grid(self.geometry, grid, visited)
 
-    def is_clear(self, way_m: Floats) -> bool:
-        """Whether the body still fits along a way (K, 2) [m] near the robot.
+    def is_clear(self, path_m: Floats) -> bool:
+        """Whether the body still fits along a path (K, 2) [m] near the robot.
 
         This asks for less room than planning does, so that a wall that comes nearer by a cell does
-        not upset a way along it.
+        not upset a path along it.
         """
         g = self.driving_geometry
-        spots = g.cell_of(_densely(way_m, g.resolution_m))
+        spots = g.cell_of(_densely(path_m, g.resolution_m))
         spots = spots[g.contains(spots)]
         if not len(spots):
             return True
@@ -145,8 +145,8 @@ class LiveMap:
 
     def _mark(self, points_m: Floats, visited: Mask, swept: Mask) -> None:
         g = self.driving_geometry
-        way = _densely(points_m, 0.5 * g.resolution_m)
-        cells = self.geometry.cell_of(way)
+        path = _densely(points_m, 0.5 * g.resolution_m)
+        cells = self.geometry.cell_of(path)
         inside = self.geometry.contains(cells)
         visited[cells[inside, 0], cells[inside, 1]] = True
         corner = np.array([g.origin_x_m, g.origin_y_m])
@@ -165,9 +165,9 @@ class LiveMap:
         return np.asarray(self.driving_geometry.sample(self.swept, centers, 0.0))
 
 
-def mark_swept(swept: Mask, way: Floats, radius: float) -> None:
+def mark_swept(swept: Mask, path: Floats, radius: float) -> None:
     """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
-    _sweep(swept, _densely(way, 0.5), radius)
+    _sweep(swept, _densely(path, 0.5), radius)
 
 
 def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
@@ -252,11 +252,11 @@ def _observe(
 
 
 @njit(cache=True, nogil=True)
-def _sweep(swept: Mask, way: Floats, radius: float) -> None:
-    """Mark the cells whose centre lies under a disc on the way; all in cells."""
+def _sweep(swept: Mask, path: Floats, radius: float) -> None:
+    """Mark the cells whose centre lies under a disc on the path; all in cells."""
     rows, cols = swept.shape
-    for i in range(len(way)):
-        x, y = way[i, 0], way[i, 1]
+    for i in range(len(path)):
+        x, y = path[i, 0], path[i, 1]
         for row in range(max(0, math.floor(y - radius)), min(rows, math.ceil(y + radius) + 1)):
             dy = row + 0.5 - y
             left = radius * radius - dy * dy

@@ -43,7 +43,7 @@ class PathFollower:
 
     @property
     def done(self) -> bool:
-        """Whether the end has been reached, or there is no way."""
+        """Whether the end has been reached, or there is no path."""
         return self._segment >= len(self._points) - 1
 
     @property
@@ -52,7 +52,7 @@ class PathFollower:
         return self._points[self._segment :]
 
     def follow(self, points_m: Floats) -> None:
-        """Begin a new way (K, 2) at its first point."""
+        """Begin a new path (K, 2) at its first point."""
         points_m = _without_tiny_steps(points_m)
         self._points = points_m
         self._segment = 0
@@ -64,7 +64,7 @@ class PathFollower:
         self.follow(np.concatenate([self.points_m, points_m[1:]]))
 
     def stop(self) -> None:
-        """Forget the way."""
+        """Forget the path."""
         self._turning = False
         self.follow(np.empty((0, 2)))
 

@@ -37,7 +37,7 @@ def shortest_path(moves: Moves, start: tuple[int, int], goal: tuple[int, int]) -
 
     Returns
     -------
-    (K, 2) int64 cells from start to goal, both included, or None where there is no way.
+    (K, 2) int64 cells from start to goal, both included, or None where there is no path.
     """
     cols = moves.shape[1]
     begin, end = start[0] * cols + start[1], goal[0] * cols + goal[1]
@@ -72,7 +72,7 @@ def distances_between(moves: Moves, cells: Cells, limit: float = math.inf) -> Fl
 
 
 def reachable(moves: Moves, start: tuple[int, int]) -> Mask:
-    """Cells (rows, cols) with a way from start, which counts itself."""
+    """Cells (rows, cols) with a path from start, which counts itself."""
     found = np.zeros(moves.shape, dtype=np.bool_)
     _fill(straight_moves(moves), start[0] * moves.shape[1] + start[1], found)
     return found

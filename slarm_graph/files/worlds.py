@@ -13,12 +13,12 @@ import numpy as np
 import yaml
 from pydantic import ValidationError
 
+from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.world_model import WallModel, WorldModel
 from slarm_graph.geometry import Pose2
 from slarm_graph.polygons import counter_clockwise, is_simple
-from slarm_graph.radio_words import AccessPoint
 from slarm_graph.recovery.wall_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.world import Solid, WorldMap
 from slarm_graph.world_from_map import world_from_map

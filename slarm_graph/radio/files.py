@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import netcdf_file
 
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio_words import AccessPoint, RadioMap
 
 _AP_FIELDS = {
     "x_m": "m",

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
-from slarm_graph.radio_words import AccessPoint, RadioMap
+from slarm_graph.access_points import AccessPoint, RadioMap
 
 _DPI = 130
 _WIDTH_IN = 7.0

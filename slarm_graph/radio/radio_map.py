@@ -11,6 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
@@ -23,7 +24,6 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
 )
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
-from slarm_graph.radio_words import AccessPoint, RadioMap
 from slarm_graph.recovery.outlines import inside_solids
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
@@ -58,16 +58,16 @@ def radio_map(
     reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)
     free = reachable | (geographic.states == CellState.ENCLOSED)
 
-    def sight(position_m: Floats) -> Mask:
+    def is_visible(position_m: Floats) -> Mask:
         """Line of sight (rows, cols) from an access point in the map as recovered."""
-        return _recovered_sight(geographic, free, position_m, config)
+        return _recovered_line_of_sight(geographic, free, position_m, config)
 
     return _map_of(
-        geographic.geometry, reachable, access_points, config, sight, geographic.height_source
+        geographic.geometry, reachable, access_points, config, is_visible, geographic.height_source
     )
 
 
-def _recovered_sight(
+def _recovered_line_of_sight(
     geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
 ) -> Mask:
     """Line of sight (rows, cols) on the map's solids where it has any, else on its cells."""
@@ -128,7 +128,7 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
         As `radio_map`.
     """
 
-    def sight(position_m: Floats) -> Mask:
+    def is_visible(position_m: Floats) -> Mask:
         """Line of sight (rows, cols) from an access point in the true world."""
         return line_of_sight_past_solids(
             geometry,
@@ -140,7 +140,7 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
         )
 
     free = solid_heights_m(world, geometry) <= 0.0
-    return _map_of(geometry, free, world.access_points, config, sight, "truth")
+    return _map_of(geometry, free, world.access_points, config, is_visible, "truth")
 
 
 def radio_notices(
@@ -180,13 +180,13 @@ def _map_of(
     free: Mask,
     access_points: Sequence[AccessPoint],
     config: RadioConfig,
-    sight: Callable[[Floats], Mask],
+    is_visible: Callable[[Floats], Mask],
     height_source: str,
 ) -> RadioMap:
     """Path loss and line of sight of every access point, nan where no antenna can be."""
     if not access_points:
         raise BadInput("a radio map needs at least one access point: --ap X Y Z")
-    clear = np.stack([sight(ap.position_m()) for ap in access_points]) & free
+    clear = np.stack([is_visible(ap.position_m()) for ap in access_points]) & free
     loss_db: NDArray[np.float32] = np.full(clear.shape, np.nan, dtype=np.float32)
     for ap, ap_clear, ap_loss_db in zip(access_points, clear, loss_db, strict=True):
         distances_m = _distances_m(geometry, ap, config)[free]

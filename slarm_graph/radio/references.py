@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slarm_graph.access_points import RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.files.coverage import read_coverage
 from slarm_graph.files.worlds import load_world, shipped_worlds
@@ -15,7 +16,6 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import Mask
 from slarm_graph.radio.files import read_radio_npz
 from slarm_graph.radio.radio_map import theoretical_radio_map
-from slarm_graph.radio_words import RadioMap
 from slarm_graph.truth_map import truth_map
 
 Extent = tuple[float, float, float, float]

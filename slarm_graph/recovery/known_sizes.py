@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Known sizes of the things that stand around, and which of them a measured plan has."""
+"""Known sizes of the obstacles that stand around, and which of them a measured plan has."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ _ALIKE_M = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
-    """What is measured of a thing's plan.
+class MeasuredPlan:
+    """What is measured of an obstacle's plan.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class Plan:
     corners_seen : int
         How many of the rectangle's corners the laser saw into, 4 for what stands free.
     unseen_m : (2,) float64
-        How much longer each side may be, inside another thing it goes on into [m].
+        How much longer each side may be, inside another obstacle it goes on into [m].
     """
 
     sides_m: Floats
@@ -63,9 +63,9 @@ class Match:
 
 
 def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
-    """Return the sizes of all things in a world, solids that touch as one.
+    """Return the sizes of all obstacles in a world, solids that touch as one.
 
-    Things that touch are seen as one, whatever their heights: they are known as the pieces of
+    Obstacles that touch are seen as one, whatever their heights: they are known as the pieces of
     each height and together, with the greatest height. This is what the paper takes for known:
     how large walls and boxes are, not where they stand.
     """
@@ -73,7 +73,7 @@ def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
     return tuple(sorted(set(groups)))
 
 
-def match(plan: Plan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
+def match(plan: MeasuredPlan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
     """Find the known size that a plan has; None when there is none.
 
     Its sides and the side of the square of its area have to agree within the tolerance, sides
@@ -104,7 +104,7 @@ def match(plan: Plan, sizes: Sequence[Size], tolerance_m: float) -> Match | None
     return Match(best, float(known[chosen, 2]), float(known[chosen, 3]))
 
 
-def _off_m(known_m: Floats, plan: Plan) -> Floats:
+def _off_m(known_m: Floats, plan: MeasuredPlan) -> Floats:
     """Largest disagreement (S,) of the two sides with sizes (S, 2) in this order [m]."""
     off = known_m - plan.sides_m
     off = np.where(off > 0.0, np.maximum(off - plan.unseen_m, 0.0), off)

@@ -14,8 +14,8 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import is_simple
 from slarm_graph.recovery.known_sizes import Match, Size, match
+from slarm_graph.recovery.obstacle_candidates import ObstacleCandidate, candidates_on, convex_hull
 from slarm_graph.recovery.returns import Returns
-from slarm_graph.recovery.things import Thing, convex_hull, things_on
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid
 
@@ -49,10 +49,10 @@ class Block:
 def matched_blocks(
     outlines: Sequence[Outline], returns: Returns, sizes: Sequence[Size], tolerance_m: float
 ) -> list[Block]:
-    """Find blocks of known size: islands, and what stands at walls, in corners, at other things.
+    """Find blocks of known size: islands, and what stands at walls, in corners, at other obstacles.
 
-    Things that agree surely with a known size are taken first, then by their misfit per metre of
-    outline; no side is taken twice. What goes on behind a block that was found before may be
+    Candidates that agree surely with a known size are taken first, then by their misfit per metre
+    of outline; no side is taken twice. What goes on behind a block that was found before may be
     longer than it shows, by what fits into that block.
 
     Parameters
@@ -66,17 +66,17 @@ def matched_blocks(
     """
     blocks: list[Block] = []
     taken: _Taken = {}
-    for n, thing, own in _ranked(outlines, returns, sizes, tolerance_m):
-        keys = {(n, side) for side in thing.sides}
+    for n, candidate, own in _ranked(outlines, returns, sizes, tolerance_m):
+        keys = {(n, side) for side in candidate.sides}
         if keys & taken.keys():
             continue
-        unseen_m = _unseen_m(thing, n, outlines[n].corners_m, taken)
+        unseen_m = _unseen_m(candidate, n, outlines[n].corners_m, taken)
         if unseen_m.any():
-            own = match(replace(thing.plan, unseen_m=unseen_m), sizes, tolerance_m)
-        corners = None if own is None else _corners_m(thing, own, outlines)
+            own = match(replace(candidate.plan, unseen_m=unseen_m), sizes, tolerance_m)
+        corners = None if own is None else _corners_m(candidate, own, outlines)
         if own is not None and corners is not None:
             solid = Solid(f"block {len(blocks) + 1}", corners, own.height_m)
-            blocks.append(Block(solid, n, frozenset(thing.sides)))
+            blocks.append(Block(solid, n, frozenset(candidate.sides)))
             taken.update(dict.fromkeys(keys, corners))
     return blocks
 
@@ -108,36 +108,36 @@ def wall_strips(
 
 def _ranked(
     outlines: Sequence[Outline], returns: Returns, sizes: Sequence[Size], tolerance_m: float
-) -> list[tuple[int, Thing, Match | None]]:
-    """What may be a thing, with its outline and the size it has, in the order to take them."""
+) -> list[tuple[int, ObstacleCandidate, Match | None]]:
+    """What may be an obstacle, with its outline and the size it has, in the order to take them."""
     if not sizes:
         return []
     longest_m = max(math.hypot(size[0], size[1]) for size in sizes) + 2.0 * tolerance_m
     found = [
-        (n, thing, match(thing.plan, sizes, tolerance_m))
+        (n, candidate, match(candidate.plan, sizes, tolerance_m))
         for n, outline in enumerate(outlines)
-        for thing in things_on(outline, returns, longest_m)
+        for candidate in candidates_on(outline, returns, longest_m)
     ]
     return sorted(found, key=lambda item: _rank(item[1], item[2]))
 
 
-def _rank(thing: Thing, own: Match | None) -> tuple[int, float, float]:
-    """Sorts things: the sure ones, simplest first, then by misfit per metre of outline."""
+def _rank(candidate: ObstacleCandidate, own: Match | None) -> tuple[int, float, float]:
+    """Sorts candidates: the sure ones, simplest first, then by misfit per metre of outline."""
     if own is None:
         return 2, 0.0, 0.0
     if own.misfit_m <= _SURE_M:
-        return 0, float(len(thing.sides)), own.misfit_m
-    return 1, own.misfit_m / thing.shown_m, 0.0
+        return 0, float(len(candidate.sides)), own.misfit_m
+    return 1, own.misfit_m / candidate.shown_m, 0.0
 
 
-def _unseen_m(thing: Thing, n: int, corners: Floats, taken: _Taken) -> Floats:
-    """How far each side of a thing's rectangle may go on into blocks found before (2,) [m]."""
+def _unseen_m(candidate: ObstacleCandidate, n: int, corners: Floats, taken: _Taken) -> Floats:
+    """How far each side of a candidate's rectangle may go on into blocks found before (2,) [m]."""
     unseen = np.zeros(2)
-    if thing.plan.corners_seen == 4:
+    if candidate.plan.corners_seen == 4:
         return unseen
-    count, axes = len(corners), np.diff(thing.box_m[:3], axis=0)
+    count, axes = len(corners), np.diff(candidate.box_m[:3], axis=0)
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)
-    for own, beside in ((thing.sides[0], -1), (thing.sides[-1], 1)):
+    for own, beside in ((candidate.sides[0], -1), (candidate.sides[-1], 1)):
         other = taken.get((n, (own + beside) % count))
         if other is not None:
             side = int(np.abs(axes @ (corners[(own + 1) % count] - corners[own])).argmax())
@@ -145,16 +145,18 @@ def _unseen_m(thing: Thing, n: int, corners: Floats, taken: _Taken) -> Floats:
     return unseen
 
 
-def _corners_m(thing: Thing, own: Match, outlines: Sequence[Outline]) -> Floats | None:
+def _corners_m(
+    candidate: ObstacleCandidate, own: Match, outlines: Sequence[Outline]
+) -> Floats | None:
     """A block's corners; None where it would reach into the free region."""
     if own.share < _FULL_SHARE:
-        return thing.ring_m if is_simple(thing.ring_m) else None
-    if thing.plan.corners_seen == 4:
-        return thing.box_m
-    if any(_depth_m(thing.box_m, outline.corners_m).max() > _INSIDE_M for outline in outlines):
+        return candidate.ring_m if is_simple(candidate.ring_m) else None
+    if candidate.plan.corners_seen == 4:
+        return candidate.box_m
+    if any(_depth_m(candidate.box_m, outline.corners_m).max() > _INSIDE_M for outline in outlines):
         return None
     # What was seen stays where the outline has it, what is hidden fills the rectangle.
-    return convex_hull(thing.ring_m)
+    return convex_hull(candidate.ring_m)
 
 
 def _depth_m(box: Floats, points: Floats) -> Floats:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ways that can be driven: around what is known to be in the way, and pulled straight."""
+"""Paths that can be driven: around what is known to be in the way, and pulled straight."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slarm_graph.exploration.coverage_grid import (
 )
 from slarm_graph.exploration.explorer import Leg
 from slarm_graph.exploration.searches import path_to_nearest, shortest_path
-from slarm_graph.exploration.sight import sees, shortcut
+from slarm_graph.exploration.visibility import sees, shortcut
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells, Mask
 
@@ -38,11 +38,11 @@ def anchors_m(coverage: CoverageGrid, cells: Cells) -> Floats:
 
 
 def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) -> Leg:
-    """Turn coverage cells into a drivable way, around what lies between their anchors."""
+    """Turn coverage cells into a drivable path, around what lies between their anchors."""
     points = np.concatenate([[[pose.x, pose.y]], anchors_m(coverage, cells)])
     pieces = [points[:1]]
     for begin, end in pairwise(points):
-        piece = way_between(coverage.driving, begin, end)
+        piece = path_between(coverage.driving, begin, end)
         if piece is None:
             more = True
             break
@@ -50,10 +50,10 @@ def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) 
     return Leg(without_straight_points(np.concatenate(pieces)), more)
 
 
-def way_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats | None:
-    """Shortest way (K, 2) [m] between two points, pulled straight; None where there is none.
+def path_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats | None:
+    """Shortest path (K, 2) [m] between two points, pulled straight; None where there is none.
 
-    A begin that lies in the expansion of an obstacle is left by the shortest way.
+    A begin that lies in the expansion of an obstacle is left by the shortest path.
     """
     g = driving.geometry
     ends = (np.stack([begin_m, end_m]) - (g.origin_x_m, g.origin_y_m)) / g.resolution_m
@@ -67,8 +67,8 @@ def way_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats 
     return None if cells is None else drivable(driving, begin_m, cells)
 
 
-def way_to_nearest(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Floats | None:
-    """Shortest way (K, 2) [m] to any wanted driving cell; None where there is none."""
+def path_to_wanted(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Floats | None:
+    """Shortest path (K, 2) [m] to any wanted driving cell; None where there is none."""
     start = driving_cell(driving, begin_m[0], begin_m[1])
     if start is None:
         return None
@@ -86,8 +86,8 @@ def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
     points = cells[:, ::-1].astype(np.float64) + 0.5
     begin = (begin_m - corner_m) / g.resolution_m
     is_inside = len(cells) > 1 and bool((np.floor(begin) == cells[0, ::-1]).all())
-    way = np.concatenate([begin[None], points[1:] if is_inside else points])
-    return np.asarray(shortcut(driving.passable, way) * g.resolution_m + corner_m)
+    path = np.concatenate([begin[None], points[1:] if is_inside else points])
+    return np.asarray(shortcut(driving.passable, path) * g.resolution_m + corner_m)
 
 
 def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What outlines may show of things: islands, and runs of sides before what stands at a wall."""
+"""What outlines may show of obstacles: islands, and runs of sides before what stands at a wall."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise, signed_area_m2
-from slarm_graph.recovery.known_sizes import Plan
+from slarm_graph.recovery.known_sizes import MeasuredPlan
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 
@@ -26,8 +26,8 @@ _FRONT_SHARE = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Thing:
-    """What may be one thing.
+class ObstacleCandidate:
+    """What may be one obstacle.
 
     Parameters
     ----------
@@ -44,14 +44,16 @@ class Thing:
     shown_m: float
     ring_m: Floats
     box_m: Floats
-    plan: Plan
+    plan: MeasuredPlan
 
 
-def things_on(outline: Outline, returns: Returns, longest_m: float) -> Iterator[Thing]:
-    """Yield what may be a thing on an outline of the free region and is not too long.
+def candidates_on(
+    outline: Outline, returns: Returns, longest_m: float
+) -> Iterator[ObstacleCandidate]:
+    """Yield what may be an obstacle on an outline of the free region and is not too long.
 
     An island may be one, and so may be every run of sides between two corners that point into
-    what is not free: there the outline leaves a wall, or another thing, and comes back.
+    what is not free: there the outline leaves a wall, or another obstacle, and comes back.
     """
     corners = outline.corners_m
     count = len(corners)
@@ -85,22 +87,24 @@ def _turns(corners: Floats) -> Floats:
     return np.asarray(before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0])
 
 
-def _island(outline: Outline, returns: Returns) -> Thing:
-    """The thing inside a clockwise outline."""
+def _island(outline: Outline, returns: Returns) -> ObstacleCandidate:
+    """The obstacle inside a clockwise outline."""
     ring = outline.corners_m[::-1].copy()
     if not outline.fitted.all():
         ring = _around_returns(ring, returns)
     rectangle = cv2.minAreaRect(ring.astype(np.float32))
     box = counter_clockwise(np.asarray(cv2.boxPoints(rectangle), dtype=np.float64))
-    plan = Plan(np.array(rectangle[1]), signed_area_m2(ring), 4, np.zeros(2))
+    plan = MeasuredPlan(np.array(rectangle[1]), signed_area_m2(ring), 4, np.zeros(2))
     sides = tuple(range(len(outline.corners_m)))
-    return Thing(sides, _length_m(outline.corners_m), ring, ring if len(ring) == 4 else box, plan)
+    return ObstacleCandidate(
+        sides, _length_m(outline.corners_m), ring, ring if len(ring) == 4 else box, plan
+    )
 
 
 def _around_returns(ring: Floats, returns: Returns) -> Floats:
     """The convex ring around an island's returns; the island's own when that is another shape.
 
-    Cells only tell the plan of a small or round thing to half a cell on every side.
+    Cells only tell the plan of a small or round obstacle to half a cell on every side.
     """
     center = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
     radius_m = float(np.linalg.norm(ring - center, axis=1).max()) + _BAND_M
@@ -129,8 +133,8 @@ def _box(outline: Outline, sides: tuple[int, ...], run: Floats) -> Floats | None
     return np.asarray(min(boxes, key=signed_area_m2))
 
 
-def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> Thing:
-    """The thing behind a run of sides, filled up to its rectangle behind the run's two ends."""
+def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> ObstacleCandidate:
+    """The obstacle behind a run of sides, filled up to its rectangle behind the run's two ends."""
     chord = run[0] - run[-1]
     behind_m = _left_m(run[-1], chord, box)
     hidden = box[behind_m > 0.0]
@@ -138,8 +142,8 @@ def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> Thing:
     ring = np.concatenate([hidden, run])[::-1].copy()
     seen = int(np.sum(behind_m < _FRONT_SHARE * behind_m.min()))
     sides_m = np.array([np.linalg.norm(box[1] - box[0]), np.linalg.norm(box[2] - box[1])])
-    plan = Plan(sides_m, signed_area_m2(ring), min(seen, 3), np.zeros(2))
-    return Thing(sides, _length_m(run) - float(np.linalg.norm(chord)), ring, box, plan)
+    plan = MeasuredPlan(sides_m, signed_area_m2(ring), min(seen, 3), np.zeros(2))
+    return ObstacleCandidate(sides, _length_m(run) - float(np.linalg.norm(chord)), ring, box, plan)
 
 
 def _length_m(ring: Floats) -> float:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ways without the stairs of cells, so that they can be driven without a stop.
+"""Paths without the stairs of cells, so that they can be driven without a stop.
 
 A lane is smoothed only as much as stairs need, and its sharp corners stay, for the floor in a
 corner is worth the turn. The links between lanes have no floor to pass over and are rounded more.
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.coverage_grid import DrivingGrid
-from slarm_graph.exploration.ways import without_straight_points
+from slarm_graph.exploration.paths import without_straight_points
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
@@ -31,8 +31,8 @@ _CORNER_RAD: Final = math.radians(60.0)
 Reaches = NDArray[np.int64]
 
 
-def smooth_way(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floats:
-    """Join pieces into one way (K, 2) [m] and smooth it.
+def smooth_path(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floats:
+    """Join pieces into one path (K, 2) [m] and smooth it.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Drives along a way, and never into what the present scan shows, whatever the map says."""
+"""Follows a path, and never into what the present scan shows, whatever the map says."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ _BEARINGS_RAD: Final = np.radians([0, 2, -2, 4, -4, 6, -6, 8, -8, 10, -10])
 _OUTLIERS: Final = 2
 
 
-class Pilot:
-    """Turns a way into commands, one per reading.
+class LocalController:
+    """Turns a path into commands, one per reading.
 
     Parameters
     ----------
@@ -55,15 +55,15 @@ class Pilot:
         return self._still >= _MAX_STILL * _STILL_READINGS
 
     def watch(self, pose: Pose2) -> None:
-        """Give a way up on which the robot does not get on."""
+        """Give a path up on which the robot does not get on."""
         if math.hypot(pose.x - self._still_at.x, pose.y - self._still_at.y) > _STILL_M:
             self._still_at, self._still = pose, 0
         self._still += 1
         if self._still % _STILL_READINGS == 0:
             self.follower.stop()
 
-    def near_way(self, pose: Pose2) -> Floats:
-        """Return the next stretch of the way (K, 2) [m], without where the robot is already."""
+    def path_ahead(self, pose: Pose2) -> Floats:
+        """Return the next stretch of the path (K, 2) [m], without where the robot is already."""
         points = self.follower.points_m[1:]
         here = np.array([pose.x, pose.y])
         away = points[0] - here
