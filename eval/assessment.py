@@ -4,41 +4,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from pathlib import Path
 
 from slarm_graph.eval.association import associate
+from slarm_graph.eval.metric_parts import References, Subject, measured_by_parts
+from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.relations import (
-    Relations,
     read_relations,
     relation_errors,
     relation_metrics,
 )
+from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.eval.trajectory_accuracy import align, trajectory_metrics
 from slarm_graph.files.trajectories import read_trajectory
-from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
-
-
-@dataclass(frozen=True, slots=True)
-class References:
-    """What is known to be true.
-
-    Parameters
-    ----------
-    ground_truth : Trajectory or None
-        `truth_from_robot`.
-    relations : Relations or None
-        True poses of the laser, relative to each other.
-    """
-
-    ground_truth: Trajectory | None = None
-    relations: Relations | None = None
-
-    def or_truth(self, truth: Trajectory | None) -> References:
-        """Fill in what a source knows of itself, where no ground truth is given."""
-        return replace(self, ground_truth=truth) if self.ground_truth is None else self
 
 
 def read_references(ground_truth: Path | None, relations: Path | None) -> References:
@@ -55,31 +35,38 @@ def read_references(ground_truth: Path | None, relations: Path | None) -> Refere
     )
 
 
-def assess(
-    trajectory: Trajectory, references: References, robot_from_laser: Pose2
-) -> tuple[Metric, ...]:
-    """Return every metric of a trajectory that the references allow.
-
-    Parameters
-    ----------
-    trajectory : Trajectory
-        `map_from_robot`.
-    references : References
-    robot_from_laser : Pose2
-        Where relations are evaluated [m, m, rad].
+def assess(subject: Subject) -> tuple[Metric, ...]:
+    """Return every metric that a subject allows, in the order of the table.
 
     Raises
     ------
     BadInput
         When trajectory and reference are not of the same time.
     """
-    metrics = [Metric("path_length_m", trajectory.path_length_m(), "m", "along the estimate")]
-    if references.ground_truth is not None:
-        metrics += trajectory_metrics(associate(references.ground_truth, trajectory))
-    if references.relations is not None:
-        errors = relation_errors(references.relations, trajectory, robot_from_laser)
+    trajectory, known = subject.trajectory, subject.references
+    metrics = list(_drive_metrics(subject))
+    if known.ground_truth is not None:
+        metrics += trajectory_metrics(associate(known.ground_truth, trajectory))
+    if known.relations is not None:
+        errors = relation_errors(known.relations, trajectory, subject.robot_from_laser)
         metrics += relation_metrics(errors)
-    return tuple(metrics)
+    if subject.end_points_m is not None:
+        metrics += sharpness_metrics(sharpness(subject.end_points_m))
+    return in_table_order((*metrics, *measured_by_parts(subject)))
+
+
+def _drive_metrics(subject: Subject) -> tuple[Metric, ...]:
+    drive = subject.drive
+    if drive is None:
+        length_m = subject.trajectory.path_length_m()
+        return (Metric("path_length_m", length_m, note="along the estimate"),)
+    return (
+        Metric("path_length_m", drive.path_length_m, note="as driven"),
+        Metric("turns", float(drive.turns), note="of 45 degrees and more"),
+        Metric("revisit_share", drive.revisit_share, note="of the cells entered"),
+        Metric("drive_time_s", drive.drive_time_s, note="simulated"),
+        Metric("collisions", float(drive.collisions), note="contacts with the true world"),
+    )
 
 
 def ground_truth_in_map(ground_truth: Trajectory, trajectory: Trajectory) -> Trajectory:

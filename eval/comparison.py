@@ -12,19 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slarm_graph.eval import report_page as html
-
-HEADLINES = (
-    "relations_translation_m",
-    "relations_rotation_deg",
-    "ate_rmse_m",
-    "accuracy",
-    "wall_s",
-    "scans_per_s",
-    "peak_memory_mb",
-)
-"""Figures of the short tables, in this order, where any run has them."""
-
-_MORE_IS_BETTER = frozenset({"accuracy", "scans_per_s"})
+from slarm_graph.eval.metric_table import headlines, kind_of
 
 Columns = tuple[str, ...]
 
@@ -111,7 +99,7 @@ def summaries(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
 
 
 def _summary(outcomes: Sequence[Outcome], written: Callable[[Spread], str]) -> Rows:
-    names = [n for n in HEADLINES if any(n in outcome.figures for outcome in outcomes)]
+    names = _headlines_of(outcomes)
     some_failed = bool(_problems_of(outcomes))
     rows: list[tuple[str, ...]] = []
     for source, backend, group in _groups(outcomes):
@@ -121,6 +109,10 @@ def _summary(outcomes: Sequence[Outcome], written: Callable[[Spread], str]) -> R
         rows.append((*row, _problems_of(group)) if some_failed else row)
     columns = ("source", "backend", "ok", *names)
     return (*columns, "problems") if some_failed else columns, rows
+
+
+def _headlines_of(outcomes: Sequence[Outcome]) -> list[str]:
+    return [k.name for k in headlines() if any(k.name in o.figures for o in outcomes)]
 
 
 def _problems_of(outcomes: Sequence[Outcome]) -> str:
@@ -133,7 +125,7 @@ def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.
     rows: list[tuple[html.Cell, ...]] = []
     for source, backend, group in _groups(outcomes):
         good = [o for o in group if o.status == "ok"]
-        for name in HEADLINES:
+        for name in (kind.name for kind in headlines()):
             s = _spread_of(good, name)
             if s.count:
                 rows.append((source, backend, name, s.count, s.median, s.worst, s.mean, s.sd))
@@ -142,7 +134,7 @@ def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.
 
 def _spread_of(outcomes: Sequence[Outcome], name: str) -> Spread:
     values = [o.figures[name] for o in outcomes if name in o.figures]
-    return spread(values, more_is_better=name in _MORE_IS_BETTER)
+    return spread(values, more_is_better=kind_of(name).better == "more")
 
 
 def spread(values: Sequence[float], *, more_is_better: bool = False) -> Spread:
@@ -170,9 +162,8 @@ def comparison_html(
     all_columns, all_rows = run_rows(outcomes)
     short = [html.section(title, html.table(*rows)) for title, rows in summaries(outcomes)]
     figures = [
-        html.section(name, html.figure(_strip(outcomes, name), 380))
-        for name in HEADLINES
-        if any(name in outcome.figures for outcome in outcomes)
+        html.section(kind_of(name).title, html.figure(_strip(outcomes, name), 380))
+        for name in _headlines_of(outcomes)
     ]
     links = [(o.folder, f"{o.folder}/report.html") for o in outcomes if o.status == "ok"]
     return html.page(
@@ -206,7 +197,10 @@ def _strip(outcomes: Sequence[Outcome], name: str) -> go.Figure:
     # Room above, where a single run would else lie on the frame.
     top = 1.1 * max((o.figures[name] for o in outcomes if name in o.figures), default=0.0)
     fig.update_yaxes(
-        title=name, rangemode="tozero", autorangeoptions_include=top, gridcolor="#dfe4ea"
+        title=kind_of(name).titled(),
+        rangemode="tozero",
+        autorangeoptions_include=top,
+        gridcolor="#dfe4ea",
     )
     return fig
 

@@ -149,8 +149,8 @@ def map_metrics(result: MapAccuracy) -> tuple[Metric, ...]:
     shares = ("cell_accuracy", "iou", "iou_free", "precision", "recall", "f1", "known_share")
     lengths = ("wall_distance_mean_m", "wall_distance_95_m")
     return (
-        *(Metric(f"map_{name}", getattr(result, name), "", note) for name in shares),
-        *(Metric(name, getattr(result, name), "m", note) for name in lengths),
+        *(Metric(f"map_{name}", getattr(result, name), note=note) for name in shares),
+        *(Metric(name, getattr(result, name), note=note) for name in lengths),
     )
 
 

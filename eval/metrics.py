@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One measured number with its unit, and sets of them as JSON and CSV."""
+"""One measured number, what kind of number it is, and sets of them as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -9,28 +9,75 @@ import io
 import json
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Literal
+
+Better = Literal["less", "more", ""]
 
 
 @dataclass(frozen=True, slots=True)
-class Metric:
-    """A measured number.
+class MetricKind:
+    """What a metric is called, counted in and good for: a row of the table of metrics.
 
     Parameters
     ----------
     name : str
         Key with its unit as suffix, such as `ate_rmse_m`; shares are fractions from 0 to 1.
-    value : float
     unit : str
         Empty for counts and shares.
+    title : str
+        For people, without the unit.
+    better : {"less", "more", ""}
+        Which way is better; empty where neither is.
+    applies : str
+        Where it can be had.
+    how : str
+        How it is computed.
+    headline : bool
+        Whether short tables show it.
+    """
+
+    name: str
+    unit: str
+    title: str
+    better: Better
+    applies: str
+    how: str
+    headline: bool = False
+
+    def titled(self) -> str:
+        """Return the title with the unit in brackets."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """A measured number; unit and title stand in the table of metrics.
+
+    Parameters
+    ----------
+    name : str
+        Of its kind.
+    value : float
     note : str
-        How it came about: alignment, what it was matched with.
+        How it came about this time: alignment, what it was matched with.
     """
 
     name: str
     value: float
-    unit: str = ""
-    note: str = ""
+    note: str = field(default="", kw_only=True)
+
+    @property
+    def kind(self) -> MetricKind:
+        """Look the kind up."""
+        from slarm_graph.eval.metric_table import kind_of
+
+        return kind_of(self.name)
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of its kind."""
+        return self.kind.unit
 
 
 def metrics_json(metrics: Iterable[Metric]) -> str:

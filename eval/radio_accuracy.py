@@ -79,10 +79,10 @@ class RadioAccuracy:
         shares = ("coverage_observed", "coverage_visited", "coverage_footprint", "gain_hit")
         others = ("coverage_accessible", "los_agreement", "false_accessible", "iou")
         return (
-            Metric("accuracy", self.accuracy, "", "; ".join((note, *self.warnings))),
+            Metric("accuracy", self.accuracy, note="; ".join((note, *self.warnings))),
             *(Metric(name, getattr(self, name)) for name in shares + others),
-            Metric("gain_rmse_db", self.gain_rmse_db, "dB"),
-            Metric("gain_mae_db", self.gain_mae_db, "dB"),
+            Metric("gain_rmse_db", self.gain_rmse_db),
+            Metric("gain_mae_db", self.gain_mae_db),
         )
 
 

@@ -150,10 +150,10 @@ def relation_metrics(errors: RelationErrors) -> tuple[Metric, ...]:
     used = len(errors.translation_m)
     note = f"at the {errors.part}, {used} of {errors.total} relations"
     return (
-        Metric("relations_translation_m", float(errors.translation_m.mean()), "m", note),
-        Metric("relations_translation_sd_m", float(errors.translation_m.std()), "m", note),
-        Metric("relations_rotation_deg", float(degrees.mean()), "deg", note),
-        Metric("relations_rotation_sd_deg", float(degrees.std()), "deg", note),
-        Metric("relations_used", float(used), "", note),
-        Metric("relations_total", float(errors.total), "", note),
+        Metric("relations_translation_m", float(errors.translation_m.mean()), note=note),
+        Metric("relations_translation_sd_m", float(errors.translation_m.std()), note=note),
+        Metric("relations_rotation_deg", float(degrees.mean()), note=note),
+        Metric("relations_rotation_sd_deg", float(degrees.std()), note=note),
+        Metric("relations_used", float(used), note=note),
+        Metric("relations_total", float(errors.total), note=note),
     )

@@ -12,6 +12,7 @@ from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table
 from slarm_graph.eval import report_page as html
 from slarm_graph.eval.gain_figure import gain_figure
+from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.report_figures import geographic_figure, trajectory_figure
 from slarm_graph.geographic import GeographicMap
@@ -141,8 +142,8 @@ def _radio_part(radio: RadioMap | None) -> str:
 
 
 def _metric_table(metrics: Sequence[Metric]) -> str:
-    rows = [(m.name, m.value, m.unit, m.note) for m in metrics]
-    return html.table(("metric", "value", "unit", "how"), rows) if rows else ""
+    rows = [(m.kind.title, m.value, m.unit, m.note, m.name) for m in metrics]
+    return html.table(("metric", "value", "unit", "how", "key"), rows) if rows else ""
 
 
 def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
@@ -153,25 +154,14 @@ def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
         (f"{duration_s:.0f} s", "recorded"),
         (f"{estimate.path_length_m():.1f} m", "driven"),
     ]
-    by_name = {m.name: m for m in content.metrics}
-    for name, words in (
-        ("ate_rmse_m", "ATE RMSE"),
-        ("relations_translation_m", "relations, translation"),
-        ("relations_rotation_deg", "relations, rotation"),
-        ("accuracy", "radio-map accuracy"),
-    ):
-        if name in by_name:
-            metric = by_name[name]
-            text = f"{metric.value:.2%}" if name == "accuracy" else f"{metric.value:.3f}"
-            found.append((f"{text} {metric.unit}".strip(), words))
-    for key, words, unit in (
-        ("wall_s", "wall time", " s"),
-        ("scans_per_s", "scans per second", ""),
-        ("peak_memory_mb", "peak memory", " MB"),
-    ):
-        value = content.record.get(key)
+    for metric in content.metrics:
+        if metric.kind.headline:
+            found.append((f"{metric.value:.3g} {metric.unit}".strip(), metric.kind.title))
+    for kind in headlines():
+        value = content.record.get(kind.name)
         if isinstance(value, (int, float)):
-            found.append((f"{value:.0f}{unit}" if value >= 10 else f"{value:.1f}{unit}", words))
+            text = f"{value:.0f}" if value >= 10 else f"{value:.1f}"
+            found.append((f"{text} {kind.unit}".strip(), kind.title))
     return found
 
 

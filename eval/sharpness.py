@@ -87,7 +87,7 @@ def sharpness_metrics(result: Sharpness) -> tuple[Metric, ...]:
     """Return the figures as metrics."""
     note = f"over {result.samples} neighbourhoods of the scans' end points"
     return (
-        Metric("map_entropy_nat", result.entropy, "nat", note),
-        Metric("wall_sigma_m", result.wall_sigma_m, "m", note),
-        Metric("wall_sigma_95_m", result.wall_sigma_95_m, "m", note),
+        Metric("map_entropy_nat", result.entropy, note=note),
+        Metric("wall_sigma_m", result.wall_sigma_m, note=note),
+        Metric("wall_sigma_95_m", result.wall_sigma_95_m, note=note),
     )

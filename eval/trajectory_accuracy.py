@@ -211,13 +211,13 @@ def trajectory_metrics(
     rpe, rpe_angle = statistics(relative.translation_m), statistics(relative.rotation_rad)
     note, raw_note = f"{alignment.note}, {pairs.note}", f"not aligned, {pairs.note}"
     return (
-        Metric("ate_rmse_m", ate.rmse, "m", note),
-        Metric("ate_mean_m", ate.mean, "m", note),
-        Metric("ate_median_m", ate.median, "m", note),
-        Metric("ate_std_m", ate.std, "m", note),
-        Metric("ate_max_m", ate.max, "m", note),
-        Metric("ate_mse_m2", ate.rmse**2, "m^2", f"{note}; the paper's eq. (14)"),
-        Metric("ate_rmse_unaligned_m", raw.rmse, "m", raw_note),
-        Metric("rpe_translation_rmse_m", rpe.rmse, "m", relative.note),
-        Metric("rpe_rotation_rmse_deg", math.degrees(rpe_angle.rmse), "deg", relative.note),
+        Metric("ate_rmse_m", ate.rmse, note=note),
+        Metric("ate_mean_m", ate.mean, note=note),
+        Metric("ate_median_m", ate.median, note=note),
+        Metric("ate_std_m", ate.std, note=note),
+        Metric("ate_max_m", ate.max, note=note),
+        Metric("ate_mse_m2", ate.rmse**2, note=f"{note}; the paper's eq. (14)"),
+        Metric("ate_rmse_unaligned_m", raw.rmse, note=raw_note),
+        Metric("rpe_translation_rmse_m", rpe.rmse, note=relative.note),
+        Metric("rpe_rotation_rmse_deg", math.degrees(rpe_angle.rmse), note=relative.note),
     )

@@ -25,6 +25,7 @@ def add_to(app: typer.Typer) -> None:
     group.command("relations")(relations_command)
     group.command("map")(map_command)
     group.command("radio")(radio_command)
+    group.command("metrics")(metrics_command)
     app.add_typer(group, name="eval", no_args_is_help=True)
 
 
@@ -202,3 +203,14 @@ def radio_command(
         unknown = ("coverage_observed", "coverage_visited", "coverage_footprint")
         metrics = tuple(m for m in metrics if m.name not in unknown)
     show_metrics(metrics, title=f"reference {reference}, estimate {estimate}", as_json=as_json)
+
+
+def metrics_command() -> None:
+    """List every metric: unit, which way is better, where it applies, how it is computed."""
+    from slarm_graph.app.cli_output import show_table
+    from slarm_graph.eval.metric_table import kinds
+
+    columns = ("key", "metric", "better", "where", "how")
+    show_table(
+        columns, [(k.name, k.titled(), k.better, k.applies, k.how) for k in kinds().values()]
+    )

@@ -26,8 +26,8 @@ def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False
     if as_json:
         print(metrics_json(metrics), end="")
         return
-    rows = [(m.name, f"{m.value:.6g}", m.unit, m.note) for m in metrics]
-    show_table(("metric", "value", "unit", "how"), rows, title=title, right=(1,))
+    rows = [(m.kind.title, f"{m.value:.6g}", m.unit, m.name, m.note) for m in metrics]
+    show_table(("metric", "value", "unit", "key", "how"), rows, title=title, right=(1,))
 
 
 def show_table(

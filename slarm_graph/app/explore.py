@@ -23,12 +23,12 @@ from slarm_graph.app.truth import accuracy_metrics
 from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.assessment import References, assess
-from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.assessment import assess
+from slarm_graph.eval.metric_parts import References, Subject
+from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.frontends.simulation.worlds import make_world
-from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
@@ -80,11 +80,16 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
-        metrics = (
-            *accuracy_metrics(world, geographic, radio, config.radio),
-            *_drive_metrics(drive),
-            *assess(slam.trajectory, truth, Pose2())[1:],
+        subject = Subject(
+            slam.trajectory,
+            truth,
+            grid=slam.grid,
+            geographic=geographic,
+            radio=radio,
+            drive=drive.report,
         )
+        accuracy = accuracy_metrics(world, geographic, radio, config.radio)
+        metrics = in_table_order((*accuracy, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         run = Run(title, config, driven, driven.intake, slam, geographic, radio, metrics)
         save_report(folder, run, truth)
@@ -134,14 +139,3 @@ def _in_world(drive: Exploration, config: RunConfig) -> SlamResult:
     notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
     slam = replace(drive.slam, notices=notices)
     return along(slam, drive.trajectory, drive.scans, mapping)
-
-
-def _drive_metrics(drive: Exploration) -> tuple[Metric, ...]:
-    report = drive.report
-    return (
-        Metric("path_length_m", report.path_length_m, "m", "as driven"),
-        Metric("turns", float(report.turns), "", "of 45 degrees and more"),
-        Metric("revisit_share", report.revisit_share, "", "of the cells entered"),
-        Metric("drive_time_s", report.drive_time_s, "s", "simulated"),
-        Metric("collisions", float(report.collisions), "", "contacts with the true world"),
-    )

@@ -18,7 +18,7 @@ from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
 from slarm_graph.eval.assessment import assess, read_references
-from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
+from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.mapping import end_points_m, thinned
 from slarm_graph.radio.radio_map import radio_map
@@ -74,8 +74,17 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         references = references.or_truth(source.info().truth)
-        metrics = assess(slam.trajectory, references, intake.robot_from_laser)
-        metrics += sharpness_metrics(sharpness(ends))
+        metrics = assess(
+            Subject(
+                slam.trajectory,
+                references,
+                intake.robot_from_laser,
+                ends,
+                slam.grid,
+                geographic,
+                radio,
+            )
+        )
         title = f"{job.paths[0].name}, {config.backend}"
         done = Run(title, config, source, intake, slam, geographic, radio, metrics)
         save_report(folder, done, references)

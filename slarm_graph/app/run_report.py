@@ -7,7 +7,8 @@ from __future__ import annotations
 from slarm_graph.app.job import Run
 from slarm_graph.app.outputs import save_trajectory
 from slarm_graph.app.run_folder import RunFolder
-from slarm_graph.eval.assessment import References, ground_truth_in_map
+from slarm_graph.eval.assessment import ground_truth_in_map
+from slarm_graph.eval.metric_parts import References
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
 from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY

@@ -1,0 +1,109 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What metrics are computed from, and where those of other packages come in."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import entry_points
+from typing import Protocol
+
+from slarm_graph.access_points import RadioMap
+from slarm_graph.eval.metrics import Metric, MetricKind
+from slarm_graph.eval.relations import Relations
+from slarm_graph.exploration.drive_report import DriveReport
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.grid import OccupancyGrid
+from slarm_graph.trajectory import Trajectory
+
+ENTRY_POINT_GROUP = "slarm_graph.metrics"
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class References:
+    """What is known to be true.
+
+    Parameters
+    ----------
+    ground_truth : Trajectory or None
+        `truth_from_robot`.
+    relations : Relations or None
+        True poses of the laser, relative to each other.
+    """
+
+    ground_truth: Trajectory | None = None
+    relations: Relations | None = None
+
+    def or_truth(self, truth: Trajectory | None) -> References:
+        """Fill in what a source knows of itself, where no ground truth is given."""
+        return replace(self, ground_truth=truth) if self.ground_truth is None else self
+
+
+@dataclass(frozen=True, slots=True)
+class Subject:
+    """What a run came to, as far as there is, for metrics to be computed from.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        `map_from_robot`.
+    references : References
+    robot_from_laser : Pose2
+        Where relations are evaluated [m, m, rad].
+    end_points_m : (N, 2) float64, optional
+        End points of the scans in the map [m].
+    grid : OccupancyGrid, optional
+    geographic : GeographicMap, optional
+    radio : RadioMap, optional
+    drive : DriveReport, optional
+        Where a robot explored.
+    """
+
+    trajectory: Trajectory
+    references: References = field(default_factory=References)
+    robot_from_laser: Pose2 = field(default_factory=Pose2)
+    end_points_m: Floats | None = None
+    grid: OccupancyGrid | None = None
+    geographic: GeographicMap | None = None
+    radio: RadioMap | None = None
+    drive: DriveReport | None = None
+
+
+class MetricPart(Protocol):
+    """Metrics of another package, under a name of the group `slarm_graph.metrics`."""
+
+    kinds: Sequence[MetricKind]
+    """Rows for the table of metrics."""
+
+    def measure(self, subject: Subject) -> Iterable[Metric]:
+        """Return the metrics that this subject allows."""
+        ...
+
+
+@cache
+def parts() -> tuple[MetricPart, ...]:
+    """Load what is registered; what cannot be loaded is told and left out."""
+    found: list[MetricPart] = []
+    for entry in entry_points(group=ENTRY_POINT_GROUP):
+        try:
+            found.append(entry.load()())
+        except Exception as error:
+            _log.warning("metrics %s (%s) cannot be used: %s", entry.name, entry.value, error)
+    return tuple(found)
+
+
+def measured_by_parts(subject: Subject) -> tuple[Metric, ...]:
+    """Return what other packages measure; one that fails is told and costs no run."""
+    found: list[Metric] = []
+    for part in parts():
+        try:
+            found += part.measure(subject)
+        except Exception as error:
+            _log.warning("metrics of %s failed: %s", type(part).__name__, error)
+    return tuple(found)
