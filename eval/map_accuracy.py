@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,6 +13,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Mask, OccupancyGrid
+from slarm_graph.raster.distance import distance_to
 
 _MEANINGFUL_OVERLAP = 0.3
 
@@ -116,10 +116,7 @@ def classes_on(
 
 def distance_to_m(mask: Mask, resolution_m: float) -> Floats:
     """Distance (rows, cols) [m] from every cell's centre to the nearest cell of the mask."""
-    if not mask.any():
-        return np.full(mask.shape, np.inf)
-    cells = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return cells.astype(np.float64) * resolution_m
+    return distance_to(mask).astype(np.float64) * resolution_m
 
 
 def difference_image(

@@ -8,12 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.raster.distance import clearance
 from slarm_graph.world import Solid, WorldMap
 
 _CEILING_M = 3.0
@@ -122,7 +122,7 @@ def _corners_m(geometry: GridGeometry, rectangle: NDArray[np.int64]) -> Floats:
 
 
 def _widest_place(geometry: GridGeometry, free: Mask) -> Pose2:
-    room = ndimage.distance_transform_edt(np.pad(free, 1))[1:-1, 1:-1]
+    room = clearance(free)
     row, col = np.unravel_index(int(np.argmax(room)), room.shape)
     x, y = geometry.center_of([int(row), int(col)])
     return Pose2(float(x), float(y), 0.0)

@@ -18,10 +18,10 @@ from slarm_graph.exploration.coverage_grid import driving_grid
 from slarm_graph.exploration.lane_order import in_driving_order
 from slarm_graph.exploration.live_map import mark_swept
 from slarm_graph.exploration.smooth_paths import smooth_path
-from slarm_graph.exploration.thin_lines import pruned, thinned, traced
 from slarm_graph.exploration.tour import ordered, without_detours
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.raster.thinning import pruned, thinned, traced
 
 EIGHT = np.ones((3, 3), dtype=np.bool_)
 seeds = st.integers(0, 2**32 - 1)

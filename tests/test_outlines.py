@@ -12,7 +12,8 @@ from hypothesis.extra import numpy as hnp
 
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains, signed_area_m2
-from slarm_graph.recovery.outlines import inside_any, inside_outlines, outlines_m, simplified_m
+from slarm_graph.raster.fill import inside_any, inside_outlines
+from slarm_graph.raster.outlines import outlines_m, simplified_m
 
 MASKS = hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=2, max_side=14))
 

@@ -18,8 +18,9 @@ from slarm_graph.eval.radio_accuracy import radio_accuracy
 from slarm_graph.geographic import CellState
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
+from slarm_graph.raster.distance import within
 from slarm_graph.recovery.coverage import visited_cells
-from slarm_graph.recovery.grid_cleaning import cleaned, within_m
+from slarm_graph.recovery.grid_cleaning import cleaned
 from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
 from slarm_graph.recovery.returns import gathered
 from slarm_graph.trajectory import Trajectory
@@ -199,8 +200,8 @@ def test_cells_within_a_distance(radius_m):
     mask = rng.random(geometry.shape) < 0.01
     off = geometry.centers()[:, :, None] - geometry.center_of(np.argwhere(mask))
     near = (np.linalg.norm(off, axis=-1) <= radius_m + 1e-6).any(axis=-1)
-    np.testing.assert_array_equal(within_m(geometry, mask, radius_m), near)
-    assert not within_m(geometry, np.zeros_like(mask), radius_m).any()
+    np.testing.assert_array_equal(within(mask, radius_m, geometry.resolution_m), near)
+    assert not within(np.zeros_like(mask), radius_m, geometry.resolution_m).any()
 
 
 def test_footprint_is_the_disc_around_the_path():

@@ -7,11 +7,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import ndimage
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.grid import GridGeometry
+from slarm_graph.raster.distance import clearance
+from slarm_graph.raster.patches import patches
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import Solid, WorldMap
 
@@ -76,11 +77,10 @@ def _start(rng: np.random.Generator, world: WorldMap, room_m: float) -> Pose2 | 
     """Draw a pose in the largest connected free place; None where there is none."""
     geometry = GridGeometry.covering(*world.extent_m(), _RESOLUTION_M)
     blocked = solid_heights_m(world, geometry, "touched") > 0.0
-    room = ndimage.distance_transform_edt(np.pad(~blocked, 1))[1:-1, 1:-1] * _RESOLUTION_M
-    labels, count = ndimage.label(room > room_m + _RESOLUTION_M)
-    if count == 0:
+    room = clearance(~blocked).astype(np.float64) * _RESOLUTION_M
+    labels, sizes = patches(room > room_m + _RESOLUTION_M, over_corners=False)
+    if not sizes.any():
         return None
-    largest = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    row, col = rng.choice(np.argwhere(labels == largest))
+    row, col = rng.choice(np.argwhere(labels == sizes.argmax()))
     x, y = geometry.center_of([row, col])
     return Pose2(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))

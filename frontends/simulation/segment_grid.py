@@ -13,6 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.raster.lines import first_crossing
 
 # A ray through the common end of two segments must not slip between them.
 _TOLERANCE: Final = 1e-9
@@ -192,16 +193,8 @@ def _cast_one(
     """Distance along one ray, +inf when nothing is met within `max_range`."""
     side = frame[2]
     rows, cols = shape[0], shape[1]
-    u, v = (x - frame[0]) / side, (y - frame[1]) / side
-    col, row = math.floor(u), math.floor(v)
-    step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-    next_x = next_y = delta_x = delta_y = math.inf
-    if dx != 0.0:
-        delta_x = side / abs(dx)
-        next_x = (col + 1 - u if dx > 0.0 else u - col) * delta_x
-    if dy != 0.0:
-        delta_y = side / abs(dy)
-        next_y = (row + 1 - v if dy > 0.0 else v - row) * delta_y
+    col, step_col, next_x, delta_x = first_crossing((x - frame[0]) / side, dx / side)
+    row, step_row, next_y, delta_y = first_crossing((y - frame[1]) / side, dy / side)
     best = math.inf
     while 0 <= col < cols and 0 <= row < rows:
         cell = row * cols + col

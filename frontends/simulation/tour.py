@@ -6,13 +6,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage, sparse
+from scipy import sparse
 from scipy.sparse import csgraph
 from scipy.spatial import cKDTree
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.raster.distance import clearance
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
@@ -35,7 +36,7 @@ def tour_waypoints_m(
         When the body cannot leave the start.
     """
     truth = truth_map(world, resolution_m, "touched")
-    room_m = ndimage.distance_transform_edt(np.pad(~truth.blocked, 1))[1:-1, 1:-1] * resolution_m
+    room_m = clearance(~truth.blocked).astype(np.float64) * resolution_m
     # Distances to cell centres understate the room by up to half a cell.
     passable = room_m - 0.5 * resolution_m > body_radius_m + _CLEARANCE_M
     graph, cells = _graph(passable, room_m, resolution_m)

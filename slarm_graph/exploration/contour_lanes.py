@@ -15,11 +15,11 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
-from slarm_graph.exploration.thin_lines import pruned, thinned, traced
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.raster.distance import clearance, distance_to, nearest_of
+from slarm_graph.raster.thinning import pruned, thinned, traced
 
 _REACH: Final = 0.75
 """A lane is for what lies nearer than this share of the disc's radius; the rest is a sliver."""
@@ -56,7 +56,7 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
         Lanes are cut into pieces up to this length [cells].
     """
     rings = ring_lines(wanted, passable, radius)
-    left = wanted & (_distance_to(rings) > radius)
+    left = wanted & (distance_to(rings) > radius)
     lines = thinned(rings | middle_lines(left & passable, radius))
     area = _served(rings & lines, wanted & ~left) + _served(lines, left)
     lanes = []
@@ -75,10 +75,10 @@ def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
     """Level lines (rows, cols) of the distance to the walls, where the disc would be of use."""
     # Where there is hardly room for one lane there shall not be two.
     roomy = cv2.morphologyEx(passable.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    depth = cv2.distanceTransform(np.pad(roomy, 1), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    depth = clearance(np.pad(roomy, 1) > 0)
     band = np.floor((depth - 1.0) / (2.0 * radius)).astype(np.float32)
     shallow = cv2.erode(band, cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3)))
-    return np.asarray((band > shallow)[1:-1, 1:-1] & (_distance_to(wanted) <= _REACH * radius))
+    return np.asarray((band > shallow)[1:-1, 1:-1] & (distance_to(wanted) <= _REACH * radius))
 
 
 def middle_lines(left: Mask, radius: float) -> Mask:
@@ -87,21 +87,8 @@ def middle_lines(left: Mask, radius: float) -> Mask:
     return pruned(thinned(left), round(_REACH * radius))
 
 
-def _distance_to(mask: Mask) -> NDArray[np.float32]:
-    """Distance (rows, cols) to the nearest cell of a mask [cells]; far where it is empty."""
-    if not mask.any():
-        return np.full(mask.shape, np.inf, dtype=np.float32)
-    away = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(away, dtype=np.float32)
-
-
 def _served(lines: Mask, wanted: Mask) -> Floats:
     """Wanted cells (rows * cols,) that every line cell is the nearest to."""
     if not lines.any():
         return np.zeros(lines.size)
-    _, labels = cv2.distanceTransformWithLabels(
-        (~lines).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-    )
-    cell_of = np.zeros(int(labels.max()) + 1, dtype=np.int64)
-    cell_of[labels[lines]] = np.flatnonzero(lines)
-    return np.bincount(cell_of[labels[wanted]], minlength=lines.size).astype(np.float64)
+    return np.bincount(nearest_of(lines)[wanted], minlength=lines.size).astype(np.float64)

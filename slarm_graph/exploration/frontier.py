@@ -18,6 +18,7 @@ from slarm_graph.exploration.paths import path_to_wanted, without_straight_point
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells, Mask
+from slarm_graph.raster.patches import larger_than
 
 _REVIEW_S: Final = 1.0
 _MIN_PATCH_CELLS: Final = 3
@@ -143,8 +144,7 @@ def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
     side = max(1, round(width_m / driving.geometry.resolution_m))
     strip = np.ones((side, side), dtype=np.uint8)
     unknown = cv2.morphologyEx(free.astype(np.uint8), cv2.MORPH_OPEN, strip)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(unknown)
-    unknown[(stats[:count, cv2.CC_STAT_AREA] < _MIN_PATCH_CELLS)[labels]] = 0
+    unknown = larger_than(unknown > 0, _MIN_PATCH_CELLS - 1).astype(np.uint8)
     around = np.ones((3, 3), dtype=np.uint8)
     rim = cv2.dilate(unknown, around) > cv2.erode(unknown, around, borderValue=0)
     return np.asarray(rim & driving.passable)

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final, Literal
 
-import cv2
 import numpy as np
 
 from slarm_graph.config import ExploreConfig
@@ -27,6 +26,7 @@ from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.smooth_paths import smooth_path
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Mask
+from slarm_graph.raster.distance import distance_to
 
 _TRACKING_M: Final = 0.01
 """How far from its lane the robot may be."""
@@ -135,8 +135,8 @@ def lanes_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[La
     """
     cell_m = driving.geometry.resolution_m
     passable = driving.passable & near
-    away = cv2.distanceTransform((~passable).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    wanted = driving.observed & (away <= radius_m / cell_m) & ~driving.swept
+    in_reach = distance_to(passable) <= radius_m / cell_m
+    wanted = driving.observed & in_reach & ~driving.swept
     radius = max(0.5, (radius_m - _TRACKING_M) / cell_m)
     lanes = contour_lanes(np.asarray(wanted), passable, radius, _LANE_M / cell_m)
     return [lane for lane in lanes if lane.area_cells * cell_m**2 >= _MIN_LANE_M2]

@@ -9,12 +9,12 @@ is open only where both ways around its corner are, so that no path cuts a corne
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.raster.distance import clearance
 
 Moves = NDArray[np.uint8]
 
@@ -28,9 +28,7 @@ def clearance_m(blocked: Mask, resolution_m: float) -> NDArray[np.float32]:
 
     Everything outside the grid counts as blocked.
     """
-    framed = np.pad(~blocked, 1).astype(np.uint8)
-    distance = cv2.distanceTransform(framed, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance[1:-1, 1:-1] * np.float32(resolution_m), dtype=np.float32)
+    return np.asarray(clearance(~blocked) * np.float32(resolution_m), dtype=np.float32)
 
 
 def moves_within(passable: Mask) -> Moves:

@@ -13,6 +13,7 @@ from numba import njit
 from slarm_graph.exploration.searches import Indices
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.raster.lines import first_crossing
 
 _TIE: Final = 1e-9
 
@@ -46,15 +47,9 @@ def shortcut(passable: Mask, points: Floats, reach: int = 200) -> Floats:
 def _sees(passable: Mask, x: float, y: float, end_x: float, end_y: float) -> bool:
     """Walk every cell that the segment touches (Amanatides and Woo 1987)."""
     rows, cols = passable.shape
-    col, row = math.floor(x), math.floor(y)
     last_col, last_row = math.floor(end_x), math.floor(end_y)
-    dx, dy = end_x - x, end_y - y
-    step_col = 1 if dx > 0 else -1
-    step_row = 1 if dy > 0 else -1
-    next_x = ((col + (1 if dx > 0 else 0)) - x) / dx if dx != 0.0 else math.inf
-    next_y = ((row + (1 if dy > 0 else 0)) - y) / dy if dy != 0.0 else math.inf
-    per_col = abs(1.0 / dx) if dx != 0.0 else math.inf
-    per_row = abs(1.0 / dy) if dy != 0.0 else math.inf
+    col, step_col, next_x, per_col = first_crossing(x, end_x - x)
+    row, step_row, next_y, per_row = first_crossing(y, end_y - y)
     for _ in range(abs(last_col - col) + abs(last_row - row) + 1):
         if not (0 <= row < rows and 0 <= col < cols and passable[row, col]):
             return False

@@ -24,7 +24,7 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
 )
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
-from slarm_graph.recovery.outlines import inside_solids
+from slarm_graph.raster.fill import inside_solids
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 

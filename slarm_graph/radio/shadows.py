@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.raster.fill import cover_strictly
 
 _GRAZE_CELLS = 1e-9
 
@@ -80,7 +81,7 @@ def shadowed_cells(
                 points[size + k, axis] = eye[axis] + scales[i, 1] * off
         edges = _hull(points[: 2 * size], hull)
         if edges >= 3:
-            _mark(steps, left, right, hull[:edges], slack * _GRAZE_CELLS)
+            cover_strictly(steps, left, right, hull[:edges], slack * _GRAZE_CELLS)
     mask = np.empty((rows, cols), dtype=np.bool_)
     for row in range(rows):
         covers = 0
@@ -158,36 +159,3 @@ def _hull(points: Floats, hull: Floats) -> int:
 @njit(cache=True, nogil=True)
 def _turns_left(a: Floats, b: Floats, c: Floats) -> bool:
     return bool((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) > 0.0)
-
-
-@njit(cache=True, nogil=True)
-def _mark(
-    steps: NDArray[np.int32], left: Floats, right: Floats, polygon: Floats, slack: float
-) -> None:
-    """Add one to every cell whose centre lies inside a convex counter-clockwise polygon.
-
-    `steps` (rows, cols + 1) holds differences along each row; `left` and `right` are scratch.
-    """
-    rows, cols = steps.shape[0], steps.shape[1] - 1
-    low, high = polygon[:, 1].min() - 0.5, polygon[:, 1].max() - 0.5
-    first = math.floor(min(max(low + slack, -1.0), float(rows))) + 1
-    last = math.ceil(min(max(high - slack, -1.0), float(rows))) - 1
-    for k in range(len(polygon)):
-        x0, y0 = polygon[k, 0], polygon[k, 1] - 0.5
-        x1, y1 = polygon[(k + 1) % len(polygon), 0], polygon[(k + 1) % len(polygon), 1] - 0.5
-        if y0 == y1:
-            continue
-        slope = (x1 - x0) / (y1 - y0)
-        begin = max(first, math.ceil(max(min(y0, y1) - abs(slack), -1.0)))
-        end = min(last, math.floor(min(max(y0, y1) + abs(slack), float(rows))))
-        side = right if y1 > y0 else left
-        # The nearer end as anchor keeps the far, scaled-up corner's rounding out of the picture.
-        anchor_x, anchor_y = (x0, y0) if abs(y0) + abs(x0) < abs(y1) + abs(x1) else (x1, y1)
-        for row in range(begin, end + 1):
-            side[row] = anchor_x + (row - anchor_y) * slope
-    for row in range(first, last + 1):
-        begin = max(0, math.floor(min(max(left[row] - 0.5 + slack, -1.0), float(cols))) + 1)
-        end = min(cols, math.ceil(min(max(right[row] - 0.5 - slack, -1.0), float(cols))))
-        if begin < end:
-            steps[row, begin] += 1
-            steps[row, end] -= 1

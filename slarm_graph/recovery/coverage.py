@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.recovery.grid_cleaning import within_m
+from slarm_graph.raster.distance import within
 from slarm_graph.trajectory import Trajectory
 
 
@@ -47,7 +47,7 @@ def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
 def footprint_cells(geometry: GridGeometry, trajectory: Trajectory, radius_m: float) -> Mask:
     """Mark the cells (rows, cols) whose centre a disc on the path passed over."""
     cell_m = geometry.resolution_m
-    over = within_m(geometry, visited_cells(geometry, trajectory), radius_m + 1.5 * cell_m)
+    over = within(visited_cells(geometry, trajectory), radius_m + 1.5 * cell_m, cell_m)
     path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
     centers = geometry.center_of(np.argwhere(over))
     if len(centers):

@@ -4,21 +4,19 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from slarm_graph.config import RecoveryConfig
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.raster.distance import distance_to
+from slarm_graph.raster.patches import joined, larger_than, patches
 
 _EIGHT = np.ones((3, 3), dtype=np.bool_)
 _LEAST_CELLS = 3
-_MOST_DILATED_CELLS = 8
-"""Up to here it is faster to dilate than to measure distances."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +53,7 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     visited : (rows, cols) bool
     config : RecoveryConfig
     """
-    occupied = _without_specks(grid.occupied, config.speck_cells) & ~visited
+    occupied = larger_than(grid.occupied, config.speck_cells) & ~visited
     free = (grid.free | visited | (grid.occupied & ~occupied)) & ~occupied
     passable = visited | (
         free & _fits(occupied, config.robot_radius_m / grid.geometry.resolution_m)
@@ -70,43 +68,16 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     return CleanGrid(grid.geometry, occupied, free, reached, passable & reached)
 
 
-def within_m(geometry: GridGeometry, mask: Mask, radius_m: float) -> Mask:
-    """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
-    if not mask.any():
-        return np.zeros_like(mask)
-    reach = math.floor((radius_m + 1e-6) / geometry.resolution_m)
-    if reach > _MOST_DILATED_CELLS:
-        return np.asarray(_apart_cells(mask) * geometry.resolution_m <= radius_m + 1e-6)
-    offsets = np.arange(-reach, reach + 1) * geometry.resolution_m
-    disc = np.hypot(offsets[:, None], offsets) <= radius_m + 1e-6
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0)
-
-
-def _apart_cells(mask: Mask) -> NDArray[np.float32]:
-    """Exact distance of every cell to the nearest one of the mask [cells]."""
-    far = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(far, dtype=np.float32)
-
-
-def _without_specks(occupied: Mask, most_cells: int) -> Mask:
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8))
-    kept = stats[:, cv2.CC_STAT_AREA] > most_cells
-    kept[0] = False
-    return np.asarray(kept[labels]) if count > 1 else occupied.copy()
-
-
 def _fits(occupied: Mask, radius_cells: float) -> Mask:
     """Cells from whose centre a disc reaches into no occupied cell's centre."""
-    if not occupied.any():
-        return np.ones_like(occupied)
-    return np.asarray(_apart_cells(occupied) > radius_cells)
+    return np.asarray(distance_to(occupied) > radius_cells)
 
 
 def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:
     """Unknown patches no larger than a size that touch free cells only, none of them a wall's."""
     unknown = ~(free | occupied)
-    count, labels = cv2.connectedComponents(unknown.astype(np.uint8), connectivity=8)
-    small = np.bincount(labels.ravel(), minlength=count) <= most_cells
+    labels, sizes = patches(unknown, over_corners=True)
+    small = sizes <= most_cells
     small[0] = False
     beside = labels[ndimage.binary_dilation(occupied, _EIGHT) & unknown]
     small[beside] = False
@@ -129,15 +100,3 @@ def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
     for _ in range(_LEAST_CELLS - 1):
         region = (cv2.dilate(region.astype(np.uint8), _EIGHT.astype(np.uint8)) > 0) & free
     return region
-
-
-def joined(cells: Mask, visited: Mask) -> Mask:
-    """Cells joined over sides to visited ones; where there are none, the largest patch."""
-    _, labels = cv2.connectedComponents(cells.astype(np.uint8), connectivity=4)
-    if (visited & cells).any():
-        wanted = np.unique(labels[visited & cells])
-    else:
-        sizes = np.bincount(labels.ravel())
-        sizes[0] = 0
-        wanted = np.array([sizes.argmax()])
-    return np.asarray(np.isin(labels, wanted[wanted > 0]))

@@ -21,17 +21,18 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
+from slarm_graph.raster.distance import within
+from slarm_graph.raster.fill import inside_any, inside_outlines, inside_solids
+from slarm_graph.raster.outlines import outlines_m
+from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
 from slarm_graph.recovery.coverage import footprint_cells, observed_cells, visited_cells
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     cleaned,
-    joined,
-    within_m,
 )
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
-from slarm_graph.recovery.outlines import inside_any, inside_outlines, inside_solids, outlines_m
 from slarm_graph.recovery.returns import gathered, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straightened
 from slarm_graph.trajectory import Trajectory
@@ -173,9 +174,8 @@ def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
 def _near_border(clean: CleanGrid) -> Mask:
     """Cells of the grid that straightening may change."""
     reach_m = _MOVED_CELLS * clean.geometry.resolution_m
-    return within_m(clean.geometry, clean.reached, reach_m) & within_m(
-        clean.geometry, ~clean.reached, reach_m
-    )
+    cell_m = clean.geometry.resolution_m
+    return within(clean.reached, reach_m, cell_m) & within(~clean.reached, reach_m, cell_m)
 
 
 def _straight(shape: _Shape, geometry: GridGeometry) -> Mask:
@@ -186,10 +186,10 @@ def _straight(shape: _Shape, geometry: GridGeometry) -> Mask:
 
 def _thin_walls(shape: _Shape) -> Mask:
     """Occupied cells of the grid with nothing left near them, as both faces met in one line."""
-    clean = shape.clean
+    clean, cell_m = shape.clean, shape.clean.geometry.resolution_m
     free = np.where(_near_border(clean), _straight(shape, clean.geometry), clean.reached)
     blocked = ~free & (clean.occupied | _behind(shape, clean.geometry))
-    left = within_m(clean.geometry, blocked, 2.0 * clean.geometry.resolution_m)
+    left = within(blocked, 2.0 * cell_m, cell_m)
     return clean.occupied & free & ~left
 
 
@@ -235,7 +235,7 @@ def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask
     if radius_m <= 0.0:
         return np.zeros(target.shape, dtype=np.bool_)
     cells = math.ceil(radius_m / target.resolution_m - 1e-9)
-    near = within_m(target, states == CellState.OBSTACLE, cells * target.resolution_m)
+    near = within(states == CellState.OBSTACLE, cells * target.resolution_m, target.resolution_m)
     return np.asarray(near & (states == CellState.ACCESSIBLE))
 
 

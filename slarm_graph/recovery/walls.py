@@ -17,7 +17,7 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
-from slarm_graph.recovery.outlines import simplified_m
+from slarm_graph.raster.outlines import simplified_m
 from slarm_graph.recovery.returns import NO_RETURNS, Returns
 
 _SIMPLIFY_CELLS = 1.5

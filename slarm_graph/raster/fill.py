@@ -1,14 +1,15 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Between cells and polygons: the outlines of a mask, and the mask of outlines."""
+"""Cells whose centre lies inside polygons.
+
+Areas are half open: of two polygons that share an edge, a centre on it lies in exactly one.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 
-import cv2
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -17,36 +18,6 @@ from slarm_graph.convex import convex_pieces
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.world import Solid
-
-
-def outlines_m(geometry: GridGeometry, mask: Mask) -> list[Floats]:
-    """Trace the sides of cells that part a mask from the rest.
-
-    Parameters
-    ----------
-    geometry : GridGeometry
-    mask : (rows, cols) bool
-
-    Returns
-    -------
-    list of (K, 2) float64
-        Closed polygons with the mask on their left: outer outlines counter-clockwise, those of
-        holes clockwise [m]. Cells that touch only at a corner are apart.
-    """
-    corners, starts = _trace_cracks(np.pad(mask, 1))
-    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    points = (corners - 1) * geometry.resolution_m + origin
-    return [points[a:b] for a, b in pairwise(starts)]
-
-
-def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
-    """Drop corners (Douglas-Peucker) that lie within a tolerance of the outline without them."""
-    kept = cv2.approxPolyDP(outline_m.astype(np.float32).reshape(-1, 1, 2), tolerance_m, True)
-    if len(kept) < 3:
-        return outline_m
-    # The image library works in single precision: take the exact corner that is meant.
-    exact = dict(zip(map(tuple, outline_m.astype(np.float32)), outline_m, strict=True))
-    return np.array([exact[tuple(corner)] for corner in kept[:, 0]])
 
 
 def inside_outlines(geometry: GridGeometry, polygons_m: Sequence[Floats]) -> Mask:
@@ -113,43 +84,33 @@ def _flip(flips: Mask, polygon: Floats) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _trace_cracks(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Corner points (x, y) where cracks turn, and where each outline starts."""
-    rows, cols = mask.shape
-    # Whether a crack leaves a lattice corner to the right, up, left, down.
-    leaves = np.zeros((rows + 1, cols + 1, 4), dtype=np.bool_)
-    count = 0
-    for r in range(1, rows - 1):
-        for c in range(1, cols - 1):
-            if mask[r, c]:
-                leaves[r, c, 0] |= not mask[r - 1, c]
-                leaves[r, c + 1, 1] |= not mask[r, c + 1]
-                leaves[r + 1, c + 1, 2] |= not mask[r + 1, c]
-                leaves[r + 1, c, 3] |= not mask[r, c - 1]
-    count = leaves.sum()
-    corners = np.empty((count, 2), dtype=np.int64)
-    starts = [0]
-    size = 0
-    for r in range(rows + 1):
-        for c in range(cols + 1):
-            # The lowest, then leftmost corner of an outline is left to the right, or downward
-            # from a hole; an outline always turns where it begins.
-            if not leaves[r, c, 0]:
-                continue
-            x, y, heading, before = c, r, 0, -1
-            while leaves[y, x, heading]:
-                leaves[y, x, heading] = False
-                if heading != before:
-                    corners[size, 0] = x
-                    corners[size, 1] = y
-                    size += 1
-                before = heading
-                x += (1, 0, -1, 0)[heading]
-                y += (0, 1, 0, -1)[heading]
-                for turn in (1, 0, 3):
-                    ahead = (heading + turn) % 4
-                    if leaves[y, x, ahead]:
-                        heading = ahead
-                        break
-            starts.append(size)
-    return corners[:size], np.array(starts)
+def cover_strictly(
+    steps: NDArray[np.int32], left: Floats, right: Floats, polygon: Floats, slack: float
+) -> None:
+    """Add one to every cell whose centre lies inside a convex counter-clockwise polygon.
+
+    `steps` (rows, cols + 1) holds differences along each row; `left` and `right` are scratch.
+    """
+    rows, cols = steps.shape[0], steps.shape[1] - 1
+    low, high = polygon[:, 1].min() - 0.5, polygon[:, 1].max() - 0.5
+    first = math.floor(min(max(low + slack, -1.0), float(rows))) + 1
+    last = math.ceil(min(max(high - slack, -1.0), float(rows))) - 1
+    for k in range(len(polygon)):
+        x0, y0 = polygon[k, 0], polygon[k, 1] - 0.5
+        x1, y1 = polygon[(k + 1) % len(polygon), 0], polygon[(k + 1) % len(polygon), 1] - 0.5
+        if y0 == y1:
+            continue
+        slope = (x1 - x0) / (y1 - y0)
+        begin = max(first, math.ceil(max(min(y0, y1) - abs(slack), -1.0)))
+        end = min(last, math.floor(min(max(y0, y1) + abs(slack), float(rows))))
+        side = right if y1 > y0 else left
+        # The nearer end as anchor keeps the far, scaled-up corner's rounding out of the picture.
+        anchor_x, anchor_y = (x0, y0) if abs(y0) + abs(x0) < abs(y1) + abs(x1) else (x1, y1)
+        for row in range(begin, end + 1):
+            side[row] = anchor_x + (row - anchor_y) * slope
+    for row in range(first, last + 1):
+        begin = max(0, math.floor(min(max(left[row] - 0.5 + slack, -1.0), float(cols))) + 1)
+        end = min(cols, math.ceil(min(max(right[row] - 0.5 - slack, -1.0), float(cols))))
+        if begin < end:
+            steps[row, begin] += 1
+            steps[row, end] -= 1

@@ -1,0 +1,64 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Distances between cells, exact from centre to centre."""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.grid import Mask
+
+Distances = NDArray[np.float32]
+
+_MOST_DILATED_CELLS = 8
+"""Up to here it is faster to dilate by a disc than to measure distances (measured: the two take
+alike at 8 cells on 2000 x 2000; half or double costs under 30 % of this step)."""
+_SLACK_M = 1e-6
+"""Far above rounding of metres and far below a cell: what is exactly at a radius is within it."""
+
+
+def distance_to(mask: Mask) -> Distances:
+    """Distance (rows, cols) to the nearest cell of a mask [cells]; infinite where it is empty."""
+    if not mask.any():
+        return np.full(mask.shape, np.inf, dtype=np.float32)
+    return _to_zero((~mask).astype(np.uint8))
+
+
+def clearance(free: Mask) -> Distances:
+    """Distance (rows, cols) to the nearest cell that is not free [cells].
+
+    Everything outside the grid counts as not free.
+    """
+    return _to_zero(np.pad(free, 1).astype(np.uint8))[1:-1, 1:-1]
+
+
+def within(mask: Mask, radius_m: float, resolution_m: float) -> Mask:
+    """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
+    if not mask.any():
+        return np.zeros_like(mask)
+    reach = math.floor((radius_m + _SLACK_M) / resolution_m)
+    if reach > _MOST_DILATED_CELLS:
+        return np.asarray(distance_to(mask) * resolution_m <= radius_m + _SLACK_M)
+    offsets = np.arange(-reach, reach + 1) * resolution_m
+    disc = np.hypot(offsets[:, None], offsets) <= radius_m + _SLACK_M
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0)
+
+
+def nearest_of(mask: Mask) -> NDArray[np.int64]:
+    """Flat index (rows, cols) of the cell of a mask, not empty, that is about the nearest."""
+    _, labels = cv2.distanceTransformWithLabels(
+        (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+    )
+    cell_of = np.zeros(int(labels.max()) + 1, dtype=np.int64)
+    cell_of[labels[mask]] = np.flatnonzero(mask)
+    return np.asarray(cell_of[labels])
+
+
+def _to_zero(image: NDArray[np.uint8]) -> Distances:
+    """Distance (rows, cols) to the nearest zero of an image [cells]."""
+    far = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(far, dtype=np.float32)

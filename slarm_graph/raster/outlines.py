@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Outlines of a mask, along the sides of its cells."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask
+
+
+def outlines_m(geometry: GridGeometry, mask: Mask) -> list[Floats]:
+    """Trace the sides of cells that part a mask from the rest.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    mask : (rows, cols) bool
+
+    Returns
+    -------
+    list of (K, 2) float64
+        Closed polygons with the mask on their left: outer outlines counter-clockwise, those of
+        holes clockwise [m]. Cells that touch only at a corner are apart.
+    """
+    corners, starts = _trace_cracks(np.pad(mask, 1))
+    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
+    points = (corners - 1) * geometry.resolution_m + origin
+    return [points[a:b] for a, b in pairwise(starts)]
+
+
+def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
+    """Drop corners (Douglas-Peucker) that lie within a tolerance of the outline without them."""
+    kept = cv2.approxPolyDP(outline_m.astype(np.float32).reshape(-1, 1, 2), tolerance_m, True)
+    if len(kept) < 3:
+        return outline_m
+    # The image library works in single precision: take the exact corner that is meant.
+    exact = dict(zip(map(tuple, outline_m.astype(np.float32)), outline_m, strict=True))
+    return np.array([exact[tuple(corner)] for corner in kept[:, 0]])
+
+
+@njit(cache=True, nogil=True)
+def _trace_cracks(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Corner points (x, y) where cracks turn, and where each outline starts."""
+    rows, cols = mask.shape
+    # Whether a crack leaves a lattice corner to the right, up, left, down.
+    leaves = np.zeros((rows + 1, cols + 1, 4), dtype=np.bool_)
+    count = 0
+    for r in range(1, rows - 1):
+        for c in range(1, cols - 1):
+            if mask[r, c]:
+                leaves[r, c, 0] |= not mask[r - 1, c]
+                leaves[r, c + 1, 1] |= not mask[r, c + 1]
+                leaves[r + 1, c + 1, 2] |= not mask[r + 1, c]
+                leaves[r + 1, c, 3] |= not mask[r, c - 1]
+    count = leaves.sum()
+    corners = np.empty((count, 2), dtype=np.int64)
+    starts = [0]
+    size = 0
+    for r in range(rows + 1):
+        for c in range(cols + 1):
+            # The lowest, then leftmost corner of an outline is left to the right, or downward
+            # from a hole; an outline always turns where it begins.
+            if not leaves[r, c, 0]:
+                continue
+            x, y, heading, before = c, r, 0, -1
+            while leaves[y, x, heading]:
+                leaves[y, x, heading] = False
+                if heading != before:
+                    corners[size, 0] = x
+                    corners[size, 1] = y
+                    size += 1
+                before = heading
+                x += (1, 0, -1, 0)[heading]
+                y += (0, 1, 0, -1)[heading]
+                for turn in (1, 0, 3):
+                    ahead = (heading + turn) % 4
+                    if leaves[y, x, ahead]:
+                        heading = ahead
+                        break
+            starts.append(size)
+    return corners[:size], np.array(starts)
