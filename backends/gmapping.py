@@ -16,6 +16,7 @@ import pickle
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
@@ -27,7 +28,7 @@ from slarm_graph.backends.particle_matching import point_normals
 from slarm_graph.backends.path_filling import GrowingMap, fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
-from slarm_graph.config import GmappingConfig, RunConfig
+from slarm_graph.config import FrontendConfig, GmappingConfig, MappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
@@ -71,21 +72,32 @@ class GmappingBackend:
 
     Parameters
     ----------
-    config : RunConfig
+    settings : GmappingConfig
+    frontend : FrontendConfig
     rng : numpy.random.Generator
         The only source of randomness; all draws of an update are made before it is shared out to
         threads, so their number does not matter.
     heartbeat : callable
+    mapping : MappingConfig, optional
     """
 
-    def __init__(self, config: RunConfig, rng: Generator, heartbeat: Heartbeat = silent) -> None:
-        self._config: GmappingConfig = config.gmapping
-        self._mapping = config.mapping
+    settings: ClassVar[type[Stage]] = GmappingConfig
+
+    def __init__(
+        self,
+        settings: GmappingConfig,
+        frontend: FrontendConfig,
+        rng: Generator,
+        heartbeat: Heartbeat = silent,
+        mapping: MappingConfig | None = None,
+    ) -> None:
+        self._config = settings
+        self._mapping = mapping or MappingConfig()
         self._rng = rng
         self._heartbeat = heartbeat
-        self._state = _State(ScanTracker(config.frontend), MappingFilter.empty(config.gmapping))
+        self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings))
         self._step: Future[None] | None = None
-        self._map = GrowingMap(config.mapping)
+        self._map = GrowingMap(self._mapping)
 
     def update(self, reading: Reading) -> None:
         """Take one reading: follow it with the frontend, and update the filter when due.

@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import pickle
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
-from slarm_graph.config import RunConfig
+from slarm_graph.config import FrontendConfig, MappingConfig, Stage
 from slarm_graph.errors import BadInput, RunFailed
 from slarm_graph.geometry import Floats, Pose2, compose, invert
 from slarm_graph.mapping import render
@@ -25,15 +26,27 @@ class OdometryBackend:
 
     Parameters
     ----------
-    config : RunConfig
+    settings : Stage
+    frontend : FrontendConfig
+        Not used.
     rng : numpy.random.Generator
         Not used.
     heartbeat : callable
+    mapping : MappingConfig, optional
     """
 
-    def __init__(self, config: RunConfig, rng: Generator, heartbeat: Heartbeat = silent) -> None:
-        del rng
-        self._config = config
+    settings: ClassVar[type[Stage]] = Stage
+
+    def __init__(
+        self,
+        settings: Stage,
+        frontend: FrontendConfig,
+        rng: Generator,
+        heartbeat: Heartbeat = silent,
+        mapping: MappingConfig | None = None,
+    ) -> None:
+        del settings, frontend, rng
+        self._mapping = mapping or MappingConfig()
         self._heartbeat = heartbeat
         self._stamps_ns: list[int] = []
         self._scans: list[LaserScan] = []
@@ -57,7 +70,7 @@ class OdometryBackend:
         poses, missing = self._filled()
         trajectory = Trajectory(np.array(self._stamps_ns), compose(invert(poses[0]), poses))
         self._heartbeat(f"rendering {len(self._scans)} scans")
-        grid = render(self._scans, trajectory, self._config.mapping)
+        grid = render(self._scans, trajectory, self._mapping)
         notices = (
             (f"{missing} scans without odometry were given the last pose before them",)
             if missing

@@ -5,13 +5,14 @@
 from __future__ import annotations
 
 import pickle
+from typing import ClassVar
 
 import numpy as np
 from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
 from slarm_graph.backends.submap_graph import SubmapGraph
-from slarm_graph.config import RunConfig
+from slarm_graph.config import FrontendConfig, MappingConfig, PoseGraphConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
@@ -41,19 +42,31 @@ class PoseGraphBackend:
 
     Parameters
     ----------
-    config : RunConfig
+    settings : PoseGraphConfig
+    frontend : FrontendConfig
     rng : numpy.random.Generator
         Not used: nothing here is drawn.
     heartbeat : Heartbeat
         Told what long steps are doing.
+    mapping : MappingConfig, optional
     """
 
-    def __init__(self, config: RunConfig, rng: Generator, heartbeat: Heartbeat = silent) -> None:
-        self._config = config
+    settings: ClassVar[type[Stage]] = PoseGraphConfig
+
+    def __init__(
+        self,
+        settings: PoseGraphConfig,
+        frontend: FrontendConfig,
+        rng: Generator,
+        heartbeat: Heartbeat = silent,
+        mapping: MappingConfig | None = None,
+    ) -> None:
+        del rng
+        self._mapping = mapping or MappingConfig()
         self._heartbeat = heartbeat
-        self._tracker = ScanTracker(config.frontend)
-        self._closer = LoopCloser(config.pose_graph.loops, config.frontend.matching)
-        self._graph = SubmapGraph(config.pose_graph)
+        self._tracker = ScanTracker(frontend)
+        self._closer = LoopCloser(settings.loops, frontend.matching)
+        self._graph = SubmapGraph(settings)
         self._scans: list[LaserScan] = []
         self._stamps_ns: list[int] = []
         self._local: list[Pose2] = []
@@ -87,7 +100,7 @@ class PoseGraphBackend:
         trajectory = self.trajectory()
         graph, weights = self._graph.settle(self._heartbeat)
         self._heartbeat("rendering the map")
-        grid = render(self._scans, trajectory, self._config.mapping)
+        grid = render(self._scans, trajectory, self._mapping)
         table = self._closure_table(weights)
         return SlamResult(trajectory, grid, graph, (table,))
 
@@ -107,7 +120,7 @@ class PoseGraphBackend:
 
     def snapshot(self) -> bytes:
         """Return the state; GTSAM objects live only within calls, so plain pickling does."""
-        kept = {k: v for k, v in self.__dict__.items() if k not in ("_config", "_heartbeat")}
+        kept = {k: v for k, v in self.__dict__.items() if k not in ("_mapping", "_heartbeat")}
         return pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL)
 
     def restore(self, state: bytes) -> None:

@@ -25,7 +25,7 @@ from multiprocessing import get_context
 
 import numpy as np
 
-from slarm_graph import backends
+from slarm_graph import backends, parts
 from slarm_graph.backend import SlamBackend, SlamResult, silent
 from slarm_graph.config import ExploreConfig, RunConfig
 from slarm_graph.exploration import explorers
@@ -104,7 +104,7 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
         if backend == "truth"
         else backends.make(backend, config, for_backend, silent)
     )
-    chosen = explorers.make(config.explore)
+    chosen = explorers.make(config)
     extent_m, start = world.extent_m(), world.start
     loop = ClosedLoop(simulated, slam, chosen, config.explore, extent_m=extent_m, start=start)
     while loop.step():
@@ -168,7 +168,7 @@ def main() -> None:
     """Print one table per world, and the mean saving over the best baseline."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", default=",".join(shipped_worlds()))
-    parser.add_argument("--explorers", default=",".join(explorers.EXPLORERS))
+    parser.add_argument("--explorers", default=",".join(parts.registered("explorer")))
     parser.add_argument("--backend", default="pose_graph")
     parser.add_argument("--resolution", type=float, default=0.25)
     parser.add_argument("--seed", type=int, default=0)

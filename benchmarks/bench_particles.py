@@ -15,7 +15,7 @@ import time
 import numpy as np
 
 from slarm_graph.backends.gmapping import GmappingBackend
-from slarm_graph.config import GmappingConfig, RunConfig, SimulationConfig
+from slarm_graph.config import FrontendConfig, GmappingConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
@@ -38,8 +38,8 @@ class Replayed:
 
 def filter_seconds(readings: list[Reading], scans: list[TrackedScan], particles: int) -> float:
     """Processor time of one run over tracked scans [s]."""
-    config = RunConfig(gmapping=GmappingConfig(particles=particles))
-    backend = GmappingBackend(config, np.random.default_rng(0))
+    settings = GmappingConfig(particles=particles)
+    backend = GmappingBackend(settings, FrontendConfig(), np.random.default_rng(0))
     backend._state.tracker = Replayed(scans)
     start = time.process_time()
     for reading in readings:
@@ -49,7 +49,7 @@ def filter_seconds(readings: list[Reading], scans: list[TrackedScan], particles:
 
 def test_time_is_linear_in_particles(benchmark) -> None:
     readings = list(SourceFromWorld(load_world("paper_room"), SimulationConfig()))
-    tracker = ScanTracker(RunConfig().frontend)
+    tracker = ScanTracker(FrontendConfig())
     scans = [tracker.track(reading) for reading in readings]
     filter_seconds(readings, scans, 2)
     best = [

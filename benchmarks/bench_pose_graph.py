@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.backends.pose_graph import PoseGraphBackend
-from slarm_graph.config import RunConfig, SourceConfig
+from slarm_graph.config import FrontendConfig, PoseGraphConfig, SourceConfig
 from slarm_graph.eval.relations import read_relations, relation_errors
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.readings import Reading
@@ -29,7 +29,7 @@ PAUSE_NS = 200_000_000
 
 
 def make() -> PoseGraphBackend:
-    return PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    return PoseGraphBackend(PoseGraphConfig(), FrontendConfig(), np.random.default_rng(0))
 
 
 def warm_up(readings: list[Reading]) -> None:

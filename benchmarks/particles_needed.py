@@ -17,7 +17,7 @@ import matplotlib as mpl
 import numpy as np
 
 from slarm_graph.backends.gmapping import GmappingBackend
-from slarm_graph.config import GmappingConfig, ProposalConfig, RunConfig, SimulationConfig
+from slarm_graph.config import FrontendConfig, GmappingConfig, ProposalConfig, SimulationConfig
 from slarm_graph.eval.trajectory_accuracy import fit_rigid
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
@@ -39,7 +39,7 @@ def recorded(seed: int) -> tuple[list[Reading], Trajectory]:
 def ate_m(readings: list[Reading], truth: Trajectory, improved: bool, particles: int) -> float:
     """RMSE of the positions of one run after SE(2) alignment [m]."""
     settings = GmappingConfig(particles=particles, proposal=ProposalConfig(improved=improved))
-    backend = GmappingBackend(RunConfig(gmapping=settings), np.random.default_rng(0))
+    backend = GmappingBackend(settings, FrontendConfig(), np.random.default_rng(0))
     for reading in readings:
         backend.update(reading)
     estimated, true = backend.result().trajectory.poses[:, :2], truth.poses[:, :2]

@@ -9,11 +9,12 @@ import math
 import numpy as np
 import pytest
 
+from slarm_graph import parts
 from slarm_graph.backend import SlamResult
-from slarm_graph.config import DrivingConfig, ExploreConfig, SimulationConfig
+from slarm_graph.config import DrivingConfig, ExploreConfig, RunConfig, SimulationConfig
 from slarm_graph.exploration.closed_loop import Exploration, explore
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
-from slarm_graph.exploration.explorers import EXPLORERS, make
+from slarm_graph.exploration.explorers import make
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.exploration.local_controller import (
     LocalController,
@@ -72,9 +73,11 @@ def random_room(seed: int) -> WorldMap:
     return WorldMap(f"room {seed}", solids, boundary, 2.5, (), Pose2(0.4, 0.4, 0.3))
 
 
-def explored(room: WorldMap, config: ExploreConfig, seed: int = 0) -> Exploration:
+def explored(
+    room: WorldMap, config: ExploreConfig, seed: int = 0, **sections: object
+) -> Exploration:
     world = SimulatedWorld(room, SimulationConfig(), np.random.default_rng(seed))
-    explorer, extent = make(config), room.extent_m()
+    explorer, extent = make(RunConfig(explore=config, **sections)), room.extent_m()
     return explore(world, TruePose(world), explorer, config, extent_m=extent, start=room.start)
 
 
@@ -88,7 +91,7 @@ def share_of_reachable(room: WorldMap, outcome: Exploration) -> tuple[float, flo
     )
 
 
-@pytest.mark.parametrize("name", EXPLORERS)
+@pytest.mark.parametrize("name", parts.registered("explorer"))
 @pytest.mark.parametrize("seed", [1])
 def test_explorers_end_by_themselves_see_everything_and_touch_nothing(name: str, seed: int) -> None:
     room = random_room(seed)
@@ -119,8 +122,9 @@ def test_ggmr_visits_all_cells_that_the_body_can_enter() -> None:
 @pytest.mark.parametrize("speed_m_s", [0.2, 1.0])
 def test_no_speed_makes_the_robot_touch_anything(speed_m_s: float) -> None:
     driving = DrivingConfig(speed_m_s=speed_m_s)
-    config = ExploreConfig(explorer="ggmr+", resolution_m=0.1, driving=driving, goal="observed")
-    assert explored(random_room(4), config).report.collisions == 0
+    config = ExploreConfig(explorer="ggmr+", resolution_m=0.1, driving=driving)
+    settings = {"ggmr+": {"goal": "observed"}}
+    assert explored(random_room(4), config, **settings).report.collisions == 0
 
 
 def test_keep_out_area_and_path_home() -> None:

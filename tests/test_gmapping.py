@@ -17,6 +17,7 @@ from slarm_graph.backends import rbpf
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.config import (
+    FrontendConfig,
     GmappingConfig,
     LidarConfig,
     ParticleMapsConfig,
@@ -60,8 +61,7 @@ def recorded(
 
 def made(particles: int = 10, **changes: object) -> GmappingBackend:
     settings = GmappingConfig(particles=particles).model_copy(update=changes)
-    config = RunConfig().model_copy(update={"gmapping": settings})
-    return GmappingBackend(config, np.random.default_rng(0))
+    return GmappingBackend(settings, FrontendConfig(), np.random.default_rng(0))
 
 
 def run(backend: GmappingBackend, readings: tuple[Reading, ...]) -> SlamResult:
@@ -144,7 +144,7 @@ def test_a_restored_snapshot_goes_on_as_if_nothing_had_happened() -> None:
         straight.update(reading)
         stopped.update(reading)
     resumed = GmappingBackend(
-        RunConfig(gmapping=GmappingConfig(particles=10)), np.random.default_rng(99)
+        GmappingConfig(particles=10), FrontendConfig(), np.random.default_rng(99)
     )
     resumed.restore(stopped.snapshot())
     a, b = run(straight, readings[200:]), run(resumed, readings[200:])
@@ -217,7 +217,7 @@ def test_filling_meets_corrected_poses_and_keeps_the_rest_smooth() -> None:
 
 def mean_errors(recording: Path, seed: int) -> Floats:
     """Mean translation [m] and rotation [deg] errors over all relations, at the laser."""
-    backend = GmappingBackend(RunConfig(), np.random.default_rng(seed))
+    backend = GmappingBackend(GmappingConfig(), FrontendConfig(), np.random.default_rng(seed))
     scan = None
     for reading in open_source([recording], RunConfig().source):
         backend.update(reading)

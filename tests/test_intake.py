@@ -18,7 +18,7 @@ from slarm_graph.app.intake import Intake, Saver, feed
 from slarm_graph.app.progress import Quiet
 from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.backends.odometry import OdometryBackend
-from slarm_graph.config import RunConfig
+from slarm_graph.config import FrontendConfig, Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geometry import Pose2
@@ -51,7 +51,7 @@ class Circle:
 
 
 def backend() -> OdometryBackend:
-    return OdometryBackend(RunConfig(), np.random.default_rng(0))
+    return OdometryBackend(Stage(), FrontendConfig(), np.random.default_rng(0))
 
 
 def fed(source: Circle, to: OdometryBackend, intake: Intake | None = None) -> Intake:

@@ -98,7 +98,7 @@ def test_a_straight_wall_leaves_the_way_along_it_open() -> None:
 
 def test_the_search_comes_from_afar() -> None:
     truth = Pose2(0.6, -0.5, 0.5)
-    matcher = CorrelativeMatcher(reach_m=1.0, reach_rad=0.6)
+    matcher = CorrelativeMatcher()
     found = matcher.match(
         room_points(truth, beams=360), room_points(Pose2(), beams=360), target_from_source=Pose2()
     )

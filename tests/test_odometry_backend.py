@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoint, EntryPoints
-
 import numpy as np
 import pytest
 
@@ -52,25 +50,3 @@ def test_needs_odometry_and_says_so() -> None:
 def test_needs_a_scan() -> None:
     with pytest.raises(RunFailed, match="no scan"):
         made().result()
-
-
-def test_an_unknown_backend_is_answered_with_the_known_ones() -> None:
-    with pytest.raises(BadInput, match=r"no backend 'gmaping'; there are gmapping, odometry"):
-        made("gmaping")
-
-
-def test_other_packages_add_backends_but_cannot_replace_ours(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    theirs = EntryPoints(
-        EntryPoint(name, "some.where:Backend", backends.ENTRY_POINT_GROUP)
-        for name in ("theirs", "odometry")
-    )
-    monkeypatch.setattr(backends, "entry_points", lambda group: theirs.select(group=group))
-    assert backends.registered()["theirs"] == "some.where:Backend"
-    assert backends.registered()["odometry"].startswith("slarm_graph.")
-    status = {s.name: s for s in backends.statuses()}
-    assert "needs the Python module some" in status["theirs"].problem
-    assert not status["odometry"].problem
-    with pytest.raises(BadInput, match="backend theirs cannot be used: it needs"):
-        made("theirs")

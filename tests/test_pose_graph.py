@@ -13,7 +13,14 @@ import pytest
 from slarm_graph.backends.graph_settling import settle
 from slarm_graph.backends.pose_graph import PoseGraphBackend
 from slarm_graph.backends.submap_graph import spread
-from slarm_graph.config import LidarConfig, RunConfig, SimulationConfig, SourceConfig, WheelConfig
+from slarm_graph.config import (
+    FrontendConfig,
+    LidarConfig,
+    PoseGraphConfig,
+    SimulationConfig,
+    SourceConfig,
+    WheelConfig,
+)
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import RunFailed
 from slarm_graph.eval.relations import read_relations, relation_errors
@@ -47,7 +54,7 @@ def drive(*, laps: int, noiseless: bool = False) -> Drive:
 
 
 def run(readings: list[Reading]) -> PoseGraphBackend:
-    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    backend = PoseGraphBackend(PoseGraphConfig(), FrontendConfig(), np.random.default_rng(0))
     for reading in readings:
         backend.update(reading)
     return backend
@@ -107,7 +114,7 @@ def test_same_readings_give_the_same_bytes(lap: Drive, finished: PoseGraphBacken
 def test_snapshot_resumes_to_the_same_bytes(lap: Drive, finished: PoseGraphBackend) -> None:
     readings, _ = lap
     half = run(readings[: len(readings) // 2])
-    resumed = PoseGraphBackend(RunConfig(), np.random.default_rng(5))
+    resumed = PoseGraphBackend(PoseGraphConfig(), FrontendConfig(), np.random.default_rng(5))
     resumed.restore(half.snapshot())
     for reading in readings[len(readings) // 2 :]:
         resumed.update(reading)
@@ -117,7 +124,7 @@ def test_snapshot_resumes_to_the_same_bytes(lap: Drive, finished: PoseGraphBacke
 
 def test_result_may_be_asked_for_at_any_time(lap: Drive) -> None:
     readings, truth = lap
-    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    backend = PoseGraphBackend(PoseGraphConfig(), FrontendConfig(), np.random.default_rng(0))
     for count, reading in enumerate(readings, start=1):
         backend.update(reading)
         if count % 150 == 1:
@@ -131,7 +138,12 @@ def test_result_may_be_asked_for_at_any_time(lap: Drive) -> None:
 
 def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) -> None:
     _, truth = lap
-    assert PoseGraphBackend(RunConfig(), np.random.default_rng(0)).map_from_robot() == Pose2()
+    assert (
+        PoseGraphBackend(
+            PoseGraphConfig(), FrontendConfig(), np.random.default_rng(0)
+        ).map_from_robot()
+        == Pose2()
+    )
     moved = finished.map_from_robot().as_array()
     expected = between(truth[0], truth[-1])
     first = finished.result().trajectory.poses[0]
@@ -142,7 +154,7 @@ def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) 
 
 def test_results_can_be_asked_for_on_the_way(lap: Drive) -> None:
     """A closed loop asks for the map so far again and again, with and without new closures."""
-    backend = PoseGraphBackend(RunConfig(), np.random.default_rng(0))
+    backend = PoseGraphBackend(PoseGraphConfig(), FrontendConfig(), np.random.default_rng(0))
     for count, reading in enumerate(lap[0], start=1):
         backend.update(reading)
         if count % 45 == 0:
@@ -154,7 +166,7 @@ def test_injected_false_closures_change_little() -> None:
     backend = run(readings)
     graph = backend.result().pose_graph
     assert graph is not None
-    anchors = backend._graph.keyframes[:: RunConfig().pose_graph.node_keyframes]
+    anchors = backend._graph.keyframes[:: PoseGraphConfig().node_keyframes]
     true_nodes = truth[[a.scan for a in anchors]]
     clean = settle(graph)
     spoilt = settle(with_false_closures(graph, share=0.3))

@@ -9,11 +9,12 @@ is in the target's frame. A match that failed is falsy and says why.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import numpy as np
+from pydantic import Field
 
-from slarm_graph.config import MatchingConfig
+from slarm_graph.config import MatchingConfig, Stage
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine
@@ -46,11 +47,18 @@ class LikelihoodMatcher:
 
     Parameters
     ----------
-    config : MatchingConfig
+    settings : Stage, optional
+        There are none.
+    matching : MatchingConfig, optional
     """
 
-    def __init__(self, config: MatchingConfig | None = None) -> None:
-        self._config = config or MatchingConfig()
+    settings: ClassVar[type[Stage]] = Stage
+
+    def __init__(
+        self, settings: Stage | None = None, matching: MatchingConfig | None = None
+    ) -> None:
+        del settings
+        self._config = matching or MatchingConfig()
 
     def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
         """Align two scans; see `ScanMatcher`."""
@@ -63,26 +71,33 @@ class LikelihoodMatcher:
         return judged(on_grid(fine, source, start.target_from_source, self._config), self._config)
 
 
+class CorrelativeConfig(Stage):
+    """The matcher `correlative`."""
+
+    reach_m: float = Field(default=1.0, gt=0)
+    """Half the sides of the window that is searched."""
+    reach_rad: float = Field(default=0.6, gt=0)
+    """Half its angle; pi searches the whole circle."""
+
+
 class CorrelativeMatcher:
     """Exact search of a window, then Gauss-Newton: finds its way from far off.
 
     Parameters
     ----------
-    config : MatchingConfig
-    reach_m, reach_rad : float
-        Half the window's sides [m] and angle [rad]; pi searches the whole circle.
+    settings : CorrelativeConfig, optional
+    matching : MatchingConfig, optional
     """
+
+    settings: ClassVar[type[Stage]] = CorrelativeConfig
 
     def __init__(
         self,
-        config: MatchingConfig | None = None,
-        *,
-        reach_m: float = 1.0,
-        reach_rad: float = 0.6,
+        settings: CorrelativeConfig | None = None,
+        matching: MatchingConfig | None = None,
     ) -> None:
-        self._config = config or MatchingConfig()
-        self._reach_m = reach_m
-        self._reach_rad = reach_rad
+        self._config = matching or MatchingConfig()
+        self._window = settings or CorrelativeConfig()
 
     def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
         """Align two scans; see `ScanMatcher`."""
@@ -94,8 +109,8 @@ class CorrelativeMatcher:
             build_pyramid(grid_of(target, coarse, 2.0 * self._config.sigma_m)),
             source,
             target_from_source,
-            reach_m=self._reach_m,
-            reach_rad=self._reach_rad,
+            reach_m=self._window.reach_m,
+            reach_rad=self._window.reach_rad,
             min_score=0.5 * self._config.min_score,
         )
         if hit is None:
@@ -104,21 +119,29 @@ class CorrelativeMatcher:
         return judged(on_grid(grid, source, hit.grid_from_robot, self._config), self._config)
 
 
+class IcpConfig(Stage):
+    """The matcher `icp`."""
+
+    max_distance_m: float = Field(default=0.5, gt=0)
+    """Returns farther from their nearest neighbour are left out."""
+
+
 class IcpMatcher:
     """Point-to-line ICP.
 
     Parameters
     ----------
-    config : MatchingConfig
-    max_distance_m : float
-        Returns farther from their nearest neighbour are left out [m].
+    settings : IcpConfig, optional
+    matching : MatchingConfig, optional
     """
 
+    settings: ClassVar[type[Stage]] = IcpConfig
+
     def __init__(
-        self, config: MatchingConfig | None = None, *, max_distance_m: float = 0.5
+        self, settings: IcpConfig | None = None, matching: MatchingConfig | None = None
     ) -> None:
-        self._config = config or MatchingConfig()
-        self._max_distance_m = max_distance_m
+        self._config = matching or MatchingConfig()
+        self._max_distance_m = (settings or IcpConfig()).max_distance_m
 
     def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
         """Align two scans; see `ScanMatcher`."""

@@ -66,27 +66,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = app(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
-        return _tell("interrupted", INTERRUPTED, debug)
+        return _tell(["interrupted"], INTERRUPTED, debug)
     except BadInput as error:
-        return _tell(str(error), BAD_INPUT, debug)
+        return _tell(error.args, BAD_INPUT, debug)
     except RunFailed as error:
-        return _tell(str(error), FAILED, debug)
+        return _tell([str(error)], FAILED, debug)
     except Exception as error:
         if hasattr(error, "format_message"):  # a usage error of typer's
-            return _tell(error.format_message(), BAD_INPUT, debug)
-        return _tell(f"{type(error).__name__}: {error}", FAILED, debug)
+            return _tell([error.format_message()], BAD_INPUT, debug)
+        return _tell([f"{type(error).__name__}: {error}"], FAILED, debug)
     return code if isinstance(code, int) else OK
 
 
-def _tell(problem: str, code: int, debug: bool) -> int:
-    """Print one line for a problem, or all there is to know of it."""
+def _tell(problems: Sequence[object], code: int, debug: bool) -> int:
+    """Print a line for every problem, or all there is to know of it."""
     if debug and code != INTERRUPTED:
         logging.getLogger(__name__).exception("")
         import traceback
 
         traceback.print_exc()
-    if problem:
-        print(f"slarm: {' '.join(problem.split())}", file=sys.stderr)
+    for problem in map(str, problems):
+        if problem:
+            print(f"slarm: {' '.join(problem.split())}", file=sys.stderr)
     return code
 
 

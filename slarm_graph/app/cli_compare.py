@@ -106,16 +106,16 @@ def compare_command(
     settings: Settings = None,
 ) -> int:
     """Run every source with every backend and seed, and compare."""
+    from slarm_graph import parts
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.app.trials import find_sources, trials
-    from slarm_graph.backends import find, registered
     from slarm_graph.files.configs import load_config
 
     chosen = [word.strip() for word in backends.split(",") if word.strip()]
     if not chosen:
-        raise BadInput(f"--backends names none; there are {', '.join(sorted(registered()))}")
+        raise BadInput(f"--backends names none; there are {', '.join(parts.registered('backend'))}")
     for backend in chosen:
-        find(backend)
+        parts.find("backend", backend)
     access_points(ap or (), load_config(config, settings or ()))
     found = find_sources(sources)
     folder = create_run_folder(out, name)

@@ -117,12 +117,14 @@ def config_command(config: ConfigFile = None, settings: Settings = None) -> None
 
 
 def backends_command() -> None:
-    """List the SLAM backends and whether they can be used."""
-    from slarm_graph import backends
+    """List the SLAM backends and all other parts, and whether they can be used."""
+    from slarm_graph import parts
     from slarm_graph.app.cli_output import show_table
 
-    rows = [(s.name, s.problem or "ready", s.summary) for s in backends.statuses()]
-    show_table(("backend", "status", "what it is"), rows)
+    for kind in parts.KINDS:
+        rows = [(s.name, s.problem or "ready", s.summary) for s in parts.statuses(kind)]
+        if rows:
+            show_table((kind, "status", "what it is"), rows)
 
 
 def doctor_command() -> int:

@@ -104,7 +104,7 @@ def _drive(
     folder: RunFolder,
 ) -> Exploration:
     """Close the loop until the explorer has finished, the user wishes to stop, or it fails."""
-    explorer = explorers.make(config.explore)
+    explorer = explorers.make(config)
     loop = ClosedLoop(
         driven,
         backend,

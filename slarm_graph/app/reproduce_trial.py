@@ -49,9 +49,9 @@ class RoomTrial:
             explore=ExploreConfig(
                 explorer=self.explorer,
                 resolution_m=self.resolution_m,
-                goal=self.goal,
                 driving=driving,
             ),
+            **{"ggmr+": {"goal": self.goal}},
         )
 
 
@@ -150,7 +150,7 @@ def driven(world: WorldMap, config: RunConfig) -> Exploration:
     return explore(
         make_world(world, config.simulation, for_world),
         backends.make(config.backend, config, for_backend, silent),
-        explorers.make(config.explore),
+        explorers.make(config),
         config.explore,
         extent_m=world.extent_m(),
         start=world.start,

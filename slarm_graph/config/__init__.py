@@ -4,8 +4,11 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Annotated, Any, Self
 
+from pydantic import ConfigDict, Field, model_validator
+
+from slarm_graph import parts
 from slarm_graph.config.driving import (
     DrivingConfig,
     ExploreConfig,
@@ -30,7 +33,9 @@ from slarm_graph.config.scans import (
     PoseGraphConfig,
     SourceConfig,
 )
+from slarm_graph.config.sections import PartName, Section, UncheckedSection, chosen_parts
 from slarm_graph.config.stage import Stage
+from slarm_graph.errors import BadInput
 
 __all__ = [
     "CheckpointConfig",
@@ -66,17 +71,60 @@ class CheckpointConfig(Stage):
 
 
 class RunConfig(Stage):
-    """Everything a run needs besides its source."""
+    """Everything a run needs besides its source.
 
-    backend: str = "pose_graph"
+    Every registered part has a section of its name besides these fields, with its own settings:
+    `RunConfig(gmapping=GmappingConfig(particles=10))`; `section` gives them.
+    """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Section]
+
+    backend: Annotated[str, PartName("backend")] = "pose_graph"
     seed: int = Field(default=0, ge=0)
     source: SourceConfig = SourceConfig()
     frontend: FrontendConfig = FrontendConfig()
-    pose_graph: PoseGraphConfig = PoseGraphConfig()
-    gmapping: GmappingConfig = GmappingConfig()
     mapping: MappingConfig = MappingConfig()
     recovery: RecoveryConfig = RecoveryConfig()
     radio: RadioConfig = RadioConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     simulation: SimulationConfig = SimulationConfig()
     explore: ExploreConfig = ExploreConfig()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _name_sections(cls, given: Any) -> Any:
+        """Let every section know its name, by which its part is found."""
+        if not isinstance(given, dict):
+            return given
+        known = cls.model_fields
+        return {k: v if k in known else UncheckedSection(k, v) for k, v in given.items()}
+
+    @model_validator(mode="after")
+    def _keep_what_differs(self) -> Self:
+        """Leave out sections that are as by default, so that equal configurations are equal."""
+        for name, section in tuple(self.__pydantic_extra__.items()):
+            if section == type(section)():
+                del self.__pydantic_extra__[name]
+        return self
+
+    def section(self, name: str) -> Stage:
+        """Return the settings of the part of that name, as given or by default.
+
+        Raises
+        ------
+        BadInput
+            When there is no such part, or it cannot be used.
+        """
+        given: Stage | None = self.__pydantic_extra__.get(name)
+        if given is not None:
+            return given
+        model = parts.section_settings(name)
+        if model is None:
+            raise BadInput(f"no part '{name}'; there are {', '.join(parts.section_names())}")
+        return model()
+
+    def sections(self) -> dict[str, Stage]:
+        """Return the settings of every part that is chosen or has been given some, by name."""
+        chosen = {name: self.section(name) for _, name in chosen_parts(self)}
+        return chosen | self.__pydantic_extra__

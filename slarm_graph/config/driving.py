@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
+from slarm_graph.config.sections import PartName
 from slarm_graph.config.stage import Stage
 
 
@@ -76,11 +77,9 @@ class DrivingConfig(Stage):
 class ExploreConfig(Stage):
     """Closed-loop exploration of a world."""
 
-    explorer: str = "ggmr+"
+    explorer: Annotated[str, PartName("explorer")] = "ggmr+"
     resolution_m: float = Field(default=0.05, gt=0)
     """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
-    goal: Literal["observed", "footprint"] = "footprint"
-    """What `ggmr+` is after: to see everything, or to pass over everything."""
     driving: DrivingConfig = DrivingConfig()
     slam_rmse_m: float = Field(default=0.0, ge=0)
     """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""

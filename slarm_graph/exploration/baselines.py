@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.config import ExploreConfig
+from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import (
     BLOCKED,
     OPEN,
@@ -49,8 +49,9 @@ class BaStar:
     new sweep can begin.
     """
 
-    def __init__(self, config: ExploreConfig) -> None:
-        self._tiles = _TiledFloor(config.driving.robot_radius_m)
+    def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
+        del settings
+        self._tiles = _TiledFloor(driving.robot_radius_m)
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Sweep from here, or backtrack and sweep from there."""
@@ -86,8 +87,9 @@ class BaStar:
 class Boustrophedon:
     """Boustrophedon cells (Choset 2000): sweep the present cell row by row, then the nearest."""
 
-    def __init__(self, config: ExploreConfig) -> None:
-        self._tiles = _TiledFloor(config.driving.robot_radius_m)
+    def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
+        del settings
+        self._tiles = _TiledFloor(driving.robot_radius_m)
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
         """Sweep what is open of the cell that the robot is in, or of the nearest one."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.paths import path_to_wanted, without_straight_points
@@ -36,7 +37,8 @@ _MAX_LOOKS: Final = 30
 class NearestFrontier:
     """Baseline: drive to the nearest frontier until none is left; what was seen counts as known."""
 
-    def __init__(self) -> None:
+    def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
+        del settings, driving
         self._selector = FrontierSelector()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:

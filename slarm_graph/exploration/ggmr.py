@@ -17,6 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import (
     BLOCKED,
     OPEN,
@@ -124,7 +125,8 @@ class Ggmr:
     map that keeps changing cannot hold the robot forever.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
+        del settings, driving
         self.counts = GgmrCounts()
         self.skipped_cells = 0
         self._last: GgmrPath | None = None

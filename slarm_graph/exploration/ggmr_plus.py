@@ -11,11 +11,11 @@ fetched where the tour passes by, and given up where it would cost more time tha
 from __future__ import annotations
 
 from collections import Counter
-from typing import Final, Literal
+from typing import ClassVar, Final, Literal
 
 import numpy as np
 
-from slarm_graph.config import ExploreConfig
+from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
@@ -40,17 +40,27 @@ _MAX_TRIES: Final = 4
 _SAME_PLACE_M: Final = 0.1
 
 
+class GgmrPlusConfig(Stage):
+    """The explorer `ggmr+`."""
+
+    goal: Literal["observed", "footprint"] = "footprint"
+    """To see everything, or to pass over everything."""
+
+
 class GgmrPlus:
     """Ours: the same seam as `ggmr`, less driving.
 
     Parameters
     ----------
-    config : ExploreConfig
+    settings : GgmrPlusConfig
+    driving : DrivingConfig
     """
 
-    def __init__(self, config: ExploreConfig) -> None:
-        self._config = config
-        self._goal: Literal["observed", "footprint"] = config.goal
+    settings: ClassVar[type[Stage]] = GgmrPlusConfig
+
+    def __init__(self, settings: GgmrPlusConfig, driving: DrivingConfig) -> None:
+        self._driving = driving
+        self._goal = settings.goal
         self._tries: Counter[tuple[int, int]] = Counter()
         self._tour: list[Floats] = []
         self._rest: list[Lane] = []
@@ -84,7 +94,7 @@ class GgmrPlus:
 
     def _plan(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> None:
         near = reachable(driving.moves, start)
-        lanes = lanes_to_cover(driving, near, self._config.driving.robot_radius_m)
+        lanes = lanes_to_cover(driving, near, self._driving.robot_radius_m)
         self._rest = [n for n in lanes if self._tries[_place(n.points, driving)] < _MAX_TRIES]
         self._tour = []
         self._planned_on = driving.observed
@@ -106,7 +116,7 @@ class GgmrPlus:
         length_m = 0.0
         while self._rest and not self._tour:
             self._tour, self._rest = in_driving_order(
-                self._rest, driving, pose, self._config.driving, _PRICE_S_M2
+                self._rest, driving, pose, self._driving, _PRICE_S_M2
             )
         while self._tour and length_m < _LEG_M:
             lane = self._tour.pop(0)

@@ -8,14 +8,20 @@ import ast
 import difflib
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
+from slarm_graph import parts
 from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 _SETTING = "--set"
 
@@ -36,7 +42,8 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
     Raises
     ------
     BadInput
-        Naming place and nearest match of an unknown key, or the value that does not fit.
+        With a line for every problem: place and nearest match of an unknown key, or the value that
+        does not fit.
     """
     tree: Tree = {}
     places: dict[str, str] = {}
@@ -46,12 +53,11 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
         key, value = _split(override)
         places[key] = _SETTING
         _put(tree, key, value)
-    for key in _keys(tree):
-        _refuse_unknown(key, places)
     try:
         return RunConfig.model_validate(tree)
     except ValidationError as error:
-        raise BadInput(_first_problem(error, places)) from None
+        problems = (_problem(e, places) for e in error.errors(include_url=False))
+        raise BadInput(*dict.fromkeys(problems)) from None
 
 
 def _read(path: Path) -> tuple[Tree, dict[str, str]]:
@@ -100,51 +106,63 @@ def _put(tree: Tree, dotted: str, value: object) -> None:
     tree[last] = value
 
 
-def _keys(tree: Mapping[str, object], prefix: str = "") -> Iterator[str]:
-    for key, value in tree.items():
-        yield f"{prefix}{key}"
-        if isinstance(value, dict):
-            yield from _keys(value, f"{prefix}{key}.")
+def _problem(error: ErrorDetails, places: Mapping[str, str]) -> str:
+    """Tell one thing that is wrong: where it stands, what it is, and what would be right."""
+    key = ".".join(str(part) for part in error["loc"])
+    unknown = error["type"] in ("extra_forbidden", "unknown_section")
+    if unknown or (isinstance(error["input"], dict) and error["type"] != "model_type"):
+        key = next((k for k in places if k == key or k.startswith(f"{key}.")), key)
+        return _unknown(key, places)
+    while key not in places and "." in key:
+        key = key.rpartition(".")[0]
+    place = places.get(key, "configuration")
+    # Options such as --resolution arrive as settings too: the key alone says what is meant.
+    where = key if place == _SETTING else f"{place}: {key}"
+    reason = error["msg"].removeprefix("Value error, ")
+    return f"{where}: {reason}, got {error['input']!r}"
 
 
-def _known_keys(model: type[BaseModel] = RunConfig, prefix: str = "") -> Iterator[str]:
+def _unknown(key: str, places: Mapping[str, str]) -> str:
+    known = tuple(_known_keys(RunConfig)) + tuple(_known_section_keys())
+    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    near = near or [k for k in known if k.rpartition(".")[2] == key.rpartition(".")[2]]
+    hint = f"; did you mean '{near[0]}'?" if near else "; `slarm config` lists them all"
+    return f"{places.get(key, '--config')}: unknown key '{key}'{hint}"
+
+
+def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:
     for name, field in model.model_fields.items():
         yield f"{prefix}{name}"
         if inspect.isclass(field.annotation) and issubclass(field.annotation, Stage):
             yield from _known_keys(field.annotation, f"{prefix}{name}.")
 
 
-def _refuse_unknown(key: str, places: Mapping[str, str]) -> None:
-    known = tuple(_known_keys())
-    if key in known:
-        return
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
-    near = near or [k for k in known if k.rpartition(".")[2] == key.rpartition(".")[2]]
-    hint = f"; did you mean '{near[0]}'?" if near else "; `slarm config` lists them all"
-    raise BadInput(f"{places.get(key, '--config')}: unknown key '{key}'{hint}")
-
-
-def _first_problem(error: ValidationError, places: Mapping[str, str]) -> str:
-    first = error.errors(include_url=False)[0]
-    parts = [str(part) for part in first["loc"]]
-    known = [".".join(parts[:n]) for n in range(len(parts), 0, -1)]
-    key = next((k for k in known if k in places), ".".join(parts))
-    place = places.get(key, "configuration")
-    # Options such as --resolution arrive as settings too: the key alone says what is meant.
-    where = key if place == _SETTING else f"{place}: {key}"
-    return f"{where}: {first['msg']}, got {first['input']!r}"
+def _known_section_keys() -> Iterator[str]:
+    for name in parts.section_names():
+        with suppress(BadInput):
+            yield from (name, *_known_keys(parts.section_settings(name) or Stage, f"{name}."))
 
 
 def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
-    """Write every key with its value as YAML that `load_config` reads back.
+    """Write keys and values as YAML that `load_config` reads back.
 
     Parameters
     ----------
     config : RunConfig
     comments : bool
-        Put what the keys mean above them.
+        Put what the keys mean above them, and write the sections of all parts, not only of those
+        that are chosen.
     """
-    lines = _lines(config, "", comments=comments)
+    lines = list(_lines(config, "", comments=comments))
+    sections = config.sections()
+    for name in parts.section_names() if comments else ():
+        try:
+            sections.setdefault(name, config.section(name))
+        except BadInput as error:
+            lines += ["", f"# {error}"]
+    for name, section in sections.items():
+        if type(section).model_fields:
+            lines += _section_lines(name, section, "", comments=comments)
     return "\n".join(lines).strip() + "\n"
 
 
@@ -155,14 +173,20 @@ def _lines(stage: Stage, indent: str, *, comments: bool) -> Iterator[str]:
         value = getattr(stage, key)
         doc = docs.get(key, "")
         if isinstance(value, Stage):
-            title = (type(value).__doc__ or "").strip().splitlines()[0] if comments else ""
-            yield from _comment(doc or title, indent, gap=not indent)
-            yield f"{indent}{key}:" if type(value).model_fields else f"{indent}{key}: {{}}"
-            yield from _lines(value, f"{indent}  ", comments=comments)
+            yield from _section_lines(key, value, indent, doc, comments=comments)
         else:
             yield from _comment(doc, indent, gap=False)
             text = yaml.safe_dump(stage.model_dump(mode="json", include={key}), width=1000)
             yield from (f"{indent}{line}" for line in text.splitlines())
+
+
+def _section_lines(
+    key: str, stage: Stage, indent: str, doc: str = "", *, comments: bool
+) -> Iterator[str]:
+    title = (type(stage).__doc__ or "").strip().splitlines()[0] if comments else ""
+    yield from _comment(doc or title, indent, gap=not indent)
+    yield f"{indent}{key}:" if type(stage).model_fields else f"{indent}{key}: {{}}"
+    yield from _lines(stage, f"{indent}  ", comments=comments)
 
 
 def _comment(text: str, indent: str, *, gap: bool) -> Iterator[str]:
@@ -185,12 +209,19 @@ def _field_docs(model: type[Stage]) -> dict[str, str]:
 
 def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:
     """Return `key: old -> new` of every key that differs."""
-    before, after = (dict(_leaves(c.model_dump(mode="json"))) for c in (old, new))
+    before, after = (dict(_leaves(_complete(c, old, new))) for c in (old, new))
     return tuple(
         f"{key}: {before.get(key)} -> {after.get(key)}"
         for key in sorted(before.keys() | after.keys())
         if before.get(key) != after.get(key)
     )
+
+
+def _complete(config: RunConfig, *others: RunConfig) -> Tree:
+    """Everything that is set, with the sections that any of the others has."""
+    names = {name for other in others for name in other.sections()}
+    sections = {name: config.section(name).model_dump(mode="json") for name in names}
+    return config.model_dump(mode="json") | sections
 
 
 def _leaves(tree: Mapping[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
