@@ -4,10 +4,9 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.geometry import Floats
@@ -25,34 +24,18 @@ def usable_quaternions(quaternions: Floats) -> tuple[NDArray[np.bool_], Floats]:
 
 def matrices(quaternions: Floats) -> Floats:
     """Rotation matrices (N, 3, 3) of unit quaternions (N, 4)."""
-    x, y, z, w = quaternions.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
-        [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
-        [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), 2, 0)
+    return np.asarray(Rotation.from_quat(quaternions).as_matrix())
 
 
 def yaws(quaternions: Floats) -> Floats:
-    """Heading of the x axis seen from above, (N,) [rad]."""
+    """Heading of the x axis seen from above, (N,) [rad]; nan where a quaternion is not usable."""
     x, y, z, w = quaternions.T
     return np.asarray(np.arctan2(2 * (x * y + z * w), 1 - 2 * (y * y + z * z)))
 
 
 def quaternion_of(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> Floats:
     """Quaternion (4,) of roll about x, then pitch about y, then yaw about z [rad] (REP-103)."""
-    cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
-    cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
-    cr, sr = math.cos(roll / 2), math.sin(roll / 2)
-    return np.array(
-        [
-            sr * cp * cy - cr * sp * sy,
-            cr * sp * cy + sr * cp * sy,
-            cr * cp * sy - sr * sp * cy,
-            cr * cp * cy + sr * sp * sy,
-        ]
-    )
+    return np.asarray(Rotation.from_euler("ZYX", [yaw, pitch, roll]).as_quat())
 
 
 def invert(rotations: Floats, translations: Floats) -> tuple[Floats, Floats]:
@@ -62,17 +45,10 @@ def invert(rotations: Floats, translations: Floats) -> tuple[Floats, Floats]:
 
 
 def slerp(start: Floats, end: Floats, share: Floats) -> Floats:
-    """Interpolate quaternions (N, 4) along the shorter arc (Shoemake 1985)."""
-    cosine = np.sum(start * end, axis=1)
-    end = np.where(cosine[:, None] < 0, -end, end)
-    angle = np.arccos(np.clip(np.abs(cosine), 0.0, 1.0))
-    sine = np.sin(angle)
-    small = sine < 1e-9
-    safe = np.where(small, 1.0, sine)
-    before = np.where(small, 1.0 - share, np.sin((1.0 - share) * angle) / safe)
-    after = np.where(small, share, np.sin(share * angle) / safe)
-    mixed = before[:, None] * start + after[:, None] * end
-    return np.asarray(mixed / np.linalg.norm(mixed, axis=1, keepdims=True))
+    """Interpolate quaternions (N, 4) along the shorter arc."""
+    begin = Rotation.from_quat(start)
+    turn = (begin.inv() * Rotation.from_quat(end)).as_rotvec()
+    return np.asarray((begin * Rotation.from_rotvec(share[:, None] * turn)).as_quat())
 
 
 def bracket(
