@@ -17,6 +17,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains, edges_m
+from slarm_graph.raster.segments import cells_passed
 from slarm_graph.world import Solid, WorldMap
 
 Rule = Literal["centre", "touched"]
@@ -179,14 +180,10 @@ def _raise_touched(
 ) -> None:
     """Raise every cell of which a solid covers some area."""
     for solid in (*world.solids, Solid("boundary", world.boundary_m, world.ceiling_m)):
-        _raise_crossed(
-            np.ascontiguousarray(edges_m(solid.corners_m)),
-            geometry.origin_x_m,
-            geometry.origin_y_m,
-            geometry.resolution_m,
-            solid.height_m,
-            heights,
-        )
+        origin = (geometry.origin_x_m, geometry.origin_y_m) * 2
+        ends = (edges_m(solid.corners_m) - origin) / geometry.resolution_m
+        _, passed = cells_passed(ends, geometry.shape, -_SHRINK_M / geometry.resolution_m)
+        heights.flat[passed] = np.maximum(heights.flat[passed], solid.height_m)
 
 
 def _window(geometry: GridGeometry, corners_m: Floats) -> tuple[slice, slice]:
@@ -210,44 +207,3 @@ def _mark_near(edges: Floats, points: Floats, radius: float, near: Mask) -> None
                 qx, qy = px - share * ex, py - share * ey
                 if qx * qx + qy * qy < radius * radius:
                     near[r, c] = True
-
-
-@njit(cache=True, nogil=True)
-def _raise_crossed(
-    edges: Floats,
-    origin_x: float,
-    origin_y: float,
-    side: float,
-    height: float,
-    heights: Heights,
-) -> None:
-    """Raise cells whose open square an edge passes."""
-    rows, cols = heights.shape
-    for e in range(len(edges)):
-        x, y = edges[e, 0], edges[e, 1]
-        ex, ey = edges[e, 2] - x, edges[e, 3] - y
-        first_col = max(0, math.floor((min(x, x + ex) - origin_x) / side) - 1)
-        last_col = min(cols - 1, math.floor((max(x, x + ex) - origin_x) / side) + 1)
-        first_row = max(0, math.floor((min(y, y + ey) - origin_y) / side) - 1)
-        last_row = min(rows - 1, math.floor((max(y, y + ey) - origin_y) / side) + 1)
-        for row in range(first_row, last_row + 1):
-            for col in range(first_col, last_col + 1):
-                left = origin_x + col * side + _SHRINK_M
-                low = origin_y + row * side + _SHRINK_M
-                if _passes(x - left, y - low, ex, ey, side - 2.0 * _SHRINK_M):
-                    heights[row, col] = max(heights[row, col], height)
-
-
-@njit(cache=True, nogil=True)
-def _passes(x: float, y: float, ex: float, ey: float, side: float) -> bool:
-    """Whether a segment passes the square from (0, 0) to (side, side)."""
-    enter, leave = 0.0, 1.0
-    for axis in range(2):
-        start, step = (x, ex) if axis == 0 else (y, ey)
-        if abs(step) < 1e-15:
-            if start <= 0.0 or start >= side:
-                return False
-            continue
-        a, b = -start / step, (side - start) / step
-        enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
-    return enter < leave

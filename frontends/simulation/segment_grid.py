@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.raster.lines import first_crossing
+from slarm_graph.raster.segments import cells_passed
 
 # A ray through the common end of two segments must not slip between them.
 _TOLERANCE: Final = 1e-9
@@ -63,11 +64,11 @@ def build_segment_grid(ends_m: Floats) -> SegmentGrid:
     shape = np.array([math.floor(height / side) + 1, math.floor(width / side) + 1], dtype=np.int64)
     segments = np.concatenate([ends[:, :2], ends[:, 2:] - ends[:, :2]], axis=1)
     frame = np.array([low[0], low[1], side])
-    counts = np.zeros(shape[0] * shape[1] + 1, dtype=np.int64)
-    _sort_in(segments, frame, shape, counts, np.zeros(0, dtype=np.int32))
-    starts = np.concatenate([[0], np.cumsum(counts[:-1])]).astype(np.int64)
-    members = np.empty(starts[-1], dtype=np.int32)
-    _sort_in(segments, frame, shape, starts[:-1].copy(), members)
+    cells = (ends - np.tile(low, 2)) / side
+    members, passed = cells_passed(cells, (int(shape[0]), int(shape[1])), _PAD_M / side)
+    counts = np.bincount(passed, minlength=int(shape[0] * shape[1]))
+    starts = np.concatenate([[0], np.cumsum(counts)]).astype(np.int64)
+    members = members[np.argsort(passed, kind="stable")]
     return SegmentGrid(segments, frame, shape, starts, members)
 
 
@@ -105,51 +106,6 @@ def is_near(grid: SegmentGrid, x_m: float, y_m: float, radius_m: float) -> bool:
     return bool(
         _near(grid.segments, grid.frame, grid.shape, grid.starts, grid.members, x_m, y_m, radius_m)
     )
-
-
-@njit(cache=True, nogil=True)
-def _meets_square(
-    x: float, y: float, ex: float, ey: float, left: float, low: float, side: float
-) -> bool:
-    """Whether a segment enters a square (Liang and Barsky's clipping)."""
-    enter, leave = 0.0, 1.0
-    for axis in range(2):
-        start = x - left if axis == 0 else y - low
-        step = ex if axis == 0 else ey
-        if abs(step) < 1e-15:
-            if start < 0.0 or start > side:
-                return False
-            continue
-        a, b = -start / step, (side - start) / step
-        enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
-    return enter <= leave
-
-
-@njit(cache=True, nogil=True)
-def _sort_in(
-    segments: Floats,
-    frame: Floats,
-    shape: NDArray[np.int64],
-    cursors: NDArray[np.int64],
-    members: NDArray[np.int32],
-) -> None:
-    """Count the segments of every cell, or write them where `members` has room."""
-    x0, y0, side = frame[0], frame[1], frame[2]
-    rows, cols = shape[0], shape[1]
-    for s in range(len(segments)):
-        x, y, ex, ey = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
-        first_col = max(0, math.floor((min(x, x + ex) - _PAD_M - x0) / side))
-        last_col = min(cols - 1, math.floor((max(x, x + ex) + _PAD_M - x0) / side))
-        first_row = max(0, math.floor((min(y, y + ey) - _PAD_M - y0) / side))
-        last_row = min(rows - 1, math.floor((max(y, y + ey) + _PAD_M - y0) / side))
-        for row in range(first_row, last_row + 1):
-            for col in range(first_col, last_col + 1):
-                left, low = x0 + col * side - _PAD_M, y0 + row * side - _PAD_M
-                if _meets_square(x, y, ex, ey, left, low, side + 2 * _PAD_M):
-                    cell = row * cols + col
-                    if len(members):
-                        members[cursors[cell]] = s
-                    cursors[cell] += 1
 
 
 @njit(cache=True, nogil=True)

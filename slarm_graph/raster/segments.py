@@ -1,0 +1,91 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which cells segments pass."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+
+
+def cells_passed(
+    ends: Floats, shape: tuple[int, int], grown: float
+) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Find the cells whose square a segment has a point in common with.
+
+    Parameters
+    ----------
+    ends : (S, 4) float64
+        Start x, y and end x, y of every segment [cells]; a cell reaches from its row and column to
+        the next.
+    shape : (rows, cols)
+    grown : float
+        How much larger on every side squares are taken to be, or smaller where negative [cells].
+
+    Returns
+    -------
+    segments : (M,) int32
+        Which segment, in order.
+    cells : (M,) int64
+        Which cell, flat.
+    """
+    ends = np.ascontiguousarray(ends, dtype=np.float64)
+    nothing = np.empty(0, dtype=np.int32), np.empty(0, dtype=np.int64)
+    count = _pass(ends, shape, grown, *nothing)
+    found = np.empty(count, dtype=np.int32), np.empty(count, dtype=np.int64)
+    _pass(ends, shape, grown, *found)
+    return found
+
+
+@njit(cache=True, nogil=True)
+def _pass(
+    ends: Floats,
+    shape: tuple[int, int],
+    grown: float,
+    segments: NDArray[np.int32],
+    cells: NDArray[np.int64],
+) -> int:
+    """Count the cells that segments pass, and write them where there is room."""
+    count = 0
+    for s in range(len(ends)):
+        x, y = ends[s, 0], ends[s, 1]
+        across, up = ends[s, 2] - x, ends[s, 3] - y
+        first_col, last_col = _span(x, across, grown, shape[1])
+        first_row, last_row = _span(y, up, grown, shape[0])
+        for row in range(first_row, last_row + 1):
+            for col in range(first_col, last_col + 1):
+                if _meets_square(x - col + grown, y - row + grown, across, up, 1.0 + 2.0 * grown):
+                    if len(cells):
+                        segments[count] = s
+                        cells[count] = row * shape[1] + col
+                    count += 1
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _span(start: float, step: float, grown: float, size: int) -> tuple[int, int]:
+    """First and last row or column that a segment may pass."""
+    reach = max(grown, 0.0)
+    first = math.floor(min(start, start + step) - reach)
+    last = math.floor(max(start, start + step) + reach)
+    return max(0, first), min(size - 1, last)
+
+
+@njit(cache=True, nogil=True)
+def _meets_square(x: float, y: float, across: float, up: float, side: float) -> bool:
+    """Whether a segment enters the square from (0, 0) to (side, side) (Liang and Barsky 1984)."""
+    enter, leave = 0.0, 1.0
+    for axis in range(2):
+        start, step = (x, across) if axis == 0 else (y, up)
+        if abs(step) < 1e-15:
+            if start < 0.0 or start > side:
+                return False
+            continue
+        a, b = -start / step, (side - start) / step
+        enter, leave = max(enter, min(a, b)), min(leave, max(a, b))
+    return enter <= leave
