@@ -9,16 +9,15 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from shapely import Geometry, MultiPoint, Polygon, dwithin, get_parts, union_all
 
 from slarm_graph.geometry import Floats
-from slarm_graph.polygons import signed_area_m2
 from slarm_graph.world import Solid, WorldMap
 
 Size = tuple[float, ...]
 """Length, width and height [m], and the share of its bounding rectangle that the plan fills."""
 
 _GAP_M = 1e-6
-_RASTER = 2000
 _ALIKE_M = 0.01
 """Sizes that agree within this cannot be told apart."""
 
@@ -120,7 +119,7 @@ def _touching(solids: Sequence[Solid], same_height: bool) -> list[list[Solid]]:
             group
             for group in groups
             if any(
-                _touch(solid.corners_m, other.corners_m)
+                dwithin(_hull(solid), _hull(other), _GAP_M)
                 for other in group
                 if not same_height or other.height_m == solid.height_m
             )
@@ -130,16 +129,8 @@ def _touching(solids: Sequence[Solid], same_height: bool) -> list[list[Solid]]:
     return groups
 
 
-def _touch(a: Floats, b: Floats) -> bool:
-    """Whether the convex hulls of two plans meet: no edge of either has the other beyond it."""
-    for ring, other in ((a, b), (b, a)):
-        step = np.roll(ring, -1, axis=0) - ring
-        normals = np.stack([step[:, 1], -step[:, 0]], axis=1)
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        reach = (ring @ normals.T).max(axis=0)
-        if ((other @ normals.T).min(axis=0) > reach + _GAP_M).any():
-            return False
-    return True
+def _hull(solid: Solid) -> Geometry:
+    return MultiPoint(solid.corners_m).convex_hull
 
 
 def _size_of(group: Sequence[Solid]) -> Size:
@@ -151,14 +142,7 @@ def _size_of(group: Sequence[Solid]) -> Size:
 
 
 def _outer_area_m2(group: Sequence[Solid]) -> float:
-    """Area inside the outer outline of solids that touch [m^2], by drawing them."""
-    if len(group) == 1:
-        return abs(signed_area_m2(group[0].corners_m))
-    corners = np.concatenate([solid.corners_m for solid in group])
-    low = corners.min(axis=0)
-    step_m = float(np.ptp(corners, axis=0).max()) / _RASTER
-    image = np.zeros((_RASTER + 1, _RASTER + 1), dtype=np.uint8)
-    for solid in group:
-        cv2.fillPoly(image, [np.round((solid.corners_m - low) / step_m).astype(np.int32)], 1)
-    outer, _ = cv2.findContours(image, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    return step_m**2 * sum(cv2.contourArea(contour) for contour in outer)
+    """Area inside the outer outline of solids that touch [m^2]."""
+    # Grown by the gap that still counts as touching, so that they are of one piece.
+    plans = [Polygon(solid.corners_m).buffer(_GAP_M, join_style="mitre") for solid in group]
+    return float(sum(Polygon(part.exterior).area for part in get_parts(union_all(plans))))

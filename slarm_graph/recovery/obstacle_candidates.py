@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from shapely import MultiPoint, Polygon
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise, signed_area_m2
@@ -75,8 +76,10 @@ def candidates_on(
 
 def convex_hull(points: Floats) -> Floats:
     """Corners (K, 2) of the convex hull of points (N, 2), counter-clockwise."""
-    kept = cv2.convexHull(points.astype(np.float32), returnPoints=False)
-    return counter_clockwise(points[kept[:, 0]])
+    hull = MultiPoint(points).convex_hull
+    if not isinstance(hull, Polygon):
+        return points
+    return counter_clockwise(np.asarray(hull.exterior.coords)[:-1])
 
 
 def _turns(corners: Floats) -> Floats:
