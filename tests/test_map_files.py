@@ -150,6 +150,64 @@ def test_names_what_is_wrong(tmp_path: Path, changes: dict[str, object], words: 
         read_map(described(tmp_path, np.zeros((1, 1), dtype=np.uint8), **changes))
 
 
+@pytest.mark.parametrize("full", [1, 100, 254, 255, 256, 1000, 65535])
+@pytest.mark.parametrize("as_text", [True, False])
+def test_shades_are_scaled_by_maxval(tmp_path: Path, full: int, as_text: bool) -> None:
+    shades = np.array([[0, full // 2, full]])
+    head = f"P{2 if as_text else 5} # a comment\n3 1\n{full}\n".encode()
+    wide = shades.astype(">u2" if full > 255 else np.uint8).tobytes()
+    body = " ".join(map(str, shades[0])).encode() if as_text else wide
+    (tmp_path / "m.pgm").write_bytes(head + body)
+    path = described(tmp_path, np.zeros((1, 1), np.uint8), image="m.pgm", mode="scale")
+    got = read_map(path).probability[0]
+    middle = 1.0 - (full // 2) / full
+    between = 1.0 if middle >= 0.65 else round((middle - 0.196) / (0.65 - 0.196), 2)
+    assert got.tolist() == pytest.approx([1.0, between, 0.0], abs=1e-6)
+
+
+def test_numbers_in_quotes_truth_values_and_a_yaw_that_is_nan(tmp_path: Path) -> None:
+    dark = np.zeros((1, 2), dtype=np.uint8)
+    for value, occupied in (("0", True), ("1", False), (False, True), (True, False), (0.0, True)):
+        assert read_map(described(tmp_path, dark, negate=value)).occupied.all() == occupied
+    for yaw in ("-nan", math.nan, "nan"):
+        assert read_map(described(tmp_path, dark, origin=[1, 2, yaw])).geometry.origin_y_m == 2.0
+
+
+def test_an_image_that_has_moved_with_its_map_is_found(tmp_path: Path) -> None:
+    path = described(tmp_path, np.zeros((1, 2), np.uint8), image="/home/someone/maps/m.png")
+    assert read_map(path).occupied.all()
+
+
+@pytest.mark.parametrize(
+    ("image", "words"),
+    [
+        (b"P5 1000000 1000000 255 ", "1000000 x 1000000 pixels"),
+        (b"P5 0 3 255 ", "0 x 3 pixels"),
+        (b"P5 2 2 255 abc", "ends early: 3 of 4 shades"),
+        (b"P5 2 2 0 abcd", "maxval 0"),
+        (b"P5 2 2 70000 abcd", "maxval 70000"),
+        (b"P2 2 1 9 3 99", "a shade of 99 although maxval is 9"),
+        (b"P2 2 1 255 3 x", "shades are damaged"),
+        (b"P5 999999999999 2 255 ", "header of the image is damaged"),
+        (b"hello", "not an image"),
+    ],
+)
+def test_damaged_images(tmp_path: Path, image: bytes, words: str) -> None:
+    path = described(tmp_path, np.zeros((1, 1), np.uint8), image="h.pgm")
+    (tmp_path / "h.pgm").write_bytes(image)
+    with pytest.raises(BadInput, match=words):
+        read_map(path)
+
+
+def test_an_image_that_claims_a_giant_size_is_not_decoded(tmp_path: Path) -> None:
+    path = described(tmp_path, np.zeros((1, 1), np.uint8))
+    png = bytearray((tmp_path / "m.png").read_bytes())
+    png[16:24] = (2**20 - 1).to_bytes(4, "big") * 2
+    (tmp_path / "m.png").write_bytes(png)
+    with pytest.raises(BadInput, match=r"pixels|not an image"):
+        read_map(path)
+
+
 def test_real_map_of_gmapping_is_read(shared_data: Path) -> None:
     grid = read_map(shared_data / "robot_bags" / "all.yaml")
     assert grid.occupied.any()

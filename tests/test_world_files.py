@@ -127,7 +127,7 @@ def test_walls_are_mitred_and_keep_their_thickness() -> None:
     ("text", "expected"),
     [
         ("- 1\n", "a world is a mapping"),
-        (": :\n  - [", "not YAML"),
+        (": :\n  - [", "cannot be read as YAML"),
         (HEAD, "start: Field required"),
         (HEAD + START + "boxs: []\n", "boxs: Extra inputs are not permitted"),
         (HEAD + "start: {x_m: a, y_m: 1}\n", "start.x_m: Input should be a valid number"),

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import logging
 import math
 import sys
 from collections.abc import Sequence
@@ -13,13 +14,16 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 
 if TYPE_CHECKING:
     from slarm_graph.access_points import AccessPoint
     from slarm_graph.app.job import Job, Run
     from slarm_graph.app.run_folder import RunFolder
     from slarm_graph.config import RunConfig, SourceConfig
+    from slarm_graph.world import WorldMap
+
+_log = logging.getLogger(__name__)
 
 POINT_OPTIONS = ("--ap",)
 
@@ -220,10 +224,24 @@ def explore_command(
         *_set("explore.driving.speed_m_s", speed),
     ]
     resolved, found = load_config(config, overrides), load_world(world)
+    _announce(found)
     folder = create_run_folder(out, name)
     with shown() as progress:
         run = execute_exploration(found, resolved, folder, progress)
     return _finish(run, folder)
+
+
+def _announce(world: WorldMap) -> None:
+    """Say before anything is driven what is amiss with a world."""
+    from slarm_graph.files.world_checks import world_warnings
+
+    if not world.access_points:
+        raise BadInput(
+            f"{brief(world.name)} has no access points, and exploring ends in a radio map; add "
+            "`access_points: [{name: AP1, x_m: 0, y_m: 0, z_m: 2.5}]` to its file"
+        )
+    for warning in world_warnings(world):
+        _log.warning(warning)
 
 
 def _finish(run: Run, folder: RunFolder) -> int:

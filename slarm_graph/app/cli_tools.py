@@ -23,6 +23,7 @@ from slarm_graph.app.cli_run import (
     access_points,
     source_config,
 )
+from slarm_graph.errors import BadInput
 
 
 def add_to(app: typer.Typer) -> None:
@@ -54,6 +55,8 @@ def radio_command(
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
     geographic = as_geographic(read_map(map_file), resolved.recovery.default_height_m)
+    if not geographic.accessible.any():
+        raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
     radio = radio_map(geographic, points, resolved.radio)
     folder = create_run_folder(out, name)
     folder.write_text("config.yaml", config_yaml(resolved))

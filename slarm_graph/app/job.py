@@ -13,6 +13,7 @@ from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
+from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
 from slarm_graph.readings import Source
 
@@ -74,4 +75,5 @@ class Run:
         problem = (self.intake.problem,) if self.intake.problem else ()
         points = self.radio.access_points if self.radio else ()
         radio = radio_notices(self.geographic.geometry, points, self.config.radio)
-        return (*problem, *self.source.info().notices, *self.slam.notices, *radio)
+        placed = placement_notices(self.geographic, points, self.config.radio.mount_radius_m)
+        return (*problem, *self.source.info().notices, *self.slam.notices, *radio, *placed)

@@ -9,18 +9,18 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from slarm_graph.config.sections import PartName
-from slarm_graph.config.stage import Stage
+from slarm_graph.config.stage import MOST_BEAMS, Reach, Resolution, Stage
 
 
 class LidarConfig(Stage):
     """The simulated laser and how it is mounted."""
 
-    beams: int = Field(default=360, ge=1)
+    beams: int = Field(default=360, ge=1, le=MOST_BEAMS)
     field_of_view_rad: float = Field(default=6.283185307179586, gt=0, le=6.283185307179586)
     """Centred on the laser's forward axis; a full circle does not repeat its first beam."""
-    rate_hz: float = Field(default=10.0, gt=0)
+    rate_hz: float = Field(default=10.0, ge=0.01, le=1000)
     range_min_m: float = Field(default=0.12, ge=0)
-    range_max_m: float = Field(default=8.0, gt=0)
+    range_max_m: Reach = 8.0
     sigma_m: float = Field(default=0.01, ge=0)
     """Standard deviation of a range."""
     x_m: float = 0.0
@@ -32,14 +32,14 @@ class LidarConfig(Stage):
     upside_down: bool = False
     clockwise: bool = False
     """Whether the laser reports its beams with a negative increment."""
-    sweep_s: float = Field(default=0.0, ge=0)
+    sweep_s: float = Field(default=0.0, ge=0, le=100)
     """Time from the first beam to one past the last; 0 takes them all at one instant."""
 
 
 class WheelConfig(Stage):
     """The simulated differential drive: what the wheels turn is not what the ground passes."""
 
-    wheel_base_m: float = Field(default=0.3, gt=0)
+    wheel_base_m: float = Field(default=0.3, ge=0.001, le=100)
     wheel_base_error: float = 0.005
     """Share by which the true wheel base exceeds the one that odometry assumes."""
     left_slip: float = 0.001
@@ -56,7 +56,7 @@ class SimulationConfig(Stage):
 
     engine: Literal["kinematic", "mujoco"] = "kinematic"
     """`mujoco` needs the extra `physics`."""
-    body_radius_m: float = Field(default=0.18, gt=0)
+    body_radius_m: float = Field(default=0.18, gt=0, le=10)
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()
 
@@ -64,13 +64,13 @@ class SimulationConfig(Stage):
 class DrivingConfig(Stage):
     """How the robot drives, and how near it goes to things."""
 
-    speed_m_s: float = Field(default=0.6, gt=0)
+    speed_m_s: float = Field(default=0.6, ge=0.001, le=100)
     turn_rate_rad_s: float = Field(default=2.0, gt=0)
     acceleration_m_s2: float = Field(default=1.0, gt=0)
-    robot_radius_m: float = Field(default=0.18, gt=0)
+    robot_radius_m: float = Field(default=0.18, gt=0, le=10)
     margin_m: float = Field(default=0.015, ge=0)
     """Kept between the body and everything seen, beyond half a driving cell."""
-    grid_m: float = Field(default=0.025, gt=0, le=0.05)
+    grid_m: float = Field(default=0.025, ge=0.001, le=0.05)
     """Driving cells are at most this large whatever the resolution of the maps is."""
 
 
@@ -78,7 +78,7 @@ class ExploreConfig(Stage):
     """Closed-loop exploration of a world."""
 
     explorer: Annotated[str, PartName("explorer")] = "ggmr+"
-    resolution_m: float = Field(default=0.05, gt=0)
+    resolution_m: Resolution = 0.05
     """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
     driving: DrivingConfig = DrivingConfig()
     slam_rmse_m: float = Field(default=0.0, ge=0)

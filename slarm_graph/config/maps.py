@@ -8,24 +8,24 @@ import math
 
 from pydantic import Field, field_validator
 
-from slarm_graph.config.stage import Stage
+from slarm_graph.config.stage import Reach, Resolution, Stage
 
 
 class MappingConfig(Stage):
     """Rendering scans into an occupancy grid."""
 
-    resolution_m: float = Field(default=0.05, gt=0)
-    max_range_m: float = Field(default=30.0, gt=0)
+    resolution_m: Resolution = 0.05
+    max_range_m: Reach = 30.0
     """Beams are cut here; what lies behind stays unseen."""
     occupied_at: float = Field(default=0.25, gt=0, le=1)
     """A cell is occupied when at least this share of its visits were hits."""
-    max_cells: int = Field(default=400_000_000, gt=0)
+    max_cells: int = Field(default=400_000_000, gt=0, le=4_000_000_000)
 
 
 class RecoveryConfig(Stage):
     """Global geographic map recovery (GGMR)."""
 
-    expansion_radius_m: float = Field(default=0.0, ge=0)
+    expansion_radius_m: float = Field(default=0.0, ge=0, le=100)
     """How far to keep from obstacles; where that leaves no path, what lies beyond is out of reach.
 
     The robot's radius gives what it can drive to.
@@ -40,7 +40,7 @@ class RecoveryConfig(Stage):
     """
     size_tolerance_m: float = Field(default=0.15, gt=0)
     """An obstacle has a known size when its sides, and that of a square as large, are this near."""
-    robot_radius_m: float = Field(default=0.18, gt=0)
+    robot_radius_m: float = Field(default=0.18, gt=0, le=10)
     """Where a robot of this radius fits, recovery leaves the free space alone."""
     speck_cells: int = Field(default=2, ge=0)
     """Groups of at most so many occupied cells are dropped."""
@@ -67,11 +67,11 @@ class RadioConfig(Stage):
     """The radio map."""
 
     scenario: str = "InF-SH"
-    frequency_hz: float = Field(default=3.5e9, gt=0)
+    frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)
     antenna_height_m: float = Field(default=0.5, gt=0)
     rician_factor_db: float = 7.0
     power_dbm: float = 20.0
-    mount_radius_m: float = Field(default=0.25, ge=0)
+    mount_radius_m: float = Field(default=0.25, ge=0, le=100)
     """Obstacles this near to an access point carry it and do not hide it."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)
     """Gains at most this wrong count as right in the accuracy."""

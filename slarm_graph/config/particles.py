@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from slarm_graph.config.stage import Stage
+from slarm_graph.config.stage import Count, Reach, Resolution, Sigma, Stage
 
 
 class ParticleMotionConfig(Stage):
@@ -42,7 +42,7 @@ class ParticleMotionConfig(Stage):
 class ParticleLikelihoodConfig(Stage):
     """How likely a scan is at a pose in a particle's map."""
 
-    sigma_m: float = Field(default=0.03, gt=0)
+    sigma_m: Sigma = 0.03
     """Scale of the distance between a return and the wall it belongs to."""
     beam_information: float = Field(default=0.3, gt=0, le=1)
     """Share of a beam's information that neighbouring beams do not repeat."""
@@ -53,7 +53,7 @@ class ParticleLikelihoodConfig(Stage):
     """
     lskip: int = Field(default=0, ge=0)
     """Beams left out between two that count."""
-    max_range_m: float | None = Field(default=None, gt=0)
+    max_range_m: Reach | None = None
     """gmapping's maxUrange; null: the frontend's."""
     min_points: int = Field(default=20, ge=3)
     """A scan with fewer returns does not update the filter."""
@@ -64,9 +64,9 @@ class ProposalConfig(Stage):
 
     improved: bool = True
     """Whether to draw near the scan-match peak, eq. (7)-(10), or from the motion, eq. (6)."""
-    kernel_size: int = Field(default=1, ge=0)
+    kernel_size: int = Field(default=1, ge=0, le=100)
     """Walls are looked for this many cells around a return."""
-    iterations: int = Field(default=12, ge=1)
+    iterations: Count = 12
     """How often walls are looked for on the way to the peak at most."""
     lattice_radius: float = Field(default=2.9, ge=1.8, le=6)
     """Extent of the z poses around the peak in standard deviations; 2.9 gives z = 27."""
@@ -83,7 +83,7 @@ class ResamplingConfig(Stage):
 class ParticleMapsConfig(Stage):
     """The maps inside the filter; the final map is rendered as `mapping` says."""
 
-    delta_m: float = Field(default=0.05, gt=0)
+    delta_m: Resolution = 0.05
     """Side of a cell."""
     max_memory_mb: float = Field(default=4000.0, gt=0)
     """The run stops rather than use more for particle maps."""
@@ -92,7 +92,7 @@ class ParticleMapsConfig(Stage):
 class GmappingConfig(Stage):
     """The Rao-Blackwellised particle filter, with gmapping's names where they mean the same."""
 
-    particles: int = Field(default=30, ge=1)
+    particles: int = Field(default=30, ge=1, le=100_000)
     linear_update_m: float = Field(default=0.5, gt=0)
     angular_update_rad: float = Field(default=0.25, gt=0)
     """The filter takes a scan after so much motion; the frontend matches those in between."""

@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from slarm_graph.config.stage import Stage
+from slarm_graph.config.stage import Count, Reach, Resolution, Sigma, Stage
 
 
 class SourceConfig(Stage):
@@ -43,14 +43,14 @@ class SourceConfig(Stage):
 class MatchingConfig(Stage):
     """Matching every scan against the local map."""
 
-    resolution_m: float = Field(default=0.05, gt=0)
-    sigma_m: float = Field(default=0.04, gt=0)
+    resolution_m: Resolution = 0.05
+    sigma_m: Sigma = 0.04
     """Standard deviation of the likelihood's fall-off from what was seen."""
-    point_sigma_m: float = Field(default=0.01, gt=0)
+    point_sigma_m: Sigma = 0.01
     """What one return is worth against the prediction: its error, correlations allowed for."""
     max_gap_m: float = Field(default=0.5, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
-    max_iterations: int = Field(default=40, ge=1)
+    max_iterations: Count = 40
     min_score: float = Field(default=0.35, ge=0, le=1)
     """A match with less mean agreement has failed."""
     min_points: int = Field(default=10, ge=3)
@@ -61,14 +61,14 @@ class KeyframeConfig(Stage):
 
     distance_m: float = Field(default=0.25, gt=0)
     angle_rad: float = Field(default=0.25, gt=0)
-    window: int = Field(default=40, ge=1)
+    window: Count = 40
     """The local map holds one to two windows of keyframes."""
 
 
 class FrontendConfig(Stage):
     """The shared scan frontend."""
 
-    max_range_m: float = Field(default=30.0, gt=0)
+    max_range_m: Reach = 30.0
     deskew: bool = True
     point_spacing_m: float = Field(default=0.02, ge=0)
     """Returns denser than this along the beam order are thinned for matching."""
@@ -89,14 +89,14 @@ class LoopClosureConfig(Stage):
     """Keyframes between searches."""
     search_again: int = Field(default=40, ge=1)
     """Keyframes until the same old submap is searched again."""
-    search_resolution_m: float = Field(default=0.1, gt=0)
-    search_sigma_m: float = Field(default=0.1, gt=0)
+    search_resolution_m: Resolution = 0.1
+    search_sigma_m: Sigma = 0.1
     search_score: float = Field(default=0.55, ge=0, le=1)
     """Agreement a search must reach to be looked at closer."""
     query_keyframes: int = Field(default=8, ge=1)
     """Latest keyframes whose points are searched for together."""
-    window_m: float = Field(default=12.0, gt=0)
-    window_rad: float = Field(default=3.15, gt=0)
+    window_m: float = Field(default=12.0, gt=0, le=1000)
+    window_rad: float = Field(default=3.15, gt=0, le=6.3)
     """Largest search window to either side; within it the uncertainty decides."""
     sure_m: float = Field(default=0.2, gt=0)
     sure_rad: float = Field(default=0.07, gt=0)

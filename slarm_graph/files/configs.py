@@ -18,12 +18,15 @@ from pydantic import BaseModel, ValidationError
 
 from slarm_graph import parts
 from slarm_graph.config import RunConfig, Stage
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import MOST_LISTED, BadInput, brief, most
+from slarm_graph.files.yaml_text import parse_yaml, read_yaml
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
 _SETTING = "--set"
+MAX_KEY = 80
+"""Characters of an unknown key that are compared with the known ones; the longest known has 45."""
 
 Tree = dict[str, object]
 """Nested keys and values, as in the YAML."""
@@ -56,34 +59,19 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
     try:
         return RunConfig.model_validate(tree)
     except ValidationError as error:
-        problems = (_problem(e, places) for e in error.errors(include_url=False))
-        raise BadInput(*dict.fromkeys(problems)) from None
+        found = error.errors(include_url=False, include_context=False)
+        problems = (_problem(e, places) for e in found[: 2 * MOST_LISTED])
+        raise BadInput(*most(tuple(dict.fromkeys(problems)))) from None
 
 
 def _read(path: Path) -> tuple[Tree, dict[str, str]]:
     """Return the content and where (`file:line`) every dotted key stands."""
-    try:
-        node = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=yaml.SafeLoader)
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise BadInput(f"{path}: cannot be read as YAML ({reason})") from None
-    if node is None:
+    document = read_yaml(path)
+    if document.content is None:
         return {}, {}
-    if not isinstance(node, yaml.MappingNode):
+    if not isinstance(document.content, dict):
         raise BadInput(f"{path}: expected keys and values, as `slarm config` prints them")
-    places = {key: f"{path}:{line}" for key, line in _key_lines(node)}
-    tree: Tree = yaml.SafeLoader("").construct_document(node)
-    return tree, places
-
-
-def _key_lines(node: yaml.MappingNode, prefix: str = "") -> Iterator[tuple[str, int]]:
-    for key, value in node.value:
-        dotted = f"{prefix}{key.value}"
-        yield dotted, key.start_mark.line + 1
-        if isinstance(value, yaml.MappingNode):
-            yield from _key_lines(value, f"{dotted}.")
+    return document.content, {key: f"{path}:{line}" for key, line in document.lines.items()}
 
 
 def _split(override: str) -> tuple[str, object]:
@@ -91,9 +79,10 @@ def _split(override: str) -> tuple[str, object]:
     if not equals or not key:
         raise BadInput(f"--set {override}: expected key=value, such as mapping.resolution_m=0.1")
     try:
-        return key.strip(), yaml.safe_load(text)
-    except yaml.YAMLError:
-        raise BadInput(f"--set {override}: the value cannot be read as YAML") from None
+        return key.strip(), parse_yaml(text, "").content
+    except BadInput:
+        told = brief(override)
+        raise BadInput(f"--set {told}: the value cannot be read as YAML") from None
 
 
 def _put(tree: Tree, dotted: str, value: object) -> None:
@@ -119,15 +108,15 @@ def _problem(error: ErrorDetails, places: Mapping[str, str]) -> str:
     # Options such as --resolution arrive as settings too: the key alone says what is meant.
     where = key if place == _SETTING else f"{place}: {key}"
     reason = error["msg"].removeprefix("Value error, ")
-    return f"{where}: {reason}, got {error['input']!r}"
+    return f"{where}: {reason}, got {brief(error['input'])}"
 
 
 def _unknown(key: str, places: Mapping[str, str]) -> str:
     known = tuple(_known_keys(RunConfig)) + tuple(_known_section_keys())
-    near = difflib.get_close_matches(key, known, n=1, cutoff=0.5)
+    near = difflib.get_close_matches(key[:MAX_KEY], known, n=1, cutoff=0.5)
     near = near or [k for k in known if k.rpartition(".")[2] == key.rpartition(".")[2]]
     hint = f"; did you mean '{near[0]}'?" if near else "; `slarm config` lists them all"
-    return f"{places.get(key, '--config')}: unknown key '{key}'{hint}"
+    return f"{places.get(key, '--config')}: unknown key '{brief(key)}'{hint}"
 
 
 def _known_keys(model: type[BaseModel], prefix: str = "") -> Iterator[str]:

@@ -4,25 +4,36 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
+from slarm_graph.files.images import Image, read_image
+from slarm_graph.files.yaml_text import number, read_yaml
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+
+_log = logging.getLogger(__name__)
 
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
+"""Shades that map_server's map_saver writes."""
 _OCCUPIED_THRESH, _FREE_THRESH = 0.65, 0.196
+"""Thresholds that map_saver writes; the shade of unknown, (255 - 205) / 255 = 0.196, is no longer
+free by the second."""
+MAX_RESOLUTION_M = 100.0
+"""Side of a cell beyond which a map says nothing of where a robot fits; a unit was mistaken."""
+MAX_ORIGIN_M = 1e8
+"""Farther off, float64 no longer tells cells of a millimetre apart when cells are counted; UTM
+coordinates, the largest that are used for maps, stay below 10^7 m."""
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -100,94 +111,112 @@ def read_map(path: Path) -> OccupancyGrid:
     BadInput
         When a file or a key is missing or wrong.
     """
-    description = _described(path, _yaml_mapping(path))
-    pixels, opaque = _pixels(description.image)
-    pixels, opaque = pixels[::-1], opaque[::-1]
-    probability = np.where(opaque, _probability(pixels, description), np.nan)
+    description = _described(path)
+    probability = _probability(read_image(description.image), description)[::-1]
     x, y, resolution = description.geometry_from
-    geometry = GridGeometry(x, y, resolution, *pixels.shape)
+    geometry = GridGeometry(x, y, resolution, *probability.shape)
     return OccupancyGrid(
         geometry,
-        probability.astype(np.float32),
+        np.ascontiguousarray(probability),
         occupied_at=description.occupied_thresh,
         free_at=description.free_thresh,
     )
 
 
-def _yaml_mapping(path: Path) -> Mapping[str, object]:
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        reason = " ".join(str(error).split())
-        raise BadInput(f"{path}: cannot be read as a map's YAML ({reason})") from None
+def _described(path: Path) -> _Description:
+    content = read_yaml(path).content
     if not isinstance(content, dict):
         raise BadInput(f"{path}: not a map's YAML; expected keys {', '.join(_REQUIRED)}")
-    return content
-
-
-def _described(path: Path, content: Mapping[str, object]) -> _Description:
     missing = [key for key in _REQUIRED if key not in content]
     if missing:
         raise BadInput(f"{path}: missing key '{missing[0]}'")
-    origin = content["origin"]
-    if not isinstance(origin, list) or len(origin) != 3:
-        raise BadInput(f"{path}: 'origin' should have 3 elements [x, y, yaw], not {origin!r}")
     mode = content.get("mode", "trinary")
     if mode not in ("trinary", "scale", "raw"):
-        raise BadInput(f"{path}: mode '{mode}' is none of trinary, scale, raw")
-    x, y, yaw = (_number(path, "origin", value) for value in origin)
-    if yaw != 0.0:
-        raise BadInput(f"{path}: the map is turned by {yaw} rad; only yaw 0 is supported")
+        raise BadInput(f"{path}: mode '{brief(mode)}' is none of trinary, scale, raw")
     occupied, free = (_number(path, k, content[k]) for k in ("occupied_thresh", "free_thresh"))
     if not 0.0 <= free < occupied <= 1.0:
         raise BadInput(f"{path}: needs 0 <= free_thresh < occupied_thresh <= 1")
     resolution = _number(path, "resolution", content["resolution"])
-    if resolution <= 0.0:
-        raise BadInput(f"{path}: resolution must be positive, not {resolution}")
+    if not 0.0 < resolution <= MAX_RESOLUTION_M:
+        raise BadInput(
+            f"{path}: resolution must be positive and at most {MAX_RESOLUTION_M:g} m,"
+            f" not {resolution:g}"
+        )
     return _Description(
-        path.parent / str(content["image"]),
-        (x, y, resolution),
-        bool(content["negate"]),
+        _image_file(path, content["image"]),
+        (*_origin(path, content["origin"]), resolution),
+        _number(path, "negate", content["negate"]) != 0.0,
         occupied,
         free,
         mode,
     )
 
 
-def _number(path: Path, key: str, value: object) -> float:
+def _origin(path: Path, origin: object) -> tuple[float, float]:
+    """Read `[x, y, yaw]`; a yaw that is no number, as some map savers write it, counts as 0."""
+    if not isinstance(origin, list) or len(origin) != 3:
+        raise BadInput(f"{path}: 'origin' should have 3 elements [x, y, yaw], not {brief(origin)}")
+    x, y = (_number(path, "origin", value) for value in origin[:2])
+    if max(abs(x), abs(y)) > MAX_ORIGIN_M:
+        raise BadInput(f"{path}: 'origin' lies {max(abs(x), abs(y)):g} m off")
+    if isinstance(origin[2], (str, float)) and _is_nan(origin[2]):
+        _log.warning("%s: the yaw in 'origin' is nan; taken as 0", path)
+        return x, y
+    yaw = _number(path, "origin", origin[2])
+    if yaw != 0.0:
+        raise BadInput(f"{path}: the map is turned by {yaw:g} rad; only yaw 0 is supported")
+    return x, y
+
+
+def _is_nan(value: str | float) -> bool:
     try:
-        number = float(cast(str, value))
-    except (TypeError, ValueError):
-        raise BadInput(f"{path}: '{key}' is not a number: {value!r}") from None
-    if not math.isfinite(number):
-        raise BadInput(f"{path}: '{key}' is not finite: {value!r}")
-    return number
+        return math.isnan(float(value))
+    except ValueError:
+        return False
 
 
-def _pixels(path: Path) -> tuple[Floats, Mask]:
-    """Return shades (rows, cols), 0 to 255 from the top of the image, and which are opaque."""
-    if not path.is_file():
-        raise BadInput(f"no such file: {path} (the map's image)")
-    data = np.fromfile(path, dtype=np.uint8)
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
-    if image is None:
-        raise BadInput(f"{path}: not an image that can be read")
-    full = 65535.0 if image.dtype == np.uint16 else 255.0
-    shades = image.astype(np.float64) * (255.0 / full)
-    if shades.ndim == 2:
-        return shades, np.ones(shades.shape, dtype=np.bool_)
-    has_alpha = shades.shape[2] in (2, 4)
-    colours = shades[..., :-1] if has_alpha else shades
-    opaque = shades[..., -1] >= 255.0 if has_alpha else np.ones(shades.shape[:2], dtype=np.bool_)
-    return colours.mean(axis=2), opaque
+def _number(path: Path, key: str, value: object) -> float:
+    """Read a finite number; true and false, and numbers in quotes, count as what they say."""
+    if isinstance(value, bool):
+        return float(value)
+    try:
+        return number(value)
+    except ValueError:
+        problem = "not finite" if isinstance(value, float) else "not a number"
+    except OverflowError:
+        problem = "too large"
+    raise BadInput(f"{path}: '{key}' is {problem}: {brief(value)}")
 
 
-def _probability(shades: Floats, description: _Description) -> Floats:
+def _image_file(path: Path, name: object) -> Path:
+    """Where a map's image lies: as its YAML says, else of the same name beside the YAML.
+
+    Map savers write whole paths, which are wrong once the map has moved.
+    """
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise BadInput(f"{path}: 'image' is not the name of a file: {brief(name)}")
+    stated, beside = path.parent / name, path.parent / Path(name).name
+    return stated if stated.is_file() or not beside.is_file() else beside
+
+
+def _probability(image: Image, description: _Description) -> NDArray[np.float32]:
+    """Probabilities (rows, cols), the first row of the image first."""
+    if image.shades.dtype.kind == "f":
+        found = _by_rule(np.asarray(image.shades, np.float64) / image.full, description)
+    else:  # one rule per shade, not per pixel
+        table = _by_rule(np.arange(image.full + 1) / image.full, description)
+        found = table[image.shades]
+    if image.opaque is not None:
+        found[~image.opaque] = np.nan
+    return found
+
+
+def _by_rule(shade: Floats, description: _Description) -> NDArray[np.float32]:
+    """Nav2's rule for shades from 0 (black) to 1 (white)."""
     if description.mode == "raw":
-        return np.where(shades > 100.0, np.nan, shades / 100.0)
-    p = shades / 255.0 if description.negate else (255.0 - shades) / 255.0
+        value = shade * 255.0
+        return np.where(value > 100.0, np.nan, value / 100.0).astype(np.float32)
+    p = shade if description.negate else 1.0 - shade
     occupied, free = p >= description.occupied_thresh, p <= description.free_thresh
     between = np.full(p.shape, np.nan)
     if description.mode == "scale":
@@ -195,4 +224,4 @@ def _probability(shades: Floats, description: _Description) -> Floats:
             description.occupied_thresh - description.free_thresh
         )
         between = np.round(share, 2)
-    return np.where(occupied, 1.0, np.where(free, 0.0, between))
+    return np.where(occupied, 1.0, np.where(free, 0.0, between)).astype(np.float32)

@@ -11,15 +11,23 @@ from pydantic import AfterValidator, Field, model_validator
 
 from slarm_graph.config import Stage
 
+MAX_M = 100_000.0
+"""Farthest place from the origin and longest side [m]: at a cell of 0.05 m, float32 coordinates
+still tell neighbouring cells apart."""
+MAX_SOLIDS = 5_000
+"""Solids of a world, wall pieces counted one by one; a simulated scan and the truth of the map look
+at all of them, so that twice as many take twice as long."""
+
 
 def _finite(value: float) -> float:
-    if not math.isfinite(value):
-        raise ValueError("must be a finite number")
+    if not math.isfinite(value) or abs(value) > MAX_M:
+        raise ValueError(f"must be a finite number of at most {MAX_M:g}")
     return value
 
 
 Number = Annotated[float, AfterValidator(_finite)]
-Length = Annotated[float, Field(gt=0), AfterValidator(_finite)]
+Length = Annotated[float, Field(ge=0.001), AfterValidator(_finite)]
+Name = Annotated[str, Field(max_length=80)]
 Point = tuple[Number, Number]
 Size = tuple[Length, Length]
 
@@ -27,7 +35,7 @@ Size = tuple[Length, Length]
 class WallModel(Stage):
     """A centre line with a thickness, or a closed rectangle given by its outer size."""
 
-    name: str = "wall"
+    name: Name = "wall"
     line_m: tuple[Point, ...] | None = None
     closed: bool = False
     center_m: Point | None = None
@@ -51,7 +59,7 @@ class WallModel(Stage):
 class BoxModel(Stage):
     """A rectangle filled up to its height."""
 
-    name: str = "box"
+    name: Name = "box"
     center_m: Point
     size_m: Size
     heading_deg: Number = 0.0
@@ -61,7 +69,7 @@ class BoxModel(Stage):
 class PolygonModel(Stage):
     """A simple polygon filled up to its height."""
 
-    name: str = "polygon"
+    name: Name = "polygon"
     corners_m: tuple[Point, ...] = Field(min_length=3)
     height_m: Length
 
@@ -69,12 +77,12 @@ class PolygonModel(Stage):
 class AccessPointModel(Stage):
     """Where an access point hangs, and how it sends."""
 
-    name: str
+    name: Name
     x_m: Number
     y_m: Number
     z_m: Number
     power_dbm: Number = 20.0
-    frequency_hz: Length = 3.5e9
+    frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)
 
 
 class StartModel(Stage):
@@ -88,7 +96,7 @@ class StartModel(Stage):
 class WorldModel(Stage):
     """The whole file."""
 
-    name: str
+    name: Name
     ceiling_m: Length
     boundary_m: tuple[Point, ...] = Field(min_length=3)
     start: StartModel
@@ -96,3 +104,22 @@ class WorldModel(Stage):
     walls: tuple[WallModel, ...] = ()
     boxes: tuple[BoxModel, ...] = ()
     polygons: tuple[PolygonModel, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _not_too_many(cls, content: object) -> object:
+        """Count before anything is looked at."""
+        if isinstance(content, dict):
+            parts = (content.get(key) for key in ("walls", "boxes", "polygons"))
+            count = sum(_pieces(part) for part in parts)
+            if count > MAX_SOLIDS:
+                raise ValueError(f"{count} solids; a world has at most {MAX_SOLIDS}")
+        return content
+
+
+def _pieces(part: object) -> int:
+    """Solids that a list of the file stands for: a wall has one for every piece of its line."""
+    if not isinstance(part, list):
+        return 0
+    lines = [item.get("line_m") for item in part if isinstance(item, dict)]
+    return len(part) + sum(len(line) for line in lines if isinstance(line, list))

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -14,14 +15,20 @@ import yaml
 from pydantic import ValidationError
 
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief, most
 from slarm_graph.files.maps import read_map
+from slarm_graph.files.texts import read_text
+from slarm_graph.files.world_checks import world_problems
 from slarm_graph.files.world_model import WallModel, WorldModel
+from slarm_graph.files.yaml_text import MAX_BYTES, parse_yaml
 from slarm_graph.geometry import Pose2
-from slarm_graph.polygons import counter_clockwise, is_simple
+from slarm_graph.polygons import counter_clockwise
 from slarm_graph.recovery.wall_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.world import Solid, WorldMap
 from slarm_graph.world_from_map import world_from_map
+
+_WORLD_KEY = re.compile(r"(?m)^boundary_m\s*:")
+_MAP_KEYS = re.compile(r"(?m)^image\s*:"), re.compile(r"(?m)^resolution\s*:")
 
 
 def shipped_worlds() -> tuple[str, ...]:
@@ -45,58 +52,62 @@ def load_world(name_or_path: str | Path) -> WorldMap:
         file = resources.files("slarm_graph") / "worlds" / f"{name_or_path}.yaml"
         return world_from_yaml(file.read_text("utf-8"), where=f"{name_or_path}.yaml")
     path = Path(name_or_path)
-    try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = (error.strerror if isinstance(error, OSError) else None) or "not a text file"
+    if not path.is_file():
         raise BadInput(
-            f"{path}: cannot read the world ({reason}); give a YAML file or one of"
+            f"{brief(str(path))}: cannot read the world (no such file); give a YAML file or one of"
             f" {', '.join(shipped_worlds())}"
-        ) from error
-    if _is_map(text):
+        )
+    text = read_text(path, "a world", MAX_BYTES)
+    if is_map(text, str(path)):
         return world_from_map(read_map(path), name=path.stem)
     return world_from_yaml(text, where=str(path))
 
 
 def is_world_file(path: Path) -> bool:
-    """Whether a file describes a world, or a map that can be driven through like one."""
+    """Whether a file describes a world, or a map that can be driven through like one.
+
+    A damaged one counts by the words in it, so that it is told what is wrong with the world.
+    """
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         return False
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError):
+        text = read_text(path, "a world", MAX_BYTES)
+    except BadInput:
         return False
-    return _is_map(text) or "boundary_m" in _keys(text)
+    return bool(_WORLD_KEY.search(text)) or (
+        bool(_MAP_KEYS[0].search(text)) and bool(_MAP_KEYS[1].search(text))
+    )
 
 
-def _is_map(text: str) -> bool:
-    return {"image", "resolution"} <= _keys(text)
-
-
-def _keys(text: str) -> set[object]:
-    """Top-level keys of a YAML document; none where it is not a mapping."""
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError:
-        return set()
-    return set(document) if isinstance(document, dict) else set()
+def is_map(text: str, where: str) -> bool:
+    """Whether a YAML text describes a map_server map rather than a world."""
+    content = parse_yaml(text, where).content
+    return isinstance(content, dict) and {"image", "resolution"} <= set(content)
 
 
 def world_from_yaml(text: str, where: str = "world") -> WorldMap:
-    """Parse a world; `where` names the file in error messages."""
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise BadInput(f"{where}: not YAML: {' '.join(str(error).split())}") from error
-    if not isinstance(document, dict):
+    """Parse a world; `where` names the file in error messages.
+
+    Raises
+    ------
+    BadInput
+        Naming all that is wrong at once.
+    """
+    document = parse_yaml(text, where)
+    if not isinstance(document.content, dict):
         raise BadInput(f"{where}: a world is a mapping with name, boundary_m, start, ...")
     try:
-        model = WorldModel.model_validate(document)
+        model = WorldModel.model_validate(document.content)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"]) or "world"
-        raise BadInput(f"{where}: {key}: {first['msg']}") from error
-    return _checked(_build(model), where)
+        problems = [
+            f"{where}: {'.'.join(map(str, found['loc'])) or 'world'}: {found['msg']}"
+            for found in error.errors(include_url=False, include_input=False)
+        ]
+        raise BadInput(*most(problems)) from None
+    world = _build(model)
+    if amiss := world_problems(world):
+        raise BadInput(*most([f"{where}: {problem}" for problem in amiss]))
+    return world
 
 
 def save_world(world: WorldMap, path: Path) -> None:
@@ -144,20 +155,6 @@ def _build(model: WorldModel) -> WorldMap:
         ),
         start=Pose2(model.start.x_m, model.start.y_m, math.radians(model.start.heading_deg)),
     )
-
-
-def _checked(world: WorldMap, where: str) -> WorldMap:
-    """Refuse polygons that cross themselves and access points of equal name."""
-    if not is_simple(world.boundary_m):
-        raise BadInput(f"{where}: boundary_m: the polygon crosses itself or has no area")
-    for solid in world.solids:
-        if not is_simple(solid.corners_m):
-            raise BadInput(f"{where}: {solid.name}: the polygon crosses itself or has no area")
-    names = [ap.name for ap in world.access_points]
-    for name in names:
-        if names.count(name) > 1:
-            raise BadInput(f"{where}: access_points: the name {name!r} is used twice")
-    return world
 
 
 def _wall_solids(wall: WallModel) -> list[Solid]:

@@ -83,6 +83,7 @@ def draw_gain(
         f" {radio.antenna_height_m:g} m\nobstacle heights: {radio.height_source};"
         f" Rician factor {radio.rician_factor_db:g} dB",
         fontsize=9,
+        parse_math=False,
     )
     _finish(axes, radio, [index])
 
@@ -102,7 +103,7 @@ def draw_best_access_point(axes: Axes, radio: RadioMap) -> None:
         interpolation="nearest",
     )
     bar = axes.figure.colorbar(image, ax=axes, ticks=range(count), label="strongest access point")
-    bar.ax.set_yticklabels([ap.name for ap in radio.access_points])
+    bar.ax.set_yticklabels([ap.name for ap in radio.access_points], parse_math=False)
     axes.set_title("best server", fontsize=9)
     _finish(axes, radio, list(range(count)))
 
@@ -133,6 +134,7 @@ def _draw_access_point(axes: Axes, ap: AccessPoint, *, above: bool) -> None:
         fontsize=8,
         color="white",
         zorder=6,
+        parse_math=False,  # a name is text, whatever is in it
     )
     label.set_path_effects([withStroke(linewidth=2, foreground="black")])
 

@@ -24,6 +24,7 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
 )
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
+from slarm_graph.radio.placement import placement_notices
 from slarm_graph.raster.fill import inside_solids
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
@@ -52,7 +53,10 @@ def radio_map(
     BadInput
         Without an access point, for an unknown scenario or a frequency outside its range.
     """
-    for notice in radio_notices(geographic.geometry, access_points, config):
+    for notice in (
+        *radio_notices(geographic.geometry, access_points, config),
+        *placement_notices(geographic, access_points, config.mount_radius_m),
+    ):
         _log.warning(notice)
 
     reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)

@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Access points where none can hang are told, those mounted on walls are not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.errors import BadInput
+from slarm_graph.files.world_checks import world_warnings
+from slarm_graph.files.worlds import load_world, shipped_worlds, world_from_yaml
+from slarm_graph.geographic import as_geographic
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.radio.placement import placement_notices
+
+HEAD = "name: w\nceiling_m: 3.0\nboundary_m: [[0, 0], [6, 0], [6, 4], [0, 4]]\n"
+
+
+def room() -> OccupancyGrid:
+    """4 x 4 m at 0.1 m: free, with a block of 2 x 2 m in the middle, unknown to the right."""
+    p = np.zeros((40, 60), np.float32)
+    p[10:30, 10:30] = 1.0
+    p[:, 40:] = np.nan
+    return OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 40, 60), p)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "z_m", "height_m", "words"),
+    [
+        (2.0, 2.5, None, "inside an obstacle of unknown height"),
+        (2.0, 1.0, 1.5, "inside an obstacle 1.5 m high"),
+        (2.0, 2.5, 1.5, ""),
+        (1.05, 1.0, None, ""),
+        (0.5, 1.0, None, ""),
+        (5.5, 1.0, None, "lies in unknown space"),
+        (4.1, 1.0, None, ""),
+        (9.0, 1.0, None, ""),
+    ],
+)
+def test_where_access_points_hang(
+    x_m: float, z_m: float, height_m: float | None, words: str
+) -> None:
+    ap = AccessPoint("AP1", x_m, 2.0, z_m)
+    told = placement_notices(as_geographic(room(), height_m), [ap], 0.25)
+    assert len(told) == bool(words)
+    assert words in "".join(told)
+
+
+def test_access_points_of_worlds() -> None:
+    start = "start: {x_m: 1.0, y_m: 1.0}\n"
+    box = "boxes: [{name: crate, center_m: [3, 2], size_m: [1, 1], height_m: 2}]\n"
+    ap = "access_points: [{{name: a, x_m: {}, y_m: 2, z_m: {}}}]\n"
+    for x_m, z_m, words in (
+        (3.0, 1.0, "inside crate, which is 2 m high"),
+        (1.0, 3.5, "above the ceiling"),
+        (1.0, -1.0, "below the floor"),
+        (9.0, 1.0, "outside the boundary"),
+        (3.0, 2.5, ""),
+        (0.0, 2.5, ""),
+    ):
+        told = world_warnings(world_from_yaml(HEAD + start + box + ap.format(x_m, z_m)))
+        assert words in "".join(told)
+        assert len(told) == bool(words)
+    assert "no access points" in world_warnings(world_from_yaml(HEAD + start))[0]
+
+
+@pytest.mark.parametrize("name", shipped_worlds())
+def test_shipped_worlds_have_nothing_amiss(name: str) -> None:
+    assert world_warnings(load_world(name)) == ()
+
+
+def test_a_start_where_no_robot_can_be() -> None:
+    box = "boxes: [{name: crate, center_m: [3, 2], size_m: [1, 1], height_m: 2}]\n"
+    for place, words in (("{x_m: 3, y_m: 2}", "inside crate"), ("{x_m: 9, y_m: 2}", "outside")):
+        with pytest.raises(BadInput, match=words):
+            world_from_yaml(HEAD + f"start: {place}\n" + box)
+
+
+def test_worlds_tell_all_their_problems_at_once() -> None:
+    text = HEAD + "start: {x_m: a}\nboxes: [{center_m: [1, 1], size_m: [1, 0], height_m: 1}]\n"
+    with pytest.raises(BadInput) as refused:
+        world_from_yaml(text)
+    for words in ("start.x_m", "start.y_m", "boxes.0.size_m"):
+        assert words in str(refused.value)
+
+
+def test_too_many_solids_are_refused_before_they_are_built() -> None:
+    box = "{center_m: [3, 2], size_m: [1, 1], height_m: 2}"
+    text = HEAD + f"start: {{x_m: 1, y_m: 1}}\nboxes: [{', '.join([box] * 5001)}]\n"
+    with pytest.raises(BadInput, match="5001 solids; a world has at most 5000"):
+        world_from_yaml(text)
