@@ -1,5 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Results to numbers and pages: trajectory, map and radio metrics, reports."""
+"""Results to numbers and pages: trajectory, map and radio metrics, reports.
+
+The metrics that come along are the table in `slarm_graph.eval.metric_table`; those of others are
+classes with what `slarm_graph.eval.metric_parts.MetricPart` says, built without arguments.
+"""
 
 BUILT_IN: dict[str, str] = {}

@@ -8,9 +8,9 @@ import logging
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from importlib.metadata import entry_points
 from typing import Protocol
 
+from slarm_graph import parts as registry
 from slarm_graph.access_points import RadioMap
 from slarm_graph.eval.metrics import Metric, MetricKind
 from slarm_graph.eval.relations import Relations
@@ -19,8 +19,6 @@ from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.trajectory import Trajectory
-
-ENTRY_POINT_GROUP = "slarm_graph.metrics"
 
 _log = logging.getLogger(__name__)
 
@@ -90,11 +88,11 @@ class MetricPart(Protocol):
 def parts() -> tuple[MetricPart, ...]:
     """Load what is registered; what cannot be loaded is told and left out."""
     found: list[MetricPart] = []
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
+    for name in registry.registered("metric"):
         try:
-            found.append(entry.load()())
+            found.append(registry.load("metric", name)())
         except Exception as error:
-            _log.warning("metrics %s (%s) cannot be used: %s", entry.name, entry.value, error)
+            _log.warning("%s", error)
     return tuple(found)
 
 

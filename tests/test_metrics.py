@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from slarm_graph import parts
 from slarm_graph.eval import metric_parts, metric_table
 from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import Subject
@@ -99,14 +100,16 @@ class Broken:
 
 @pytest.fixture
 def plugged(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    group = metric_parts.ENTRY_POINT_GROUP
     entries = [
-        EntryPoint(n, f"test_metrics:{n}", group) for n in ("Straightness", "Broken", "Gone")
+        EntryPoint(name, f"test_metrics:{name}", "slarm_graph.metrics")
+        for name in ("Straightness", "Broken", "Gone")
     ]
-    monkeypatch.setattr(metric_parts, "entry_points", lambda group: entries)
+    monkeypatch.setattr(parts, "entry_points", lambda group: entries)
+    parts._added.cache_clear()
     metric_parts.parts.cache_clear()
     metric_table._kinds.cache_clear()
     yield
+    parts._added.cache_clear()
     metric_parts.parts.cache_clear()
     metric_table._kinds.cache_clear()
 

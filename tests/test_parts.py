@@ -14,6 +14,7 @@ import pytest
 from pydantic import Field, ValidationError
 
 from slarm_graph import parts
+from slarm_graph.app import cli
 from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.configs import config_yaml, load_config
@@ -45,11 +46,17 @@ class WrongSettings:
     settings = 3
 
 
+def hello(name: str) -> int:
+    """Greet somebody."""
+    print(f"hello {name}")
+    return 3
+
+
 @pytest.fixture(autouse=True)
 def theirs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Entry points of other packages, as far as this test is concerned."""
     module = types.ModuleType("their_parts")
-    for part in (Mine, WithoutSettings, WrongSettings):
+    for part in (Mine, WithoutSettings, WrongSettings, hello):
         setattr(module, part.__name__, part)
     monkeypatch.setitem(sys.modules, "their_parts", module)
     found = EntryPoints(
@@ -63,13 +70,17 @@ def theirs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             ("wrong", "their_parts:WrongSettings", "slarm_graph.backends"),
             ("radio", "their_parts:Mine", "slarm_graph.backends"),
             ("mine", "their_parts:Mine", "slarm_graph.explorers"),
-            ("run", "their_parts:Mine", "slarm_graph.commands"),
+            ("run", "their_parts:hello", "slarm_graph.commands"),
+            ("hello", "their_parts:hello", "slarm_graph.commands"),
+            ("broken", "no.such_module:hello", "slarm_graph.commands"),
         )
     )
     monkeypatch.setattr(parts, "entry_points", lambda group: found.select(group=group))
-    parts._added.cache_clear()
+    for kept in (parts._added, cli.app):
+        kept.cache_clear()
     yield
-    parts._added.cache_clear()
+    for kept in (parts._added, cli.app):
+        kept.cache_clear()
 
 
 @pytest.mark.parametrize("kind", parts.KINDS)
@@ -156,3 +167,15 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
     assert len(problems) == 4
     for key in ("seed", "mine.gain", "'maping.x'", "backend"):
         assert sum(key in problem.partition(":")[0] + problem[:40] for problem in problems) == 1
+
+
+def test_commands_of_others(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["hello", "you"]) == 3
+    assert capsys.readouterr().out == "hello you\n"
+    assert cli.main(["--help"]) == 0
+    text = capsys.readouterr().out
+    assert "Greet somebody." in text
+    assert "command broken cannot be used" in text
+    assert cli.main(["broken"]) == cli.BAD_INPUT
+    assert "needs the Python module no" in capsys.readouterr().err
+    assert cli.main(["run", "no such.bag"]) == cli.BAD_INPUT

@@ -11,30 +11,16 @@ import logging
 import signal
 import sys
 from collections.abc import Sequence
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
 
-from slarm_graph import __version__
-from slarm_graph.app import cli_compare, cli_eval, cli_run, cli_tools
+from slarm_graph import __version__, parts
+from slarm_graph.app.cli_run import POINT_OPTIONS
 from slarm_graph.errors import BadInput, RunFailed
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-
-app = typer.Typer(
-    name="slarm",
-    help="Simultaneous localization and radio mapping: a recording or a simulated world goes in;"
-    " a trajectory, a geographic map, a radio map and a report come out.",
-    epilog="Start with:  slarm demo   or   slarm run your.bag --ap X Y Z",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
-)
-cli_run.add_to(app)
-cli_compare.add_to(app)
-cli_eval.add_to(app)
-cli_tools.add_to(app)
 
 
 def _show_version(wanted: bool) -> None:
@@ -43,7 +29,6 @@ def _show_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def root(
     version: Annotated[
         bool,
@@ -56,6 +41,43 @@ def root(
     """Take the options that every command has."""
 
 
+@cache
+def app() -> typer.Typer:
+    """Put all commands together, those of other packages last."""
+    made = typer.Typer(
+        name="slarm",
+        help="Simultaneous localization and radio mapping: a recording or a simulated world goes"
+        " in; a trajectory, a geographic map, a radio map and a report come out.",
+        epilog="Start with:  slarm demo   or   slarm run your.bag --ap X Y Z",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    made.callback()(root)
+    for name in parts.registered("command"):
+        command = _command(name)
+        if isinstance(command, typer.Typer):
+            made.add_typer(command, name=name)
+        else:
+            made.command(name)(command)
+    return made
+
+
+def _command(name: str) -> Any:
+    """Load a command; in place of one that cannot be used, one that says why."""
+    try:
+        return parts.load("command", name)
+    except BadInput as error:
+        problem = str(error)
+
+    def unusable() -> None:
+        raise BadInput(problem)
+
+    unusable.__doc__ = f"({problem})"
+    return unusable
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code: 0, 1, 2 or 130."""
     given = list(sys.argv[1:] if arguments is None else arguments)
@@ -64,7 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
-        code = app(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
+        code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         return _tell(["interrupted"], INTERRUPTED, debug)
     except BadInput as error:
@@ -98,7 +120,7 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
     while rest:
         word = rest.pop(0)
         joined.append(word)
-        if word in cli_run.POINT_OPTIONS:
+        if word in POINT_OPTIONS:
             numbers: list[str] = []
             while rest and len(numbers) < 3 and _is_number(rest[0]):
                 numbers.append(rest.pop(0))

@@ -31,13 +31,6 @@ _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    app.command("compare")(compare_command)
-    app.command("demo")(demo_command)
-    app.command("reproduce")(reproduce_command)
-
-
 def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
     """Explore the paper's room with both backends and compare; takes a minute or two."""
     from slarm_graph.app.run_folder import create_run_folder

@@ -18,17 +18,6 @@ if TYPE_CHECKING:
 Json = Annotated[bool, typer.Option("--json", help="Print JSON, as in metrics.json.")]
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    group = typer.Typer(help="Measure files from anywhere against a reference.")
-    group.command("trajectory")(trajectory_command)
-    group.command("relations")(relations_command)
-    group.command("map")(map_command)
-    group.command("radio")(radio_command)
-    group.command("metrics")(metrics_command)
-    app.add_typer(group, name="eval", no_args_is_help=True)
-
-
 def trajectory_command(
     reference: Annotated[Path, typer.Argument(metavar="REF", help="True trajectory.")],
     estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory to measure.")],
@@ -214,3 +203,11 @@ def metrics_command() -> None:
     show_table(
         columns, [(k.name, k.titled(), k.better, k.applies, k.how) for k in kinds().values()]
     )
+
+
+group = typer.Typer(help="Measure files from anywhere against a reference.", no_args_is_help=True)
+group.command("trajectory")(trajectory_command)
+group.command("relations")(relations_command)
+group.command("map")(map_command)
+group.command("radio")(radio_command)
+group.command("metrics")(metrics_command)

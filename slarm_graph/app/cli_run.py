@@ -63,12 +63,6 @@ RelationsFile = Annotated[
 ]
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    app.command("run")(run_command)
-    app.command("explore")(explore_command)
-
-
 def run_command(
     sources: Annotated[
         list[Path] | None,

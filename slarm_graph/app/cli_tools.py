@@ -26,16 +26,6 @@ from slarm_graph.app.cli_run import (
 from slarm_graph.errors import BadInput
 
 
-def add_to(app: typer.Typer) -> None:
-    """Register the commands."""
-    app.command("radio")(radio_command)
-    app.command("check")(check_command)
-    app.command("convert")(convert_command)
-    app.command("config")(config_command)
-    app.command("backends")(backends_command)
-    app.command("doctor")(doctor_command)
-
-
 def radio_command(
     map_file: Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")],
     ap: AccessPoints = None,
