@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings to trajectory and map: the interchangeable SLAM backends, by name.
+"""Readings to poses: the interchangeable SLAM backends, by name.
 
 A backend is a class with the methods of `slarm_graph.backend.SlamBackend`, the attribute `settings`
 (a `slarm_graph.config.Stage`) and the constructor `(settings, frontend: FrontendConfig,
-rng: numpy.random.Generator, heartbeat: Heartbeat, mapping: MappingConfig)`.
+rng: numpy.random.Generator, heartbeat: Heartbeat)`.
 """
 
 from __future__ import annotations
@@ -34,7 +34,5 @@ def make(name: str, config: RunConfig, rng: Generator, heartbeat: Heartbeat) -> 
     BadInput
         When there is no such backend, or something it needs is not installed.
     """
-    backend: SlamBackend = parts.make(
-        "backend", name, config, config.frontend, rng, heartbeat, config.mapping
-    )
+    backend: SlamBackend = parts.make("backend", name, config, config.frontend, rng, heartbeat)
     return backend

@@ -25,14 +25,14 @@ from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.particle_matching import point_normals
-from slarm_graph.backends.path_filling import GrowingMap, fill_path
+from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
-from slarm_graph.config import FrontendConfig, GmappingConfig, MappingConfig, Stage
+from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = (
@@ -57,7 +57,6 @@ class _State:
     tracker: ScanTracker
     filter: MappingFilter
     stamps_ns: list[int] = field(default_factory=list)
-    scans: list[LaserScan] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
     updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
@@ -78,7 +77,6 @@ class GmappingBackend:
         The only source of randomness; all draws of an update are made before it is shared out to
         threads, so their number does not matter.
     heartbeat : callable
-    mapping : MappingConfig, optional
     """
 
     settings: ClassVar[type[Stage]] = GmappingConfig
@@ -89,15 +87,12 @@ class GmappingBackend:
         frontend: FrontendConfig,
         rng: Generator,
         heartbeat: Heartbeat = silent,
-        mapping: MappingConfig | None = None,
     ) -> None:
+        del heartbeat
         self._config = settings
-        self._mapping = mapping or MappingConfig()
         self._rng = rng
-        self._heartbeat = heartbeat
         self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings))
         self._step: Future[None] | None = None
-        self._map = GrowingMap(self._mapping)
 
     def update(self, reading: Reading) -> None:
         """Take one reading: follow it with the frontend, and update the filter when due.
@@ -107,7 +102,6 @@ class GmappingBackend:
         state = self._state
         scan = state.tracker.track(reading)
         state.stamps_ns.append(reading.stamp_ns)
-        state.scans.append(reading.scan)
         state.local.append(scan.local_from_robot.as_array())
         if not state.updates:
             state.filter.start(self._points(scan, reading.scan.robot_from_laser))
@@ -129,19 +123,13 @@ class GmappingBackend:
         return Pose2.from_array(compose(state.filter.poses[state.filter.best()], since))
 
     def result(self) -> SlamResult:
-        """Return the best particle's path and the map it makes, eq. (4): p(m | x, o)."""
-        trajectory, state = self.trajectory(), self._state
-        self._heartbeat(f"rendering {len(state.scans)} scans")
-        grid = self._map.render(state.scans, trajectory, state.updates[-1])
-        tables = self._books(), _path_table("weighted_mean", self.weighted_mean_trajectory())
-        return SlamResult(trajectory, grid, tables=tables, notices=self._notices())
-
-    def trajectory(self) -> Trajectory:
         """Return the best particle's path, at every scan."""
         self._settle()
         if not self._state.updates:
             raise RunFailed("no scan was usable")
-        return self._filled(self._state.filter.best_path())
+        tables = self._books(), _path_table("weighted_mean", self.weighted_mean_trajectory())
+        trajectory = self._filled(self._state.filter.best_path())
+        return SlamResult(trajectory, tables=tables, notices=self._notices())
 
     def weighted_mean_trajectory(self) -> Trajectory:
         """Weighted mean of all particles' paths, eq. (11), at every scan."""
@@ -157,7 +145,6 @@ class GmappingBackend:
         """Continue from a snapshot."""
         self._settle()
         self._state, self._rng.bit_generator.state = pickle.loads(state)
-        self._map = GrowingMap(self._mapping)
 
     def _settle(self) -> None:
         """Wait for the filter; its errors come up here."""

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
-from slarm_graph.config import FrontendConfig, MappingConfig, Stage
+from slarm_graph.config import FrontendConfig, Stage
 from slarm_graph.errors import BadInput, RunFailed
 from slarm_graph.geometry import Floats, Pose2, compose, invert
-from slarm_graph.mapping import render
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 
@@ -26,13 +25,8 @@ class OdometryBackend:
 
     Parameters
     ----------
-    settings : Stage
-    frontend : FrontendConfig
-        Not used.
-    rng : numpy.random.Generator
-        Not used.
-    heartbeat : callable
-    mapping : MappingConfig, optional
+    settings, frontend, rng, heartbeat
+        Not used: nothing is set, drawn or long.
     """
 
     settings: ClassVar[type[Stage]] = Stage
@@ -43,19 +37,14 @@ class OdometryBackend:
         frontend: FrontendConfig,
         rng: Generator,
         heartbeat: Heartbeat = silent,
-        mapping: MappingConfig | None = None,
     ) -> None:
-        del settings, frontend, rng
-        self._mapping = mapping or MappingConfig()
-        self._heartbeat = heartbeat
+        del settings, frontend, rng, heartbeat
         self._stamps_ns: list[int] = []
-        self._scans: list[LaserScan] = []
         self._odometry: list[Pose2 | None] = []
 
     def update(self, reading: Reading) -> None:
         """Take one reading."""
         self._stamps_ns.append(reading.stamp_ns)
-        self._scans.append(reading.scan)
         self._odometry.append(reading.odom_from_robot)
 
     def map_from_robot(self) -> Pose2:
@@ -64,27 +53,25 @@ class OdometryBackend:
         return known[0].between(known[-1]) if known else Pose2()
 
     def result(self) -> SlamResult:
-        """Return the odometry as the trajectory, and the map it makes."""
-        if not self._scans:
+        """Return the odometry as the trajectory."""
+        if not self._stamps_ns:
             raise RunFailed("no scan was usable")
         poses, missing = self._filled()
         trajectory = Trajectory(np.array(self._stamps_ns), compose(invert(poses[0]), poses))
-        self._heartbeat(f"rendering {len(self._scans)} scans")
-        grid = render(self._scans, trajectory, self._mapping)
         notices = (
             (f"{missing} scans without odometry were given the last pose before them",)
             if missing
             else ()
         )
-        return SlamResult(trajectory, grid, notices=notices)
+        return SlamResult(trajectory, notices=notices)
 
     def snapshot(self) -> bytes:
         """Return all readings."""
-        return pickle.dumps((self._stamps_ns, self._scans, self._odometry))
+        return pickle.dumps((self._stamps_ns, self._odometry))
 
     def restore(self, state: bytes) -> None:
         """Continue from a snapshot."""
-        self._stamps_ns, self._scans, self._odometry = pickle.loads(state)
+        self._stamps_ns, self._odometry = pickle.loads(state)
 
     def _filled(self) -> tuple[Floats, int]:
         """Return `odom_from_robot` (N, 3) with gaps held, and how many there were."""

@@ -12,15 +12,14 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
 from slarm_graph.backends.submap_graph import SubmapGraph
-from slarm_graph.config import FrontendConfig, MappingConfig, PoseGraphConfig, Stage
+from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.mapping import render
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 _CLOSURE_COLUMNS = (
@@ -38,7 +37,7 @@ _CLOSURE_COLUMNS = (
 
 
 class PoseGraphBackend:
-    """Graph SLAM on GTSAM: every scan matched, loops closed, the map rendered from the outcome.
+    """Graph SLAM on GTSAM: every scan matched, loops closed.
 
     Parameters
     ----------
@@ -48,7 +47,6 @@ class PoseGraphBackend:
         Not used: nothing here is drawn.
     heartbeat : Heartbeat
         Told what long steps are doing.
-    mapping : MappingConfig, optional
     """
 
     settings: ClassVar[type[Stage]] = PoseGraphConfig
@@ -59,15 +57,12 @@ class PoseGraphBackend:
         frontend: FrontendConfig,
         rng: Generator,
         heartbeat: Heartbeat = silent,
-        mapping: MappingConfig | None = None,
     ) -> None:
         del rng
-        self._mapping = mapping or MappingConfig()
         self._heartbeat = heartbeat
         self._tracker = ScanTracker(frontend)
         self._closer = LoopCloser(settings.loops, frontend.matching)
         self._graph = SubmapGraph(settings)
-        self._scans: list[LaserScan] = []
         self._stamps_ns: list[int] = []
         self._local: list[Pose2] = []
         self._unmatched = np.zeros((3, 3))
@@ -75,7 +70,6 @@ class PoseGraphBackend:
     def update(self, reading: Reading) -> None:
         """Track the scan; when it is a keyframe, extend the graph and look for old places."""
         tracked = self._tracker.track(reading)
-        self._scans.append(reading.scan)
         self._stamps_ns.append(tracked.stamp_ns)
         self._local.append(tracked.local_from_robot)
         if not tracked.match:
@@ -90,21 +84,6 @@ class PoseGraphBackend:
         return self._graph.map_from_local() @ self._local[-1]
 
     def result(self) -> SlamResult:
-        """Weigh all closures together, correct every scan's pose and render the map.
-
-        Raises
-        ------
-        RunFailed
-            When no scan could become a keyframe.
-        """
-        trajectory = self.trajectory()
-        graph, weights = self._graph.settle(self._heartbeat)
-        self._heartbeat("rendering the map")
-        grid = render(self._scans, trajectory, self._mapping)
-        table = self._closure_table(weights)
-        return SlamResult(trajectory, grid, graph, (table,))
-
-    def trajectory(self) -> Trajectory:
         """Weigh all closures together and correct every scan's pose.
 
         Raises
@@ -114,13 +93,14 @@ class PoseGraphBackend:
         """
         if not self._graph.keyframes:
             raise RunFailed("no scan had enough returns to be matched; see scans.csv")
-        self._graph.settle(self._heartbeat)
+        graph, weights = self._graph.settle(self._heartbeat)
         poses = self._graph.corrected(np.array([pose.as_array() for pose in self._local]))
-        return Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
+        trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
+        return SlamResult(trajectory, pose_graph=graph, tables=(self._closure_table(weights),))
 
     def snapshot(self) -> bytes:
         """Return the state; GTSAM objects live only within calls, so plain pickling does."""
-        kept = {k: v for k, v in self.__dict__.items() if k not in ("_mapping", "_heartbeat")}
+        kept = {k: v for k, v in self.__dict__.items() if k != "_heartbeat"}
         return pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL)
 
     def restore(self, state: bytes) -> None:
@@ -130,7 +110,7 @@ class PoseGraphBackend:
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))
         keyframe = Keyframe(
-            len(self._scans) - 1,
+            len(self._stamps_ns) - 1,
             tracked.points_m,
             tracked.local_from_robot,
             self._unmatched + matched,

@@ -30,11 +30,10 @@ from slarm_graph.backend import SlamBackend, SlamResult, silent
 from slarm_graph.config import ExploreConfig, RunConfig
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
-from slarm_graph.exploration.live_map import UNKNOWN, LiveMap, mark_swept
+from slarm_graph.exploration.live_map import LiveMap, mark_swept
 from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
@@ -63,9 +62,7 @@ class TruthBackend:
 
     def result(self) -> SlamResult:
         """Return the true trajectory."""
-        nothing = np.full((1, 1), np.nan, dtype=np.float32)
-        trajectory = Trajectory(np.array(self._stamps_ns), np.array(self._poses))
-        return SlamResult(trajectory, OccupancyGrid(GridGeometry(0, 0, 1, 1, 1), nothing))
+        return SlamResult(Trajectory(np.array(self._stamps_ns), np.array(self._poses)))
 
     def snapshot(self) -> bytes:
         """There is nothing to keep."""
@@ -140,7 +137,8 @@ def known_share(world: WorldMap, live: LiveMap) -> float:
     """Share of the floor that can be reached of which the map knows whether it is free."""
     truth = truth_map(world, LATTICE_M, "touched")
     centers_m = truth.geometry.centers()[truth.reachable]
-    return float(np.mean(live.driving_geometry.sample(live.states, centers_m, UNKNOWN) != UNKNOWN))
+    known = live.occupied | live.free
+    return float(np.mean(live.driving_geometry.sample(known, centers_m, False)))
 
 
 def footprint_over_time(world: WorldMap, out: Exploration) -> tuple[Floats, Floats]:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,7 +69,7 @@ def sharpness(
     if not covariances:
         return Sharpness(float("nan"), float("nan"), float("nan"), 0)
     eigenvalues = np.linalg.eigvalsh(np.stack(covariances)).clip(1e-12)
-    entropy = 0.5 * np.log((2.0 * np.pi * np.e) ** 2 * eigenvalues.prod(axis=1))
+    entropy = 0.5 * np.log((2.0 * np.pi * math.e) ** 2 * eigenvalues.prod(axis=1))
     across, along = np.sqrt(eigenvalues).T
     walls = across[along > _LONGER_THAN_WIDE * across]
     sigma, sigma_95 = np.percentile(walls, [50, 95]) if len(walls) else (np.nan, np.nan)

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The seam of the house: readings in, trajectory and occupancy grid out."""
+"""The seam of the house: readings in, poses out."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from slarm_graph.constraint import PoseGraph
-from slarm_graph.geometry import Pose2
-from slarm_graph.grid import OccupancyGrid
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
@@ -48,8 +47,8 @@ class SlamResult:
     ----------
     trajectory : Trajectory
         `map_from_robot` at the stamp of every reading.
-    grid : OccupancyGrid
-        Rendered from that trajectory.
+    covariances : (N, 3, 3) float64, optional
+        Of every pose in the robot's frame [m, m, rad]; None where the backend does not know.
     pose_graph : PoseGraph or None
         Where the backend keeps one.
     tables : tuple of Table
@@ -59,14 +58,14 @@ class SlamResult:
     """
 
     trajectory: Trajectory
-    grid: OccupancyGrid
+    covariances: Floats | None = None
     pose_graph: PoseGraph | None = None
     tables: tuple[Table, ...] = ()
     notices: tuple[str, ...] = field(default=())
 
 
 class SlamBackend(Protocol):
-    """A SLAM method, fed one reading at a time."""
+    """A SLAM method, fed one reading at a time; it says where the robot was and draws no map."""
 
     def update(self, reading: Reading) -> None:
         """Take one reading, later than all before."""
@@ -77,7 +76,7 @@ class SlamBackend(Protocol):
         ...
 
     def result(self) -> SlamResult:
-        """Return the best trajectory and grid for all readings so far; may be called any time.
+        """Return the best trajectory for all readings so far; may be called any time.
 
         Raises
         ------
@@ -93,25 +92,3 @@ class SlamBackend(Protocol):
     def restore(self, state: bytes) -> None:
         """Continue from a snapshot of a backend with the same configuration."""
         ...
-
-
-@runtime_checkable
-class KnowsTrajectory(Protocol):
-    """A backend that can tell where the robot was without rendering a map, which takes longer."""
-
-    def trajectory(self) -> Trajectory:
-        """Return the trajectory that `result` would have now.
-
-        Raises
-        ------
-        RunFailed
-            As `result`.
-        """
-        ...
-
-
-def trajectory_of(backend: SlamBackend) -> Trajectory:
-    """Return a backend's trajectory at the least cost it offers."""
-    if isinstance(backend, KnowsTrajectory):
-        return backend.trajectory()
-    return backend.result().trajectory

@@ -24,7 +24,7 @@ from slarm_graph.exploration.local_controller import (
 from slarm_graph.exploration.path_follower import PathFollower
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
-from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.grid import GridGeometry
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
@@ -47,8 +47,7 @@ class TruePose:
         return self._world.truth()
 
     def result(self) -> SlamResult:
-        nothing = OccupancyGrid(GridGeometry(0, 0, 1, 1, 1), np.full((1, 1), np.nan, np.float32))
-        return SlamResult(Trajectory(np.array(self._stamps), np.array(self._poses)), nothing)
+        return SlamResult(Trajectory(np.array(self._stamps), np.array(self._poses)))
 
     def snapshot(self) -> bytes:
         return b""
@@ -161,9 +160,12 @@ def test_coverage_follows_the_corrected_trajectory() -> None:
     assert live.visited.sum() == 21
     assert live.footprint()[10, 9:31].all()
     assert not live.footprint()[14].any()
-    live.clear()
-    assert not live.visited.any()
-    assert not live.swept.any()
+    away = np.array([[1.0, 2.05, 0.0], [3.0, 2.05, 0.0]])
+    scans = [LaserScan(np.full(4, np.nan), 0.0, 1.0, 0.1, 5.0)] * 2
+    live.follow(scans, Trajectory(np.array([1, 2]), away))
+    assert live.visited[20, 10:30].all()
+    assert live.visited.sum() == 21
+    assert not live.footprint()[10].any()
 
 
 @pytest.mark.parametrize("speed_m_s", [0.2, 0.6, 1.0])
@@ -248,8 +250,10 @@ def test_noise_beside_a_known_wall_does_not_close_a_gap() -> None:
     live = LiveMap((0.0, 4.0, 0.0, 3.0), ExploreConfig(resolution_m=0.1))
     g = live.driving_geometry
     wall = g.cell_of([[2.0, 0.0], [2.0, 1.0], [2.0, 1.5], [2.0, 2.99]])
-    live.states[wall[0, 0] : wall[1, 0], wall[0, 1]] = 2
-    live.states[wall[2, 0] : wall[3, 0], wall[2, 1]] = 2
+    rows = [*range(wall[0, 0], wall[1, 0]), *range(wall[2, 0], wall[3, 0])]
+    for x, y in g.center_of([(row, wall[0, 1]) for row in rows]):
+        one_beam = LaserScan(np.array([x - 1.0]), 0.0, 1.0, 0.1, 8.0)
+        live.add(one_beam, Pose2(1.0, y, 0.0))
     # 0.03 m into the gap of 0.5 m from both sides, as the present scan has it.
     noise = np.array([[2.01, 1.03], [2.01, 1.47]])
     bearings = np.arctan2(noise[:, 1] - 1.25, noise[:, 0] - 1.0)

@@ -34,7 +34,6 @@ from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, tour
 from slarm_graph.geometry import Floats, Pose2, between
-from slarm_graph.mapping import render
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
 
@@ -107,8 +106,7 @@ def test_the_papers_room_five_times(speed_m_s: float, seed: int) -> None:
     assert ate_m(run(made(30), readings).trajectory, truth) <= 0.02
 
 
-def test_the_map_is_that_of_the_path() -> None:
-    """Eq. (4): p(m | x, o). Asking for the result early and often changes nothing."""
+def test_asking_for_the_result_early_and_often_changes_nothing() -> None:
     readings = recorded()[0][:300]
     often, once = made(), made()
     for count, reading in enumerate(readings):
@@ -118,10 +116,6 @@ def test_the_map_is_that_of_the_path() -> None:
             often.result()
     result, single = often.result(), once.result()
     assert result.trajectory.poses.tobytes() == single.trajectory.poses.tobytes()
-    fresh = render([r.scan for r in readings], result.trajectory, RunConfig().mapping)
-    for grid in (result.grid, single.grid):
-        assert grid.geometry == fresh.geometry
-        assert np.array_equal(grid.probability, fresh.probability, equal_nan=True)
 
 
 @pytest.mark.parametrize("improved", [True, False])
@@ -149,7 +143,6 @@ def test_a_restored_snapshot_goes_on_as_if_nothing_had_happened() -> None:
     resumed.restore(stopped.snapshot())
     a, b = run(straight, readings[200:]), run(resumed, readings[200:])
     assert a.trajectory.poses.tobytes() == b.trajectory.poses.tobytes()
-    assert np.array_equal(a.grid.probability, b.grid.probability, equal_nan=True)
     assert a.tables == b.tables
 
 

@@ -15,7 +15,7 @@ from slarm_graph.config import MappingConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.mapping import GridMapper, end_points_m, render
+from slarm_graph.mapping import GridMapper, Rendering, end_points_m, pose_rates, render
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
@@ -157,3 +157,43 @@ def test_cells_are_free_occupied_or_unknown() -> None:
     assert grid.free.tolist() == [[True, False, False, False]]
     assert grid.occupied.tolist() == [[False, False, True, False]]
     assert grid.unknown.tolist() == [[False, True, False, True]]
+
+
+def test_a_rendering_is_the_map_of_the_latest_poses_however_it_came_about() -> None:
+    """Oracle: all scans drawn at once. Some poses change, then all, then none."""
+    rng = np.random.default_rng(4)
+    scans = [
+        LaserScan(rng.uniform(0.5, 6.0, 90), -np.pi, np.pi / 45, 0.1, 8.0, Pose2(0.1, 0.0, 0.2), dt)
+        for dt in rng.choice([0.0, 1e-3], 12)
+    ]
+    stamps = np.arange(12) * 10**8
+    geometry = GridGeometry(-4.0, -3.0, 0.07, 90, 120)
+    poses, config = rng.normal(0.0, 0.5, (12, 3)), MappingConfig()
+    rendering = Rendering(GridMapper(config, geometry))
+    for scan, pose in zip(scans[:8], poses, strict=False):
+        rendering.add(scan, pose, np.zeros(3))
+    for moved, every in ((slice(2, 4), 1), (slice(0, 12), 1), (slice(0, 0), 1), (slice(5, 9), 3)):
+        poses[moved] += rng.normal(0.0, 0.2, poses[moved].shape)
+        trajectory = Trajectory(stamps, poses)
+        rendering.follow(scans, trajectory, every)
+        fresh = GridMapper(config, geometry)
+        rates = pose_rates(trajectory)
+        for i in range(0, 12, every):
+            fresh.add(scans[i], poses[i], rates[i])
+        assert np.array_equal(rendering.mapper.occupied(), fresh.occupied())
+        assert np.array_equal(rendering.mapper.free(), fresh.free())
+
+
+def test_beams_are_cut_where_they_leave_given_cells() -> None:
+    """Oracle: the same scan on cells that grow, looked up inside."""
+    rng = np.random.default_rng(1)
+    scan = LaserScan(rng.uniform(1.0, 6.0, 180), -np.pi, np.pi / 90, 0.1, 8.0)
+    pose, cells = np.array([0.31, 0.22, 0.5]), GridGeometry(-1.0, -1.5, 0.05, 60, 50)
+    grown, cut = GridMapper(MappingConfig()), GridMapper(MappingConfig(), cells)
+    grown.add(scan, pose)
+    cut.add(scan, pose)
+    whole = grown.grid()
+    assert np.array_equal(cut.free(), whole.geometry.resample(whole.free, cells, outside=False))
+    occupied = whole.geometry.resample(whole.occupied, cells, outside=False)
+    assert np.array_equal(cut.occupied(), occupied)
+    assert np.array_equal(cut.occupied((slice(3, 9), slice(20, 50))), occupied[3:9, 20:50])

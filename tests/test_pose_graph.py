@@ -107,7 +107,6 @@ def test_same_readings_give_the_same_bytes(lap: Drive, finished: PoseGraphBacken
     again = run(lap[0]).result()
     result = finished.result()
     assert again.trajectory.poses.tobytes() == result.trajectory.poses.tobytes()
-    assert again.grid.probability.tobytes() == result.grid.probability.tobytes()
     assert again.tables == result.tables
 
 

@@ -10,33 +10,32 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 
-from slarm_graph.app.intake import Intake
 from slarm_graph.app.run_folder import CHECKPOINT, RunFolder
 from slarm_graph.backend import SlamBackend
 from slarm_graph.errors import BadInput
-from slarm_graph.geometry import Pose2
+from slarm_graph.reading_log import ReadingLog
 
 _STATE = f"{CHECKPOINT}/state.npz"
 
 
 def save_checkpoint(
-    folder: RunFolder, rng: Generator, backend: SlamBackend, intake: Intake
+    folder: RunFolder, rng: Generator, backend: SlamBackend, log: ReadingLog
 ) -> None:
-    """Write the state of the backend, of the random numbers and of what was read."""
+    """Write the state of backend and random numbers, and which readings they come from."""
     with folder.replacing(_STATE) as temporary:
         np.savez(
             temporary,
-            stamps_ns=np.array(intake.stamps_ns, dtype=np.int64),
-            odometry=np.array(intake.odometry, dtype=np.float64).reshape(-1, 3),
-            robot_from_laser=intake.robot_from_laser.as_array(),
+            stamps_ns=log.stamps_ns,
             random_state=np.array(json.dumps(rng.bit_generator.state)),
             backend=np.frombuffer(backend.snapshot(), dtype=np.uint8),
         )
-    folder.note(scans=len(intake.stamps_ns))
+    folder.note(scans=len(log))
 
 
-def load_checkpoint(path: Path, backend: SlamBackend, rng: Generator) -> Intake:
+def load_checkpoint(path: Path, backend: SlamBackend, rng: Generator) -> int | None:
     """Bring backend and random numbers to where the checkpoint was written.
+
+    Returns the stamp of the latest reading that the backend had had by then [ns].
 
     Parameters
     ----------
@@ -54,15 +53,11 @@ def load_checkpoint(path: Path, backend: SlamBackend, rng: Generator) -> Intake:
     """
     state = path / _STATE
     if not state.is_file():
-        return Intake()
+        return None
     try:
         with np.load(state) as saved:
             backend.restore(saved["backend"].tobytes())
             rng.bit_generator.state = json.loads(str(saved["random_state"]))
-            return Intake(
-                saved["stamps_ns"].tolist(),
-                [(x, y, theta) for x, y, theta in saved["odometry"].tolist()],
-                Pose2.from_array(saved["robot_from_laser"]),
-            )
+            return int(saved["stamps_ns"][-1]) if len(saved["stamps_ns"]) else None
     except (OSError, ValueError, KeyError, EOFError) as error:
         raise BadInput(f"{state}: the checkpoint cannot be read ({error})") from None

@@ -241,19 +241,19 @@ def _announce(world: WorldMap) -> None:
 def _finish(run: Run, folder: RunFolder) -> int:
     """Show a run and turn how it ended into an exit code."""
     _show(run, folder)
-    if not run.intake.problem:
+    if not run.log.problem:
         return 0
-    print(f"slarm: {run.intake.problem}; partial results are in {folder.path}", file=sys.stderr)
+    print(f"slarm: {run.log.problem}; partial results are in {folder.path}", file=sys.stderr)
     if (folder.path / "checkpoint").is_dir():
         print(f"slarm: go on with: slarm run --resume {folder.path}", file=sys.stderr)
-    return _INTERRUPTED if run.intake.interrupted else _FAILED
+    return _INTERRUPTED if run.log.interrupted else _FAILED
 
 
 def _show(run: Run, folder: RunFolder) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_notices, show_scans
 
-    show_notices((*run.source.info().notices, *run.slam.notices))
-    show_scans(run.source.scan_statuses())
+    show_notices((*run.info.notices, *run.slam.notices))
+    show_scans(run.log.statuses())
     show_metrics(run.metrics, title=run.title)
     seconds = cast(float, folder.record()["wall_s"])
-    print(f"{len(run.intake.stamps_ns)} scans in {seconds:.1f} s -> {folder.path}/report.html")
+    print(f"{len(run.log)} scans in {seconds:.1f} s -> {folder.path}/report.html")

@@ -55,7 +55,7 @@ def execute_exploration(
 def _ended(folder: RunFolder, done: Run) -> Run:
     for notice in done.notices():
         _log.info(notice)
-    problem = done.intake.problem
+    problem = done.log.problem
     folder.note(status="partial" if problem else "ok", problem=problem)
     return done
 

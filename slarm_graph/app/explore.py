@@ -10,17 +10,15 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.app.driven_world import DrivenWorld
-from slarm_graph.app.intake import stop_on_signal
+from slarm_graph.app.feeding import stop_on_signal
 from slarm_graph.app.job import Run
 from slarm_graph.app.live_files import LiveFiles
 from slarm_graph.app.outputs import save_geographic, save_radio, save_slam
-from slarm_graph.app.placing import along
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
 from slarm_graph.app.truth import accuracy_metrics
-from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.assessment import assess
@@ -30,9 +28,12 @@ from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.grid import GridGeometry
+from slarm_graph.mapping import render
 from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.reading_log import ReadingLog
+from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
-from slarm_graph.world import WorldMap
+from slarm_graph.world import World, WorldMap
 
 _log = logging.getLogger(__name__)
 
@@ -56,21 +57,25 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # world -> readings -> SLAM backend -> where to drive next, until everything is known
     with folder.stage("exploration", progress):
         simulated = make_world(world, config.simulation, for_world)
-        driven = DrivenWorld(simulated, f"simulated world {world.name}", progress)
         backend = backends.make(config.backend, config, for_backend, progress.say)
-        drive = _drive(driven, backend, world, config, folder)
+        drive = _drive(simulated, backend, world, config, folder, progress)
+        log = drive.log
     # trajectory -> occupancy grid
     with folder.stage("map", progress):
-        slam = _in_world(drive, config)
-        save_slam(folder, slam)
+        notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
+        slam = replace(drive.slam, trajectory=drive.trajectory, notices=notices)
+        cells = {"resolution_m": config.explore.resolution_m}
+        grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
+        save_slam(folder, slam, grid)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         geographic = recover_scans(
-            drive.scans,
+            log.scans,
             slam.trajectory,
             config.mapping,
             with_sizes_of(world, config.recovery),
             geometry=GridGeometry.covering(*world.extent_m(), config.explore.resolution_m),
+            grid=grid,
         )
         save_geographic(folder, geographic)
     # geographic map -> radio map
@@ -83,7 +88,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         subject = Subject(
             slam.trajectory,
             truth,
-            grid=slam.grid,
+            grid=grid,
             geographic=geographic,
             radio=radio,
             drive=drive.report,
@@ -91,51 +96,48 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         accuracy = accuracy_metrics(world, geographic, radio, config.radio)
         metrics = in_table_order((*accuracy, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
-        run = Run(title, config, driven, driven.intake, slam, geographic, radio, metrics)
+        info = SourceInfo(f"simulated world {world.name}", len(log))
+        run = Run(title, config, info, log, slam, grid, geographic, radio, metrics)
         save_report(folder, run, truth)
     return run
 
 
 def _drive(
-    driven: DrivenWorld,
+    simulated: World,
     backend: SlamBackend,
     world: WorldMap,
     config: RunConfig,
     folder: RunFolder,
+    progress: Progress,
 ) -> Exploration:
     """Close the loop until the explorer has finished, the user wishes to stop, or it fails."""
-    explorer = explorers.make(config)
+    log = ReadingLog()
     loop = ClosedLoop(
-        driven,
+        simulated,
         backend,
-        explorer,
+        explorers.make(config),
         config.explore,
         extent_m=world.extent_m(),
         start=world.start,
+        mapping=config.mapping,
+        log=log,
     )
-    live = LiveFiles(folder, driven, loop, config.checkpoint.every_s)
+    live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
     with stop_on_signal() as stop:
         try:
             while loop.step():
-                live.note()
+                progress.advance()
+                live.maybe()
                 if stop:
-                    driven.intake.stop("interrupted", by_user=True)
+                    log.stop("interrupted", by_user=True)
                     break
         except BadInput:
             raise
         except Exception as error:
-            if not driven.intake.stamps_ns:
+            if not len(log):
                 raise
-            driven.intake.stop("failed", str(error))
-            _log.error(driven.intake.problem, exc_info=error)
+            log.stop("failed", str(error))
+            _log.error(log.problem, exc_info=error)
         finally:
             live.write()
     return loop.outcome()
-
-
-def _in_world(drive: Exploration, config: RunConfig) -> SlamResult:
-    """Return the backend's result in the world's frame, mapped at the wanted resolution."""
-    mapping = config.mapping.model_copy(update={"resolution_m": config.explore.resolution_m})
-    notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
-    slam = replace(drive.slam, notices=notices)
-    return along(slam, drive.trajectory, drive.scans, mapping)

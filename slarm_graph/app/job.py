@@ -8,14 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.intake import Intake
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
+from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
-from slarm_graph.readings import Source
+from slarm_graph.reading_log import ReadingLog
+from slarm_graph.readings import SourceInfo
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +51,13 @@ class Run:
     title : str
         What was run, for headings.
     config : RunConfig
-    source : Source
-        As it is after it was read.
-    intake : Intake
+    info : SourceInfo
+        Of the source after it was read.
+    log : ReadingLog
         What went into the backend, and why it ended early if it did.
     slam : SlamResult
+    grid : OccupancyGrid
+        Rendered from the log along the trajectory.
     geographic : GeographicMap
     radio : RadioMap or None
         None without an access point.
@@ -63,17 +66,18 @@ class Run:
 
     title: str
     config: RunConfig
-    source: Source
-    intake: Intake
+    info: SourceInfo
+    log: ReadingLog
     slam: SlamResult
+    grid: OccupancyGrid
     geographic: GeographicMap
     radio: RadioMap | None
     metrics: tuple[Metric, ...]
 
     def notices(self) -> tuple[str, ...]:
         """Return what a user should know."""
-        problem = (self.intake.problem,) if self.intake.problem else ()
+        problem = (self.log.problem,) if self.log.problem else ()
         points = self.radio.access_points if self.radio else ()
         radio = radio_notices(self.geographic.geometry, points, self.config.radio)
         placed = placement_notices(self.geographic, points, self.config.radio.mount_radius_m)
-        return (*problem, *self.source.info().notices, *self.slam.notices, *radio, *placed)
+        return (*problem, *self.info.notices, *self.slam.notices, *radio, *placed)

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.intake import Intake
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
 from slarm_graph.files.coverage import write_coverage
@@ -19,10 +18,10 @@ from slarm_graph.files.g2o import write_g2o
 from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geographic import CellState, GeographicMap
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.radio.files import write_radio_csv, write_radio_netcdf, write_radio_npz
 from slarm_graph.radio.pictures import write_radio_png
-from slarm_graph.readings import ScanStatus
+from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
 
@@ -33,20 +32,20 @@ def save_trajectory(folder: RunFolder, name: str, trajectory: Trajectory | None)
         folder.write_text(f"{name}.tum", tum_text(trajectory))
 
 
-def save_readings(folder: RunFolder, intake: Intake, scans: Iterable[ScanStatus]) -> None:
+def save_readings(folder: RunFolder, log: ReadingLog) -> None:
     """Write `odometry.tum`, and `scans.csv` with every recorded scan and why it was not used."""
-    save_trajectory(folder, "odometry", intake.odometry_trajectory())
-    rows = ((ns_to_seconds(s.stamp_ns), "no" if s.reason else "yes", s.reason) for s in scans)
-    folder.write_text("scans.csv", csv_text(("stamp_s", "used", "reason"), rows))
-    folder.note(
-        scans=len(intake.stamps_ns), robot_from_laser=intake.robot_from_laser.as_array().tolist()
+    save_trajectory(folder, "odometry", log.odometry())
+    rows = (
+        (ns_to_seconds(s.stamp_ns), "no" if s.reason else "yes", s.reason) for s in log.statuses()
     )
+    folder.write_text("scans.csv", csv_text(("stamp_s", "used", "reason"), rows))
+    folder.note(scans=len(log), robot_from_laser=log.robot_from_laser.as_array().tolist())
 
 
-def save_slam(folder: RunFolder, slam: SlamResult) -> None:
+def save_slam(folder: RunFolder, slam: SlamResult, grid: OccupancyGrid) -> None:
     """Write trajectory, occupancy map, pose graph and the backend's tables."""
     save_trajectory(folder, "trajectory", slam.trajectory)
-    save_map(folder, "map", slam.grid.geometry, slam.grid.occupied, slam.grid.free)
+    save_map(folder, "map", grid.geometry, grid.occupied, grid.free)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:
             write_g2o(temporary, slam.pose_graph)

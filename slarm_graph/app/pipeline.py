@@ -10,7 +10,7 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
-from slarm_graph.app.intake import Saver, feed, scans_at
+from slarm_graph.app.feeding import Saver, feed
 from slarm_graph.app.job import Job, Run
 from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
 from slarm_graph.app.placing import placed
@@ -20,7 +20,7 @@ from slarm_graph.app.run_report import save_report
 from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.frontends.recordings.sources import open_source
-from slarm_graph.mapping import end_points_m, thinned
+from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover
 
@@ -51,20 +51,22 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         backend = backends.make(config.backend, config, rng, progress.say)
     # readings -> SLAM backend
     with folder.stage("slam", progress):
-        intake = load_checkpoint(folder.path, backend, rng)
-        save = partial(save_checkpoint, folder, rng)
-        feed(source, backend, intake, Saver(save, config.checkpoint.every_s), progress)
+        until_ns = load_checkpoint(folder.path, backend, rng)
+        saver = Saver(partial(save_checkpoint, folder, rng), config.checkpoint.every_s)
+        log = feed(source, backend, saver, progress, until_ns)
+        info = source.info()
     with folder.stage("reading", progress):
-        save_readings(folder, intake, source.scan_statuses())
+        save_readings(folder, log)
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
-        slam = placed(backend.result(), source, config.mapping)
-        save_slam(folder, slam)
+        slam = placed(backend.result(), info.truth)
+        progress.say(f"rendering {len(log)} scans")
+        grid = render(log.scans, slam.trajectory, config.mapping)
+        save_slam(folder, slam, grid)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
-        scans = scans_at(source, slam.trajectory.stamps_ns)
-        ends = thinned(end_points_m(scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
-        geographic = recover(slam.grid, slam.trajectory, config.recovery, end_points=ends)
+        ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
+        geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic)
     # geographic map -> radio map
     with folder.stage("radio map", progress):
@@ -73,19 +75,19 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_radio(folder, radio)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
-        references = references.or_truth(source.info().truth)
+        references = references.or_truth(info.truth)
         metrics = assess(
             Subject(
                 slam.trajectory,
                 references,
-                intake.robot_from_laser,
+                log.robot_from_laser,
                 ends,
-                slam.grid,
+                grid,
                 geographic,
                 radio,
             )
         )
         title = f"{job.paths[0].name}, {config.backend}"
-        done = Run(title, config, source, intake, slam, geographic, radio, metrics)
+        done = Run(title, config, info, log, slam, grid, geographic, radio, metrics)
         save_report(folder, done, references)
     return done

@@ -135,7 +135,7 @@ def recovered(world: WorldMap, drive: Exploration, config: RunConfig) -> Maps:
     """Return the geographic and the radio map of a drive, in the world's frame."""
     geometry = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
     geographic = recover_scans(
-        drive.scans,
+        drive.log.scans,
         drive.trajectory,
         config.mapping,
         with_sizes_of(world, config.recovery),
@@ -154,4 +154,5 @@ def driven(world: WorldMap, config: RunConfig) -> Exploration:
         config.explore,
         extent_m=world.extent_m(),
         start=world.start,
+        mapping=config.mapping,
     )

@@ -29,17 +29,16 @@ def save_report(folder: RunFolder, run: Run, references: References) -> None:
 
 
 def _content(folder: RunFolder, run: Run, references: References) -> ReportContent:
-    info = run.source.info()
     return ReportContent(
         title=run.title,
-        lead=f"{info.description}; seed {run.config.seed}",
-        grid=run.slam.grid,
+        lead=f"{run.info.description}; seed {run.config.seed}",
+        grid=run.grid,
         trajectories=_trajectories(run, references),
         geographic=run.geographic,
         radio=run.radio,
         metrics=run.metrics,
         record=folder.record(),
-        scans=run.source.scan_statuses(),
+        scans=run.log.statuses(),
         tables=run.slam.tables,
         notices=run.notices(),
         config_text=config_yaml(run.config),
@@ -51,14 +50,14 @@ def _scans_per_s(folder: RunFolder, run: Run) -> float:
     stages = folder.record()["stages"]
     assert isinstance(stages, dict)
     spent_s = sum(float(stages.get(name, 0.0)) for name in _SLAM_STAGES)
-    return round(len(run.intake.stamps_ns) / max(spent_s, 1e-3), 1)
+    return round(len(run.log) / max(spent_s, 1e-3), 1)
 
 
 def _trajectories(run: Run, references: References) -> dict[str, Trajectory]:
     """Return all known paths in the frame of the map, the estimate first."""
     estimate, backend = run.slam.trajectory, run.config.backend
     paths = {backend: estimate}
-    odometry = run.intake.odometry_trajectory()
+    odometry = run.log.odometry()
     if odometry is not None and backend != "odometry":
         map_from_odom = Pose2.from_array(estimate.at(odometry.stamps_ns[:1])[0]) @ (
             Pose2.from_array(odometry.poses[0]).inverse()

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from slarm_graph.backend import Heartbeat, SlamBackend, SlamResult, silent
-from slarm_graph.config import ExploreConfig
+from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration.coverage_grid import CoverageGrid, driving_cell
 from slarm_graph.exploration.drive_report import DriveReport, drive_report
 from slarm_graph.exploration.explorer import Explorer, Finished, Leg
@@ -24,7 +24,7 @@ from slarm_graph.exploration.survey import Survey
 from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.readings import LaserScan
+from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World
 
@@ -47,7 +47,8 @@ class Exploration:
         `world_from_robot` as estimated, one pose per reading.
     truth : Trajectory
         `world_from_robot` in truth, one pose per reading.
-    scans : tuple of LaserScan
+    log : ReadingLog
+        Of all readings.
     geometry : GridGeometry
         Of the coverage.
     coverage : Coverage
@@ -61,7 +62,7 @@ class Exploration:
     world_from_map: Pose2
     trajectory: Trajectory
     truth: Trajectory
-    scans: tuple[LaserScan, ...]
+    log: ReadingLog
     geometry: GridGeometry
     coverage: Coverage
     finished: Finished
@@ -76,6 +77,7 @@ def explore(
     *,
     extent_m: tuple[float, float, float, float],
     start: Pose2,
+    mapping: MappingConfig | None = None,
     heartbeat: Heartbeat = silent,
 ) -> Exploration:
     """Let a robot explore a world that it does not know.
@@ -92,9 +94,13 @@ def explore(
         The rough boundary [m].
     start : Pose2
         `world_from_robot` at the beginning, which the robot is told.
+    mapping : MappingConfig, optional
+        Of the map that is driven on.
     heartbeat : Heartbeat
     """
-    loop = ClosedLoop(world, backend, explorer, config, extent_m=extent_m, start=start)
+    loop = ClosedLoop(
+        world, backend, explorer, config, extent_m=extent_m, start=start, mapping=mapping
+    )
     while loop.step():
         if loop.readings % _BEAT_READINGS == 0:
             heartbeat(f"{loop.readings} readings, {loop.driven_s:.0f} s driven")
@@ -113,10 +119,19 @@ class ClosedLoop:
         *,
         extent_m: tuple[float, float, float, float],
         start: Pose2,
+        mapping: MappingConfig | None = None,
+        log: ReadingLog | None = None,
     ) -> None:
         self._world, self._explorer = world, explorer
         self._config, self._start = config, start
-        self._survey = Survey(backend, config, extent_m, start)
+        self._survey = Survey(
+            backend,
+            config,
+            mapping or MappingConfig(),
+            extent_m=extent_m,
+            start=start,
+            log=ReadingLog() if log is None else log,
+        )
         self._controller = LocalController(config.driving)
         self._follower = self._controller.follower
         self._leg = _NO_LEG
@@ -142,7 +157,12 @@ class ClosedLoop:
     @property
     def driven_s(self) -> float:
         """Simulated time since the first reading [s]."""
-        return self._survey.driven_s
+        return self._survey.log.driven_s
+
+    @property
+    def believed(self) -> Trajectory:
+        """`world_from_robot` as held at the time, one pose per reading."""
+        return self._survey.believed
 
     def step(self) -> bool:
         """Take one reading and drive until the next; False when exploration has ended."""
@@ -158,13 +178,13 @@ class ClosedLoop:
     def outcome(self) -> Exploration:
         """Return what has been learnt so far."""
         survey = self._survey
-        slam, live, truth = survey.result(), survey.live, survey.truth
+        slam, live, truth = survey.rebuild(), survey.live, survey.truth
         return Exploration(
             slam,
             survey.world_from_map,
             slam.trajectory.transformed(survey.world_from_map),
             truth,
-            tuple(survey.scans),
+            survey.log,
             live.geometry,
             Coverage(live.observed(), live.visited, live.footprint()),
             self.finished or Finished("interrupted"),

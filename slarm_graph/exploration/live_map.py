@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The map while driving: counted on a fixed lattice, cheap to update, re-made when poses move."""
+"""The map that is driven on: what the mapper knows, where the body fits, what it has covered."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Final
 
 import cv2
@@ -12,23 +13,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.config import ExploreConfig
+from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration.coverage_grid import CoverageGrid, coverage_grid, driving_grid
 from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.mapping import next_on_line
+from slarm_graph.mapping import GridMapper, Rendering
 from slarm_graph.polygons import contains
 from slarm_graph.readings import LaserScan
+from slarm_graph.trajectory import Trajectory
 
-Counts = NDArray[np.int32]
-
-UNKNOWN: Final = 0
-FREE: Final = 1
-OCCUPIED: Final = 2
-
-_OCCUPIED_FROM: Final = 4
-"""A cell is occupied when at least one in this many of its visits were hits."""
 _EXPLAINED_CELLS: Final = 2
 _MAX_DRIVING_CELLS: Final = 1_500_000
 
@@ -41,38 +35,48 @@ class LiveMap:
     extent_m : (x_min, x_max, y_min, y_max)
         The rough boundary [m].
     config : ExploreConfig
+    mapping : MappingConfig
+        All of it holds here too, but for the resolution.
     """
 
-    def __init__(self, extent_m: tuple[float, float, float, float], config: ExploreConfig) -> None:
+    def __init__(
+        self,
+        extent_m: tuple[float, float, float, float],
+        config: ExploreConfig,
+        mapping: MappingConfig | None = None,
+    ) -> None:
         self.config = config
         self.geometry = GridGeometry.covering(*extent_m, config.resolution_m)
         self.driving_geometry = _divided(self.geometry, config.driving.grid_m)
         self._forbidden = _forbidden(self.driving_geometry, extent_m, config)
         self._scan_points = np.empty((0, 2))
-        self.clear()
+        self._rendering = Rendering(GridMapper(mapping or MappingConfig(), self.driving_geometry))
+        self._forget_covered()
 
-    def clear(self) -> None:
-        """Forget everything."""
-        shape = self.driving_geometry.shape
-        self._hits = np.zeros(shape, dtype=np.int32)
-        self._visits = np.zeros(shape, dtype=np.int32)
-        self.states = np.zeros(shape, dtype=np.uint8)
-        self.swept = np.zeros(shape, dtype=np.bool_)
+    @property
+    def occupied(self) -> Mask:
+        """Driving cells held to be occupied."""
+        return self._rendering.mapper.occupied()
+
+    @property
+    def free(self) -> Mask:
+        """Driving cells held to be free."""
+        return self._rendering.mapper.free()
+
+    def add(self, scan: LaserScan, pose: Pose2, pose_rate: Floats | None = None) -> None:
+        """Take in one scan from a pose `map_from_robot` that changes at a rate (3,)."""
+        rate = np.zeros(3) if pose_rate is None else pose_rate
+        self._rendering.add(scan, pose.as_array(), rate)
+
+    def follow(self, scans: Sequence[LaserScan], trajectory: Trajectory, every: int = 1) -> None:
+        """Bring map and coverage in line with a corrected trajectory, as `Rendering.follow`."""
+        self._rendering.follow(scans, trajectory, every)
+        self._forget_covered()
+        self.pass_over(trajectory.poses[:, :2])
+
+    def _forget_covered(self) -> None:
+        self.swept = np.zeros(self.driving_geometry.shape, dtype=np.bool_)
         self.visited = np.zeros(self.geometry.shape, dtype=np.bool_)
-
-    def add(self, scan: LaserScan, pose: Pose2) -> None:
-        """Take in one scan from a pose `map_from_robot`."""
-        g, laser = self.driving_geometry, pose @ scan.robot_from_laser
-        _observe(
-            self._hits,
-            self._visits,
-            self.states,
-            np.array([g.origin_x_m, g.origin_y_m, g.resolution_m]),
-            laser.as_array(),
-            scan.ranges_m,
-            np.array([scan.angle_min_rad, scan.angle_increment_rad]),
-            np.array([scan.range_min_m, scan.range_max_m]),
-        )
 
     def stand_by(self, scan: LaserScan, pose: Pose2) -> None:
         """Keep away from what the present scan shows, whatever the map says."""
@@ -96,11 +100,10 @@ class LiveMap:
         visited, swept = self.visited.copy(), self.swept.copy()
         if ahead_m is not None:
             self._mark(ahead_m, visited, swept)
-        occupied = self.states == OCCUPIED
         everywhere = (slice(0, g.rows), slice(0, g.cols))
         needed_m = self._least_m() if tight else self._needed_m()
         passable = self._clearance_m(everywhere) >= needed_m
-        grid = driving_grid(g, passable, occupied, self.states == FREE, swept)
+        grid = driving_grid(g, passable, self.occupied, self.free, swept)
         return coverage_grid(self.geometry, grid, visited)
 
     def is_clear(self, path_m: Floats) -> bool:
@@ -130,7 +133,7 @@ class LiveMap:
         return self._least_m() + self.config.driving.margin_m
 
     def _clearance_m(self, window: tuple[slice, slice]) -> NDArray[np.float32]:
-        in_the_way = (self.states[window] == OCCUPIED) | self._forbidden[window]
+        in_the_way = self._rendering.mapper.occupied(window) | self._forbidden[window]
         # Points beside what the map shows are noise of the same; others are news.
         around = np.ones((2 * _EXPLAINED_CELLS + 1,) * 2, dtype=np.uint8)
         explained = cv2.dilate(in_the_way.astype(np.uint8), around) > 0
@@ -156,8 +159,7 @@ class LiveMap:
     def observed(self) -> Mask:
         """Coverage cells (rows, cols) whose centre has been seen free."""
         centers = self.geometry.centers()
-        seen = self.driving_geometry.sample(self.states, centers, UNKNOWN)
-        return np.asarray(seen == FREE)
+        return self.driving_geometry.sample(self.free, centers, False)
 
     def footprint(self) -> Mask:
         """Coverage cells (rows, cols) over whose centre the robot's disc has passed."""
@@ -209,46 +211,6 @@ def _densely(points: Floats, step_m: float) -> Floats:
     knots = np.concatenate([[0], np.cumsum(pieces)])
     at = np.arange(knots[-1] + 1)
     return np.stack([np.interp(at, knots, points[:, k]) for k in (0, 1)], axis=-1)
-
-
-@njit(cache=True, nogil=True)
-def _observe(
-    hits: Counts,
-    visits: Counts,
-    states: NDArray[np.uint8],
-    lattice: Floats,
-    laser: Floats,
-    ranges: NDArray[np.floating],
-    angles: Floats,
-    limits: Floats,
-) -> None:
-    """Count the beams of one scan with Bresenham's line and keep the states up to date."""
-    rows, cols = states.shape
-    origin_x, origin_y, resolution = lattice
-    for b in range(len(ranges)):
-        r = ranges[b]
-        if math.isnan(r) or r < limits[0] or (r > limits[1] and r != math.inf):
-            continue
-        length = min(r, limits[1])
-        direction = laser[2] + angles[0] + b * angles[1]
-        end_col = math.floor((laser[0] + length * math.cos(direction) - origin_x) / resolution)
-        end_row = math.floor((laser[1] + length * math.sin(direction) - origin_y) / resolution)
-        col = math.floor((laser[0] - origin_x) / resolution)
-        row = math.floor((laser[1] - origin_y) / resolution)
-        error = abs(end_col - col) - abs(end_row - row)
-        start_col, start_row = col, row
-        while 0 <= row < rows and 0 <= col < cols:
-            last = row == end_row and col == end_col
-            visits[row, col] += 1
-            if last and r <= limits[1]:
-                hits[row, col] += 1
-            state = OCCUPIED if hits[row, col] * _OCCUPIED_FROM >= visits[row, col] else FREE
-            states[row, col] = state
-            if last:
-                break
-            col, row, error = next_on_line(
-                col, row, error, end_col - start_col, end_row - start_row
-            )
 
 
 @njit(cache=True, nogil=True)

@@ -9,11 +9,13 @@ from typing import Final
 
 import numpy as np
 
-from slarm_graph.backend import SlamBackend, SlamResult, trajectory_of
-from slarm_graph.config import ExploreConfig
+from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.mapping import pose_rates
+from slarm_graph.reading_log import ReadingLog
+from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 _JUMP_M: Final = 0.06
@@ -31,24 +33,30 @@ class Survey:
     backend : SlamBackend
         Fresh; it sees every reading.
     config : ExploreConfig
+    mapping : MappingConfig
     extent_m : (x_min, x_max, y_min, y_max)
         The rough boundary [m].
     start : Pose2
         `world_from_robot` at the first reading.
+    log : ReadingLog
+        Empty; grows with every reading.
     """
 
     def __init__(
         self,
         backend: SlamBackend,
         config: ExploreConfig,
+        mapping: MappingConfig,
+        *,
         extent_m: tuple[float, float, float, float],
         start: Pose2,
+        log: ReadingLog,
     ) -> None:
         self._backend, self._start = backend, start
-        self.live = LiveMap(extent_m, config)
+        self.log = log
+        self.live = LiveMap(extent_m, config, mapping)
         self.world_from_map = self.pose = start
-        self.scans: list[LaserScan] = []
-        self._stamps_ns: list[int] = []
+        self._believed: list[Floats] = []
         self._truth: list[Floats] = []
         self._last: Reading | None = None
         self.dt_s = 0.0
@@ -59,17 +67,17 @@ class Survey:
     @property
     def readings(self) -> int:
         """Readings taken so far."""
-        return len(self.scans)
-
-    @property
-    def driven_s(self) -> float:
-        """Simulated time since the first reading [s]."""
-        return (self._stamps_ns[-1] - self._stamps_ns[0]) * 1e-9 if self._stamps_ns else 0.0
+        return len(self.log)
 
     @property
     def truth(self) -> Trajectory:
         """True `world_from_robot`, one pose per reading."""
-        return Trajectory(np.array(self._stamps_ns), np.array(self._truth))
+        return Trajectory(self.log.stamps_ns, np.array(self._truth))
+
+    @property
+    def believed(self) -> Trajectory:
+        """`world_from_robot` as held at the time, one pose per reading."""
+        return Trajectory(self.log.stamps_ns, np.array(self._believed))
 
     @property
     def is_stale(self) -> bool:
@@ -88,32 +96,31 @@ class Survey:
         before, self.pose = self.pose, self.world_from_map @ map_from_robot
         self._has_moved |= self._jumped(before, reading)
         self._last = reading
-        self.scans.append(reading.scan)
-        self._stamps_ns.append(reading.stamp_ns)
+        self.log.append(reading)
+        self._believed.append(self.pose.as_array())
         self._truth.append(world_from_robot.as_array())
         if self._rebuild_is_due():
             self.rebuild()
         else:
-            self.live.add(reading.scan, self.pose)
+            self.live.add(reading.scan, self.pose, pose_rates(self._latest_motion())[-1])
             self.live.pass_over(np.array([[before.x, before.y], [self.pose.x, self.pose.y]]))
         self.live.stand_by(reading.scan, self.pose)
 
-    def rebuild(self) -> None:
-        """Make the map and what was covered anew from the corrected trajectory."""
+    def rebuild(self) -> SlamResult:
+        """Bring map and what was covered in line with what the backend makes of all readings."""
         self._has_moved = False
         self._last_rebuild = self.readings
         self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
-        poses = trajectory_of(self._backend).transformed(self.world_from_map).poses
-        self.live.clear()
-        every = max(1, len(poses) // _MAX_RENDERED_SCANS)
-        for scan, pose in zip(self.scans[::every], poses[::every], strict=True):
-            self.live.add(scan, Pose2.from_array(pose))
-        self.live.pass_over(poses[:, :2])
+        corrected = self._backend.result()
+        every = max(1, self.readings // _MAX_RENDERED_SCANS)
+        self.live.follow(
+            self.log.scans, corrected.trajectory.transformed(self.world_from_map), every
+        )
+        return corrected
 
-    def result(self) -> SlamResult:
-        """Return what the backend made of all readings, and bring the map in line with it."""
-        self.rebuild()
-        return self._backend.result()
+    def _latest_motion(self) -> Trajectory:
+        """The last two poses as held at the time; one at first."""
+        return Trajectory(self.log.stamps_ns[-2:], np.array(self._believed[-2:]))
 
     def _jumped(self, before: Pose2, reading: Reading) -> bool:
         """Whether the backend moved the robot by more than it drove."""

@@ -112,8 +112,9 @@ def recover_scans(
     config: RecoveryConfig,
     *,
     geometry: GridGeometry,
+    grid: OccupancyGrid | None = None,
 ) -> GeographicMap:
-    """Recover the geographic map of a drive on given cells, mapping it at 0.05 m or finer.
+    """Recover the geographic map of a drive on given cells, from a map of 0.05 m or finer.
 
     Parameters
     ----------
@@ -122,10 +123,13 @@ def recover_scans(
     mapping : MappingConfig
     config : RecoveryConfig
     geometry : GridGeometry
+    grid : OccupancyGrid, optional
+        Rendered from the same; used where it is fine enough.
     """
     fine_m = min(_COARSEST_M, geometry.resolution_m)
     fine = mapping.model_copy(update={"resolution_m": fine_m})
-    grid = render(scans, trajectory, fine)
+    if grid is None or grid.geometry.resolution_m != fine_m:
+        grid = render(scans, trajectory, fine)
     points = end_points_m(scans, trajectory, fine)
     return recover(grid, trajectory, config, end_points=points, geometry=geometry)
 

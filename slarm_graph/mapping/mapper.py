@@ -1,0 +1,209 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Occupancy mapping: Bresenham hit and visit counts of beams in cells (paper Remark 1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.config import MappingConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.mapping.beams import beams_in_map
+from slarm_graph.raster.lines import next_on_line
+from slarm_graph.readings import LaserScan
+
+Window = tuple[slice, slice]
+"""Rows and columns of a part of a grid."""
+
+_MARGIN_CELLS: Final = 64
+"""Growth beyond what is needed; half of it copies small maps twice as often."""
+_EVERYTHING: Final = (slice(None), slice(None))
+
+
+class GridMapper:
+    """Counts hits and visits of beams in cells.
+
+    Parameters
+    ----------
+    config : MappingConfig
+    geometry : GridGeometry, optional
+        Cells to count in; beams are cut where they leave them. When left out, the cells are those
+        of `config.resolution_m` and grow with what is shown.
+    """
+
+    def __init__(self, config: MappingConfig, geometry: GridGeometry | None = None) -> None:
+        self._config = config
+        self._grows = geometry is None
+        self._geometry = geometry or GridGeometry(0.0, 0.0, config.resolution_m, 0, 0)
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything seen."""
+        self._hits: NDArray[np.int32] = np.zeros(self._geometry.shape, dtype=np.int32)
+        self._visits: NDArray[np.int32] = np.zeros(self._geometry.shape, dtype=np.int32)
+
+    def add(
+        self, scan: LaserScan, pose: Floats, pose_rate: Floats | None = None, *, times: int = 1
+    ) -> None:
+        """Integrate one scan.
+
+        Parameters
+        ----------
+        scan : LaserScan
+        pose : (3,) float64
+            `map_from_robot` at the first beam [m, m, rad].
+        pose_rate : (3,) float64, optional
+            Its rate of change in the map's frame [m/s, m/s, rad/s], to undo the motion that takes
+            place within the scan.
+        times : int
+            -1 takes back what was integrated with the same pose and rate.
+        """
+        beams = beams_in_map(scan, pose, pose_rate, self._config.max_range_m)
+        if not len(beams):
+            return
+        if self._grows:
+            self._cover(beams)
+        g = self._geometry
+        _walk(self._hits, self._visits, g.origin_x_m, g.origin_y_m, g.resolution_m, beams, times)
+
+    def occupied(self, window: Window = _EVERYTHING) -> Mask:
+        """Cells held to be occupied, of all or of a part of them."""
+        return np.asarray(self._share(window) >= np.float32(self._config.occupied_at))
+
+    def free(self, window: Window = _EVERYTHING) -> Mask:
+        """Cells held to be free, of all or of a part of them."""
+        return np.asarray(self._share(window) < np.float32(self._config.occupied_at))
+
+    def grid(self) -> OccupancyGrid:
+        """Return the occupancy of everything seen so far, cropped to it.
+
+        The probability of a cell is the share of its visits that were hits.
+        """
+        seen_rows = np.flatnonzero(self._visits.any(axis=1))
+        seen_cols = np.flatnonzero(self._visits.any(axis=0))
+        if not len(seen_rows):
+            empty = GridGeometry(0.0, 0.0, self._config.resolution_m, 1, 1)
+            return OccupancyGrid(empty, np.full((1, 1), np.nan, dtype=np.float32))
+        rows = slice(int(seen_rows[0]), int(seen_rows[-1]) + 1)
+        cols = slice(int(seen_cols[0]), int(seen_cols[-1]) + 1)
+        g = self._geometry
+        cropped = GridGeometry(
+            g.origin_x_m + cols.start * g.resolution_m,
+            g.origin_y_m + rows.start * g.resolution_m,
+            g.resolution_m,
+            rows.stop - rows.start,
+            cols.stop - cols.start,
+        )
+        at = self._config.occupied_at
+        return OccupancyGrid(cropped, self._share((rows, cols)), occupied_at=at, free_at=at)
+
+    def _share(self, window: Window) -> NDArray[np.float32]:
+        """Share of a cell's visits that were hits, nan without any; single precision throughout."""
+        with np.errstate(invalid="ignore", divide="ignore"):
+            share = np.divide(
+                self._hits[window], self._visits[window], dtype=np.float32, casting="unsafe"
+            )
+        return np.asarray(share)
+
+    def _cover(self, beams: Floats) -> None:
+        """Grow the counts so that every beam lies inside."""
+        box = _box(beams)
+        x_min, x_max, y_min, y_max = self._geometry.extent_m
+        # One cell of slack, so that rounding cannot put an end outside after all.
+        slack = self._geometry.resolution_m
+        if (
+            box[0, 0] > x_min + slack
+            and box[1, 0] < x_max - slack
+            and box[0, 1] > y_min + slack
+            and box[1, 1] < y_max - slack
+        ):
+            return
+        low, high = self._geometry.cell_of(box)
+        if not self._hits.size:
+            self._geometry = replace(
+                self._geometry,
+                origin_x_m=float(low[1]) * self._geometry.resolution_m,
+                origin_y_m=float(low[0]) * self._geometry.resolution_m,
+            )
+            low, high = np.zeros(2, dtype=np.int64), high - low
+        missing = (
+            -low[0],
+            high[0] + 1 - self._geometry.rows,
+            -low[1],
+            high[1] + 1 - self._geometry.cols,
+        )
+        if max(missing) > 0:
+            # Growing by a share of the size keeps the number of copies logarithmic.
+            spare = _MARGIN_CELLS + max(self._geometry.shape) // 4
+            self._grow(*(int(n) + spare if n > 0 else 0 for n in missing))
+
+    def _grow(self, below: int, above: int, left: int, right: int) -> None:
+        g = self._geometry
+        rows, cols = g.rows + below + above, g.cols + left + right
+        if rows * cols > self._config.max_cells:
+            raise BadInput(
+                f"map would be {cols} x {rows} cells; raise mapping.resolution_m"
+                " or mapping.max_cells"
+            )
+        pad = ((below, above), (left, right))
+        self._hits = np.pad(self._hits, pad)
+        self._visits = np.pad(self._visits, pad)
+        self._geometry = GridGeometry(
+            g.origin_x_m - left * g.resolution_m,
+            g.origin_y_m - below * g.resolution_m,
+            g.resolution_m,
+            rows,
+            cols,
+        )
+
+
+@njit(cache=True, nogil=True)
+def _box(beams: Floats) -> Floats:
+    """Lowest and highest x, y (2, 2) [m] of the beams' ends."""
+    box = np.empty((2, 2))
+    box[0] = np.inf
+    box[1] = -np.inf
+    for b in range(len(beams)):
+        for k in range(4):
+            axis = k % 2
+            box[0, axis] = min(box[0, axis], beams[b, k])
+            box[1, axis] = max(box[1, axis], beams[b, k])
+    return box
+
+
+@njit(cache=True, nogil=True)
+def _walk(
+    hits: NDArray[np.int32],
+    visits: NDArray[np.int32],
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    beams: Floats,
+    times: int,
+) -> None:
+    """Walk every beam with Bresenham's line; its last cell is a hit where something returned."""
+    rows, cols = visits.shape
+    for b in range(len(beams)):
+        col = math.floor((beams[b, 0] - origin_x) / resolution)
+        row = math.floor((beams[b, 1] - origin_y) / resolution)
+        end_col = math.floor((beams[b, 2] - origin_x) / resolution)
+        end_row = math.floor((beams[b, 3] - origin_y) / resolution)
+        error = abs(end_col - col) - abs(end_row - row)
+        start_col, start_row = col, row
+        while 0 <= row < rows and 0 <= col < cols:
+            visits[row, col] += times
+            if row == end_row and col == end_col:
+                if beams[b, 4] > 0.0:
+                    hits[row, col] += times
+                break
+            col, row, error = next_on_line(
+                col, row, error, end_col - start_col, end_row - start_row
+            )

@@ -1,0 +1,95 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Maps out of scans and a trajectory: at once, or kept in line while the trajectory changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slarm_graph.config import MappingConfig
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import OccupancyGrid
+from slarm_graph.mapping.beams import pose_rates
+from slarm_graph.mapping.mapper import GridMapper
+from slarm_graph.readings import LaserScan
+from slarm_graph.trajectory import Trajectory
+
+
+def render(
+    scans: Sequence[LaserScan], trajectory: Trajectory, config: MappingConfig
+) -> OccupancyGrid:
+    """Render scans at known poses into an occupancy grid.
+
+    Parameters
+    ----------
+    scans : sequence of N LaserScan
+    trajectory : Trajectory of N poses
+        `map_from_robot` at each scan's first beam.
+    config : MappingConfig
+    """
+    mapper = GridMapper(config)
+    for scan, pose, rate in zip(scans, trajectory.poses, pose_rates(trajectory), strict=True):
+        mapper.add(scan, pose, rate)
+    return mapper.grid()
+
+
+class Rendering:
+    """A map kept in line with a path that grows and is corrected now and then.
+
+    Counts of beams add up, so a scan whose pose has changed is taken back and drawn anew; the map
+    is always the one that drawing all of them at their latest poses would give.
+
+    Parameters
+    ----------
+    mapper : GridMapper
+        Still empty.
+    """
+
+    def __init__(self, mapper: GridMapper) -> None:
+        self.mapper = mapper
+        self._drawn: list[Floats | None] = []
+
+    def add(self, scan: LaserScan, pose: Floats, pose_rate: Floats) -> None:
+        """Draw the next scan at a pose (3,) that changes at a rate (3,)."""
+        self._drawn.append(_drawing(scan, pose, pose_rate))
+        self._draw(scan, self._drawn[-1])
+
+    def follow(self, scans: Sequence[LaserScan], trajectory: Trajectory, every: int = 1) -> None:
+        """Bring everything drawn in line with the poses of all N scans.
+
+        Parameters
+        ----------
+        scans : sequence of N LaserScan
+        trajectory : Trajectory of N poses
+        every : int
+            How many scans to leave all but one out of.
+        """
+        wanted: list[Floats | None] = [None] * len(scans)
+        motions = zip(scans, trajectory.poses, pose_rates(trajectory), strict=True)
+        wanted[::every] = [_drawing(*motion) for motion in motions][::every]
+        drawn = self._drawn + [None] * (len(scans) - len(self._drawn))
+        changed = [i for i in range(len(scans)) if not _same(drawn[i], wanted[i])]
+        if 2 * every * len(changed) > len(scans):
+            self.mapper.clear()
+            drawn, changed = [None] * len(scans), list(range(0, len(scans), every))
+        for i in changed:
+            self._draw(scans[i], drawn[i], times=-1)
+            self._draw(scans[i], wanted[i])
+        self._drawn = wanted
+
+    def _draw(self, scan: LaserScan, drawing: Floats | None, times: int = 1) -> None:
+        if drawing is not None:
+            self.mapper.add(scan, drawing[:3], drawing[3:], times=times)
+
+
+def _drawing(scan: LaserScan, pose: Floats, pose_rate: Floats) -> Floats:
+    """Pose and rate (6,) to draw a scan with; the rate is no matter in one without time."""
+    return np.concatenate([pose, pose_rate if scan.time_increment_s else np.zeros(3)])
+
+
+def _same(one: Floats | None, other: Floats | None) -> bool:
+    if one is None or other is None:
+        return one is other
+    return bool((one == other).all())
