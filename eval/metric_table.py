@@ -26,6 +26,8 @@ _BUILT_IN: Final = (
     # --- radio map against the truth
     _K("accuracy", "", "radio-map accuracy", "more", _WORLD, "share of the truly accessible area"
        " that is recovered as accessible and whose gain is within the tolerance", True),
+    _K("accuracy_worst_ap", "", "radio-map accuracy, worst access point", "more", _WORLD, "the"
+       " accuracy above is the mean over all access points"),
     _K("accuracy_area", "", "radio-map accuracy on a fine lattice", "more", _WORLD, "the same on a"
        " lattice that does not depend on the run's resolution"),
     _K("coverage_observed", "", "observed", "more", _WORLD, "share of the accessible area seen"),
@@ -38,7 +40,11 @@ _BUILT_IN: Final = (
     _K("coverage_accessible", "", "accessible area found", "more", _WORLD, "share of the truly"
        " accessible area that is recovered as such"),
     _K("los_agreement", "", "line of sight agrees", "more", _WORLD, "share of the area accessible"
-       " in both whose line of sight agrees"),
+       " in both whose line of sight is known and agrees"),
+    _K("los_unknown", "", "line of sight unknown", "less", _WORLD, "share of the area accessible in"
+       " both whose link passes cells nobody has seen"),
+    _K("los_brier", "", "line of sight, Brier score", "less", _WORLD, "mean square of the"
+       " probability of line of sight less the truth, 0 or 1"),
     _K("false_accessible", "", "falsely accessible", "less", _WORLD, "share of the cells called"
        " accessible that are not"),
     _K("iou", "", "accessible area, IoU", "more", _WORLD, "intersection over union"),

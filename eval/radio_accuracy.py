@@ -12,78 +12,18 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.radio_scores import LinkAccuracy, RadioAccuracy
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.radio.path_loss import smallest_blocking_gap_db
 
-
-@dataclass(frozen=True, slots=True)
-class RadioAccuracy:
-    """Agreement of a recovered map with the truth; shares are by area, from 0 to 1.
-
-    Parameters
-    ----------
-    accuracy : float
-        Reference-accessible, called accessible, and gain within the tolerance.
-    coverage_accessible : float
-        Share of the reference-accessible cells that are called accessible.
-    gain_hit : float
-        Share of those whose gain is within the tolerance; accuracy = coverage x gain_hit.
-    coverage_observed, coverage_visited, coverage_footprint : float
-        The three coverage layers, as shares of the reference-accessible cells.
-    los_agreement : float
-        Share of the cells accessible in both whose line of sight agrees.
-    gain_rmse_db, gain_mae_db : float
-        Of the cells accessible in both [dB].
-    false_accessible : float
-        Cells called accessible that are not, as a share of all that are called so.
-    iou : float
-        Intersection over union of accessible cells.
-    tolerance_db : float
-    smallest_gap_db : float
-        Smallest loss that blocking adds in a reference-accessible cell [dB].
-    """
-
-    accuracy: float
-    coverage_accessible: float
-    gain_hit: float
-    coverage_observed: float
-    coverage_visited: float
-    coverage_footprint: float
-    los_agreement: float
-    gain_rmse_db: float
-    gain_mae_db: float
-    false_accessible: float
-    iou: float
-    tolerance_db: float
-    smallest_gap_db: float
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What makes the figures mean less than they seem to."""
-        if self.tolerance_db < self.smallest_gap_db:
-            return ()
-        return (
-            f"a tolerance of {self.tolerance_db:g} dB cannot tell blocked from clear links, which"
-            f" differ by as little as {self.smallest_gap_db:.2f} dB here",
-        )
-
-    def metrics(self) -> tuple[Metric, ...]:
-        """Return the figures under the names of the run folder's contract."""
-        note = f"|gain error| <= {self.tolerance_db:g} dB"
-        shares = ("coverage_observed", "coverage_visited", "coverage_footprint", "gain_hit")
-        others = ("coverage_accessible", "los_agreement", "false_accessible", "iou")
-        return (
-            Metric("accuracy", self.accuracy, note="; ".join((note, *self.warnings))),
-            *(Metric(name, getattr(self, name)) for name in shares + others),
-            Metric("gain_rmse_db", self.gain_rmse_db),
-            Metric("gain_mae_db", self.gain_mae_db),
-        )
+Extent = tuple[float, float, float, float]
+"""x_min, x_max, y_min, y_max [m]."""
 
 
 def radio_accuracy(
@@ -93,10 +33,9 @@ def radio_accuracy(
     estimate: RadioMap,
     *,
     tolerance_db: float = 1.0,
-    access_point: int = 0,
-    extent_m: tuple[float, float, float, float] | None = None,
+    extent_m: Extent | None = None,
 ) -> RadioAccuracy:
-    """Compare a recovered map with the truth, on the reference's lattice.
+    """Compare a recovered map with the truth, on the reference's lattice, for every access point.
 
     The estimate may lie on any lattice of the same frame: it is looked up at the reference's cell
     centres. With a reference on a fixed fine lattice the result is comparable across resolutions
@@ -110,69 +49,106 @@ def radio_accuracy(
         Theoretical, on the same lattice.
     geographic : GeographicMap
     estimate : RadioMap
-        On the geographic map's lattice.
+        On the geographic map's lattice, of the same access points in the same order.
     tolerance_db : float
-    access_point : int
-        Which one to compare.
     extent_m : (x_min, x_max, y_min, y_max), optional
-        The true space; cells that stick out count by the area inside.
+        The space that counts; cells that stick out count by the area inside.
 
     Raises
     ------
     BadInput
-        When no reference cell is accessible.
+        When no reference cell is accessible, or the access points do not correspond.
     """
-    if not reference_accessible.any():
-        raise BadInput("the reference has no accessible cell")
     area = cell_weights(reference.geometry, extent_m)
-    cells = _looked_up(reference, geographic, estimate, access_point)
+    if not (area * reference_accessible).any():
+        raise BadInput("the reference has no accessible cell")
+    if len(reference.access_points) != len(estimate.access_points):
+        raise BadInput(
+            f"the reference has {len(reference.access_points)} access points, the estimate"
+            f" {len(estimate.access_points)}: compare maps of the same ones"
+        )
+    cells = _looked_up(reference, geographic, estimate)
     both = cells.accessible & reference_accessible
-    hit = both & (cells.gain_error_db <= tolerance_db)
-    # Missing gains count as misses; the dB figures are over the gains that exist.
-    compared = both & np.isfinite(cells.gain_error_db)
-    errors_db, weights = cells.gain_error_db[compared], area[compared]
+    links = tuple(
+        _link(reference, n, cells, reference_accessible, area, tolerance_db)
+        for n in range(len(reference.access_points))
+    )
+    gaps = [_smallest_gap_db(reference, reference_accessible, n) for n in range(len(links))]
     return RadioAccuracy(
-        accuracy=_share(area, hit, reference_accessible),
+        links=links,
         coverage_accessible=_share(area, both, reference_accessible),
-        gain_hit=_share(area, hit, both),
         coverage_observed=_share(area, cells.observed, reference_accessible),
         coverage_visited=_share(area, cells.visited, reference_accessible),
         coverage_footprint=_share(area, cells.footprint, reference_accessible),
-        los_agreement=_share(area, cells.sight_agrees, both),
-        gain_rmse_db=_mean(errors_db**2, weights) ** 0.5,
-        gain_mae_db=_mean(errors_db, weights),
-        false_accessible=_false_share(geographic, reference, reference_accessible),
+        false_accessible=_false_share(geographic, reference, reference_accessible, extent_m),
         iou=_share(area, both, cells.accessible | reference_accessible),
         tolerance_db=tolerance_db,
-        smallest_gap_db=_smallest_gap_db(reference, reference_accessible, access_point),
+        smallest_gap_db=min(gaps),
+    )
+
+
+def _link(
+    reference: RadioMap,
+    n: int,
+    cells: _LookedUp,
+    reference_accessible: Mask,
+    area: Floats,
+    tolerance_db: float,
+) -> LinkAccuracy:
+    """Judge the n-th access point."""
+    both = cells.accessible & reference_accessible
+    error_db, sight = cells.gain_error_db[n], reference.line_of_sight[n]
+    hit = both & (error_db <= tolerance_db)
+    # Missing gains count as misses; the dB figures are over the gains that exist.
+    compared = both & np.isfinite(error_db)
+    agrees = both & (cells.sight[n] == sight) & ~cells.unknown[n]
+    missed = (cells.probability[n] - sight.astype(np.float64))[both] ** 2
+    return LinkAccuracy(
+        access_point=reference.access_points[n].name,
+        accuracy=_share(area, hit, reference_accessible),
+        gain_hit=_share(area, hit, both),
+        los_agreement=_share(area, agrees, both),
+        los_unknown=_share(area, cells.unknown[n], both),
+        los_brier=_mean(missed, area[both]),
+        gain_rmse_db=_mean(error_db[compared] ** 2, area[compared]) ** 0.5,
+        gain_mae_db=_mean(error_db[compared], area[compared]),
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _LookedUp:
-    """The estimate at every cell centre (rows, cols) of the reference; nan where it has no gain."""
+    """The estimate at every cell centre of the reference; nan where it has no gain.
+
+    Cells are (rows, cols), links (A, rows, cols).
+    """
 
     accessible: Mask
     observed: Mask
     visited: Mask
     footprint: Mask
-    sight_agrees: Mask
+    sight: Mask
+    unknown: Mask
+    probability: Floats
     gain_error_db: Floats
 
 
-def _looked_up(
-    reference: RadioMap, geographic: GeographicMap, estimate: RadioMap, access_point: int
-) -> _LookedUp:
+def _looked_up(reference: RadioMap, geographic: GeographicMap, estimate: RadioMap) -> _LookedUp:
     lattice, centers = geographic.geometry, reference.geometry.centers()
-    sight = lattice.sample(estimate.line_of_sight[access_point], centers, outside=False)
-    gain_db = lattice.sample(estimate.channel_power_gain_db[access_point], centers, np.nan)
+
+    def links(layer: NDArray[Scalar], outside: float | bool) -> NDArray[Scalar]:
+        """Look up a layer (A, ...) of every access point."""
+        return np.stack([lattice.sample(one, centers, outside=outside) for one in layer])
+
+    gain_db = links(estimate.channel_power_gain_db, np.nan)
     return _LookedUp(
         lattice.sample(geographic.accessible, centers, outside=False),
         lattice.sample(geographic.coverage.observed, centers, outside=False),
         lattice.sample(geographic.coverage.visited, centers, outside=False),
         lattice.sample(geographic.coverage.footprint, centers, outside=False),
-        sight == reference.line_of_sight[access_point],
-        np.abs(gain_db - reference.channel_power_gain_db[access_point]).astype(np.float64),
+        links(estimate.line_of_sight, outside=False),
+        links(estimate.sight_unknown, outside=False),
+        links(estimate.sight_probability, 0.0).astype(np.float64),
+        np.abs(gain_db - reference.channel_power_gain_db).astype(np.float64),
     )
 
 
@@ -188,9 +164,7 @@ def _mean(values: Floats, weights: Floats) -> float:
     return float((weights * values).sum()) / total if total else math.nan
 
 
-def cell_weights(
-    geometry: GridGeometry, extent_m: tuple[float, float, float, float] | None = None
-) -> Floats:
+def cell_weights(geometry: GridGeometry, extent_m: Extent | None = None) -> Floats:
     """Area of every cell (rows, cols) inside the extent, as a share of a whole cell."""
     if extent_m is None:
         return np.ones(geometry.shape)
@@ -209,14 +183,17 @@ def _inside(edges_m: Floats, low_m: float, high_m: float) -> Floats:
 
 
 def _false_share(
-    geographic: GeographicMap, reference: RadioMap, reference_accessible: Mask
+    geographic: GeographicMap,
+    reference: RadioMap,
+    reference_accessible: Mask,
+    extent_m: Extent | None,
 ) -> float:
-    """Share of the map's own accessible cells whose centre is not accessible in truth."""
+    """Share of the map's own accessible area whose cell centre is not accessible in truth."""
     called = geographic.accessible
-    if not called.any():
-        return 0.0
-    centers = geographic.geometry.centers()[called]
-    return float(np.mean(~reference.geometry.sample(reference_accessible, centers, outside=False)))
+    area = cell_weights(geographic.geometry, extent_m)
+    centers = geographic.geometry.centers()
+    true = reference.geometry.sample(reference_accessible, centers, outside=False)
+    return _share(area, ~true, called)
 
 
 def _smallest_gap_db(reference: RadioMap, accessible: Mask, access_point: int) -> float:

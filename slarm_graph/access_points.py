@@ -59,6 +59,12 @@ class RadioMap:
         Of the line-of-sight fading; drops out of the expected gain (paper eq. (1)-(2)).
     height_source : str
         Where obstacle heights came from.
+    los_probability : (A, rows, cols) float32, optional
+        Probability of line of sight where heights are uncertain; `line_of_sight` is then whether
+        it is above one half, and the path loss that of the expected gain. None where heights are
+        taken for certain.
+    los_unknown : (A, rows, cols) bool, optional
+        Links that pass cells nobody has seen; `line_of_sight` is false there. None for none.
     """
 
     geometry: GridGeometry
@@ -69,6 +75,22 @@ class RadioMap:
     scenario: str
     rician_factor_db: float
     height_source: str
+    los_probability: NDArray[np.float32] | None = None
+    los_unknown: Mask | None = None
+
+    @property
+    def sight_probability(self) -> NDArray[np.float32]:
+        """Probability of line of sight (A, rows, cols), 0 or 1 where heights are certain."""
+        if self.los_probability is not None:
+            return self.los_probability
+        return self.line_of_sight.astype(np.float32)
+
+    @property
+    def sight_unknown(self) -> Mask:
+        """Links (A, rows, cols) that pass cells nobody has seen."""
+        if self.los_unknown is not None:
+            return self.los_unknown
+        return np.zeros_like(self.line_of_sight)
 
     @property
     def channel_power_gain_db(self) -> NDArray[np.float32]:

@@ -72,15 +72,42 @@ def test_seams_between_pieces_of_a_wall_are_solid() -> None:
         assert set(np.unique(truth.heights_m[wall])) == {np.float32(1.8)}
 
 
-def test_an_edge_is_not_inside() -> None:
+def test_half_of_the_faces_count() -> None:
     """At 0.1 m the long sides of the inner wall pass through cell centres."""
     truth = truth_map(load_world("paper_room"), 0.1)
-    x, y = np.moveaxis(np.abs(truth.geometry.centers()), -1, 0)
-    side = (np.abs(y - 1.75) < 1e-6) & (x < 3.5 - 1e-6)
-    assert side.sum() == 140
-    assert not truth.blocked[side].any()
-    assert truth.on_edge[side].all()
-    assert not truth_map(load_world("paper_room"), 0.05).on_edge.any()
+    x, y = np.moveaxis(truth.geometry.centers(), -1, 0)
+    long_side = (np.abs(np.abs(y) - 1.75) < 1e-6) & (np.abs(x) < 3.5 - 1e-6)
+    assert long_side.sum() == 140
+    assert not truth.blocked[long_side & (y > 0)].any()
+    assert truth.blocked[long_side & (y < 0)].all()
+
+
+@pytest.mark.parametrize("thickness_m", [0.04, 0.003])
+@pytest.mark.parametrize("delta", [0.02, 0.05, 0.25])
+def test_nothing_is_reached_through_a_wall(delta: float, thickness_m: float) -> None:
+    """However thin it is and however it lies; what it encloses is free but out of reach."""
+    text = (
+        "{name: thin, ceiling_m: 3, boundary_m: [[0,0],[4,0],[4,4],[0,4]],"
+        " start: {x_m: 0.4, y_m: 0.4}, walls: [{center_m: [2.073, 2.041], size_m: [2, 2],"
+        f" thickness_m: {thickness_m}, height_m: 2, heading_deg: %s}}]}}"
+    )
+    for heading_deg in (0.0, 31.0):
+        truth = truth_map(world_from_yaml(text % heading_deg), delta)
+        x, y = np.moveaxis(truth.geometry.centers(), -1, 0)
+        away = np.hypot(x - 2.073, y - 2.041)
+        assert not truth.reachable[away < 0.95].any()
+        assert truth.reachable[(away > 1.45) & ~truth.blocked].all()
+
+
+def test_what_lies_beyond_an_area_is_not_reached() -> None:
+    truth = truth_map(load_world("paper_room"), 0.25, area=(-5.0, 5.0, -3.5, -2.0))
+    y = truth.geometry.centers()[..., 1]
+    assert not truth.reachable[y > -2.0].any()
+    assert truth.reachable[(y < -2.0) & ~truth.blocked].all()
+    # A strip that ends at the eastern box parts what is above it from what is below.
+    cut = truth_map(load_world("paper_room"), 0.25, area=(-5.0, 5.0, -3.5, 1.0))
+    x, y = np.moveaxis(cut.geometry.centers(), -1, 0)
+    assert cut.reachable[(x < -3.6) & (y < 1.0) & ~cut.blocked].all()
 
 
 def test_clipped_cells_weigh_their_share() -> None:

@@ -158,7 +158,6 @@ def radio_command(
         Path, typer.Argument(metavar="EST", help="Run folder, or a radio_map.npz.")
     ],
     tolerance: Annotated[float, typer.Option(help="Of the gain, in dB.")] = 1.0,
-    access_point: Annotated[int, typer.Option(min=1, help="Which one, counted from 1.")] = 1,
     as_json: Json = False,
 ) -> None:
     """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map."""
@@ -173,16 +172,12 @@ def radio_command(
 
     radio, folder = read_estimate(estimate)
     accessible, truth, extent_m = reference_for(reference, radio)
-    for name, points in (("REF", truth.access_points), ("EST", radio.access_points)):
-        if access_point > len(points):
-            raise BadInput(f"--access-point {access_point}: {name} has {len(points)}")
     result = radio_accuracy(
         accessible,
         truth,
         geographic_of(radio, folder),
         radio,
         tolerance_db=tolerance,
-        access_point=access_point - 1,
         extent_m=extent_m,
     )
     show_notices(result.warnings)

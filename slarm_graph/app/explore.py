@@ -93,7 +93,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
             radio=radio,
             drive=drive.report,
         )
-        accuracy = accuracy_metrics(world, geographic, radio, config.radio)
+        accuracy = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
         metrics = in_table_order((*accuracy, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))

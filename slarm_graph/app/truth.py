@@ -7,7 +7,8 @@ from __future__ import annotations
 from slarm_graph.access_points import RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.radio_accuracy import RadioAccuracy, radio_accuracy
+from slarm_graph.eval.radio_accuracy import Extent, radio_accuracy
+from slarm_graph.eval.radio_scores import RadioAccuracy
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.radio.radio_map import theoretical_radio_map
 from slarm_graph.truth_map import truth_map
@@ -18,13 +19,17 @@ FINE_M = 0.02
 
 
 def accuracy_metrics(
-    world: WorldMap, geographic: GeographicMap, radio: RadioMap, config: RadioConfig
+    world: WorldMap,
+    geographic: GeographicMap,
+    radio: RadioMap,
+    config: RadioConfig,
+    area: Extent | None = None,
 ) -> tuple[Metric, ...]:
     """Compare recovered maps with the truth: at their own resolution, and on a fine lattice."""
-    same = accuracy_on(world, geographic, radio, config, geographic.geometry.resolution_m)
-    fine = accuracy_on(world, geographic, radio, config, FINE_M)
-    area = Metric("accuracy_area", fine.accuracy, note=f"on a lattice of {FINE_M:g} m")
-    return (*same.metrics(), area)
+    same = accuracy_on(world, geographic, radio, config, geographic.geometry.resolution_m, area)
+    fine = accuracy_on(world, geographic, radio, config, FINE_M, area)
+    on_fine = Metric("accuracy_area", fine.accuracy, note=f"on a lattice of {FINE_M:g} m")
+    return (*same.metrics(), on_fine)
 
 
 def accuracy_on(
@@ -33,14 +38,30 @@ def accuracy_on(
     radio: RadioMap,
     config: RadioConfig,
     resolution_m: float,
+    area: Extent | None = None,
 ) -> RadioAccuracy:
-    """Compare recovered maps with the truth on a lattice of the given cells."""
-    truth = truth_map(world, resolution_m)
+    """Compare recovered maps with the truth on a lattice of the given cells.
+
+    With an area that the robot was not to leave, only what lies in it counts.
+    """
+    truth = truth_map(world, resolution_m, area=area)
     return radio_accuracy(
         truth.reachable,
         theoretical_radio_map(world, truth.geometry, config),
         geographic,
         radio,
         tolerance_db=config.gain_tolerance_db,
-        extent_m=world.extent_m(),
+        extent_m=_common(world.extent_m(), area),
+    )
+
+
+def _common(extent: Extent, area: Extent | None) -> Extent:
+    """What two rectangles share."""
+    if area is None:
+        return extent
+    return (
+        max(extent[0], area[0]),
+        min(extent[1], area[1]),
+        max(extent[2], area[2]),
+        min(extent[3], area[3]),
     )

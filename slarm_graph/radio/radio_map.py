@@ -6,10 +6,12 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.config import RadioConfig
@@ -62,12 +64,56 @@ def radio_map(
     reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)
     free = reachable | (geographic.states == CellState.ENCLOSED)
 
-    def is_visible(position_m: Floats) -> Mask:
-        """Line of sight (rows, cols) from an access point in the map as recovered."""
-        return _recovered_line_of_sight(geographic, free, position_m, config)
+    positions = _positions_m(access_points)
+    clear = np.stack([_recovered_line_of_sight(geographic, free, p, config) for p in positions])
+    past = _past_unseen(geographic, positions, config)
+    radio = _map_of(
+        geographic.geometry,
+        reachable,
+        access_points,
+        config,
+        clear & ~past,
+        geographic.height_source,
+    )
+    return replace(radio, los_unknown=clear & past & reachable) if past.any() else radio
 
-    return _map_of(
-        geographic.geometry, reachable, access_points, config, is_visible, geographic.height_source
+
+def _positions_m(access_points: Sequence[AccessPoint]) -> list[Floats]:
+    """Positions (3,) [m] of access points, of which there has to be one."""
+    if not access_points:
+        raise BadInput("a radio map needs at least one access point: --ap X Y Z")
+    return [ap.position_m() for ap in access_points]
+
+
+def unseen_pockets(states: NDArray[np.uint8]) -> Mask:
+    """Cells (rows, cols) nobody has seen, in pockets that no obstacle parts from what is free.
+
+    What walls enclose has the walls' height; behind an open border there may be anything.
+    """
+    free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
+    pockets, _ = ndimage.label(states == CellState.UNKNOWN)
+    at_border = pockets[ndimage.binary_dilation(free) & (pockets > 0)]
+    return np.asarray(np.isin(pockets, np.unique(at_border)) & (pockets > 0))
+
+
+def _past_unseen(
+    geographic: GeographicMap, positions_m: Sequence[Floats], config: RadioConfig
+) -> Mask:
+    """Links (A, rows, cols) that pass unseen cells at whatever height: nobody knows if clear."""
+    unseen = unseen_pockets(geographic.states)
+    if not unseen.any():
+        return np.zeros((len(positions_m), *unseen.shape), dtype=np.bool_)
+    heights_m = np.where(unseen, np.inf, 0.0)
+    geometry, height_m, mount_m = (
+        geographic.geometry,
+        config.antenna_height_m,
+        config.mount_radius_m,
+    )
+    return ~np.stack(
+        [
+            line_of_sight_over_cells(geometry, heights_m, p, height_m, mount_radius_m=mount_m)
+            for p in positions_m
+        ]
     )
 
 
@@ -131,10 +177,8 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
     BadInput
         As `radio_map`.
     """
-
-    def is_visible(position_m: Floats) -> Mask:
-        """Line of sight (rows, cols) from an access point in the true world."""
-        return line_of_sight_past_solids(
+    clear = [
+        line_of_sight_past_solids(
             geometry,
             world.solids,
             position_m,
@@ -142,9 +186,10 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
             boundary_m=world.boundary_m,
             mount_radius_m=config.mount_radius_m,
         )
-
+        for position_m in _positions_m(world.access_points)
+    ]
     free = solid_heights_m(world, geometry) <= 0.0
-    return _map_of(geometry, free, world.access_points, config, is_visible, "truth")
+    return _map_of(geometry, free, world.access_points, config, np.stack(clear), "truth")
 
 
 def radio_notices(
@@ -184,13 +229,11 @@ def _map_of(
     free: Mask,
     access_points: Sequence[AccessPoint],
     config: RadioConfig,
-    is_visible: Callable[[Floats], Mask],
+    clear: Mask,
     height_source: str,
 ) -> RadioMap:
     """Path loss and line of sight of every access point, nan where no antenna can be."""
-    if not access_points:
-        raise BadInput("a radio map needs at least one access point: --ap X Y Z")
-    clear = np.stack([is_visible(ap.position_m()) for ap in access_points]) & free
+    clear = clear & free
     loss_db: NDArray[np.float32] = np.full(clear.shape, np.nan, dtype=np.float32)
     for ap, ap_clear, ap_loss_db in zip(access_points, clear, loss_db, strict=True):
         distances_m = _distances_m(geometry, ap, config)[free]

@@ -36,6 +36,7 @@ from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
 from slarm_graph.recovery.returns import gathered, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straightened
 from slarm_graph.trajectory import Trajectory
+from slarm_graph.truth_map import NUDGE_M
 from slarm_graph.world import Solid, WorldMap
 
 _COARSEST_M = 0.05
@@ -89,11 +90,6 @@ def recover(
     heights_m, source = _heights(shape, target, states, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     footprint &= states != CellState.OBSTACLE
-    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
-    observed = (seen & np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))) | visited
-    observed |= grid.geometry.resample(grid.free, target, outside=False) & (
-        states != CellState.OBSTACLE
-    )
     return GeographicMap(
         geometry=target,
         states=states,
@@ -183,9 +179,10 @@ def _near_border(clean: CleanGrid) -> Mask:
 
 
 def _straight(shape: _Shape, geometry: GridGeometry) -> Mask:
-    """Cells whose centre the straightened outlines call free, faces included."""
+    """Cells whose centre the straightened outlines call free; on a face, the reference's rule."""
     inside = inside_outlines(geometry, [outline.corners_m for outline in shape.outlines])
-    return inside | inside_any(geometry, _faces(shape.outlines, geometry.resolution_m))
+    free_faces, blocked_faces = _faces(shape.outlines, geometry.resolution_m)
+    return (inside | inside_any(geometry, free_faces)) & ~inside_any(geometry, blocked_faces)
 
 
 def _thin_walls(shape: _Shape) -> Mask:
@@ -193,18 +190,19 @@ def _thin_walls(shape: _Shape) -> Mask:
     clean, cell_m = shape.clean, shape.clean.geometry.resolution_m
     free = np.where(_near_border(clean), _straight(shape, clean.geometry), clean.reached)
     blocked = ~free & (clean.occupied | _behind(shape, clean.geometry))
-    left = within(blocked, 2.0 * cell_m, cell_m)
+    left = within(blocked, 1.5 * cell_m, cell_m)
     return clean.occupied & free & ~left
 
 
-def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
-    """Thin quadrilaterals (4, 2) around the sides [m]: a centre on a face is not in the wall.
+def _faces(outlines: list[Outline], resolution_m: float) -> tuple[list[Floats], list[Floats]]:
+    """Thin quadrilaterals (4, 2) around the sides [m], of free and of blocked faces.
 
-    Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a face,
-    which is only known to about a centimetre.
+    Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a
+    face, which is only known to about a centimetre. As in the reference, such a centre is free
+    when the free side lies to its right or above, else blocked.
     """
     half_m = min(_FACE_CELLS * resolution_m, _FACE_M)
-    quads = []
+    quads: tuple[list[Floats], list[Floats]] = ([], [])
     for outline in outlines:
         starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
         for start, end in zip(starts, ends, strict=True):
@@ -213,8 +211,10 @@ def _faces(outlines: list[Outline], resolution_m: float) -> list[Floats]:
             if length > 0.0:
                 along = step * (half_m / length)
                 side = np.array([-along[1], along[0]])
-                a, b = start - along, end + along
-                quads.append(np.array([a - side, b - side, b + side, a + side]))
+                free = side @ NUDGE_M > 0.0
+                reach = along if free else -along
+                a, b = start - reach, end + reach
+                quads[0 if free else 1].append(np.array([a - side, b - side, b + side, a + side]))
     return quads
 
 

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How well a recovered map and its radio map agree with the truth, in figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from slarm_graph.eval.metrics import Metric
+
+
+@dataclass(frozen=True, slots=True)
+class LinkAccuracy:
+    """Agreement of one access point's map with the truth; shares are by area, from 0 to 1.
+
+    Parameters
+    ----------
+    access_point : str
+        Its name.
+    accuracy, gain_hit : float
+        As in `RadioAccuracy`.
+    los_agreement : float
+        Share of the cells accessible in both whose line of sight is known and agrees.
+    los_unknown : float
+        Share of those cells whose line of sight the map does not know.
+    los_brier : float
+        Mean squared error of the probability of line of sight there, 0 for certain and right.
+    gain_rmse_db, gain_mae_db : float
+        Of the cells accessible in both [dB].
+    """
+
+    access_point: str
+    accuracy: float
+    gain_hit: float
+    los_agreement: float
+    los_unknown: float
+    los_brier: float
+    gain_rmse_db: float
+    gain_mae_db: float
+
+
+@dataclass(frozen=True, slots=True)
+class RadioAccuracy:
+    """Agreement of a recovered map with the truth; shares are by area, from 0 to 1.
+
+    Parameters
+    ----------
+    links : tuple of LinkAccuracy
+        One per access point of the reference; at least one.
+    coverage_accessible : float
+        Share of the reference-accessible cells that are called accessible.
+    coverage_observed, coverage_visited, coverage_footprint : float
+        The three coverage layers, as shares of the reference-accessible cells.
+    false_accessible : float
+        Cells called accessible that are not, as a share of all that are called so.
+    iou : float
+        Intersection over union of accessible cells.
+    tolerance_db : float
+    smallest_gap_db : float
+        Smallest loss that blocking adds in a reference-accessible cell [dB].
+    """
+
+    links: tuple[LinkAccuracy, ...]
+    coverage_accessible: float
+    coverage_observed: float
+    coverage_visited: float
+    coverage_footprint: float
+    false_accessible: float
+    iou: float
+    tolerance_db: float
+    smallest_gap_db: float
+
+    @property
+    def accuracy(self) -> float:
+        """Reference-accessible, called accessible, and gain within the tolerance: mean over APs."""
+        return self._mean("accuracy")
+
+    @property
+    def worst(self) -> LinkAccuracy:
+        """The access point of the least accuracy."""
+        return min(self.links, key=lambda link: link.accuracy)
+
+    @property
+    def gain_hit(self) -> float:
+        """Share of the cells found whose gain is within the tolerance; accuracy / coverage."""
+        return self._mean("gain_hit")
+
+    @property
+    def los_agreement(self) -> float:
+        """Share of the cells accessible in both whose line of sight is known and agrees."""
+        return self._mean("los_agreement")
+
+    @property
+    def los_brier(self) -> float:
+        """Mean squared error of the probability of line of sight."""
+        return self._mean("los_brier")
+
+    @property
+    def gain_rmse_db(self) -> float:
+        """Root of the mean squared gain error over all access points [dB]."""
+        return float(np.sqrt(np.mean([link.gain_rmse_db**2 for link in self.links])))
+
+    @property
+    def gain_mae_db(self) -> float:
+        """Mean absolute gain error over all access points [dB]."""
+        return self._mean("gain_mae_db")
+
+    def _mean(self, name: str) -> float:
+        return float(np.mean([getattr(link, name) for link in self.links]))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What makes the figures mean less than they seem to."""
+        if self.tolerance_db < self.smallest_gap_db:
+            return ()
+        return (
+            f"a tolerance of {self.tolerance_db:g} dB cannot tell blocked from clear links, which"
+            f" differ by as little as {self.smallest_gap_db:.2f} dB here",
+        )
+
+    def metrics(self) -> tuple[Metric, ...]:
+        """Return the figures under the names of the run folder's contract."""
+        note = f"|gain error| <= {self.tolerance_db:g} dB"
+        each = ", ".join(f"{link.access_point} {link.accuracy:.4f}" for link in self.links)
+        mean = f"mean of {len(self.links)} access points" if len(self.links) > 1 else ""
+        told = "; ".join(part for part in (note, mean, *self.warnings) if part)
+        shares = ("coverage_observed", "coverage_visited", "coverage_footprint", "gain_hit")
+        others = ("coverage_accessible", "los_agreement", "false_accessible", "iou")
+        unknown = float(np.mean([link.los_unknown for link in self.links]))
+        return (
+            Metric("accuracy", self.accuracy, note=told),
+            Metric("accuracy_worst_ap", self.worst.accuracy, note=f"of {each}"),
+            *(Metric(name, getattr(self, name)) for name in shares + others),
+            Metric("los_unknown", unknown),
+            Metric("los_brier", self.los_brier),
+            Metric("gain_rmse_db", self.gain_rmse_db),
+            Metric("gain_mae_db", self.gain_mae_db),
+        )
