@@ -22,7 +22,7 @@ from slarm_graph.world import Solid, WorldMap
 Rule = Literal["centre", "touched"]
 Heights = NDArray[np.float32]
 
-NUDGE_M: Final = np.array([3.7e-6, 1.6e-6])
+NUDGE_M: Final = np.array([3.7e-9, 1.6e-9])
 """Centres are tested this far up and right of where they are, so that one on a face is in a solid
 to its right or above and not in one to its left or below: half of all faces, by rule. Far above
 rounding (1e-14 m), far below what anybody measures."""
