@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
@@ -11,6 +13,7 @@ from matplotlib.path import Path as Outline
 from slarm_graph.errors import BadInput
 from slarm_graph.files.worlds import load_world, world_from_yaml
 from slarm_graph.frontends.simulation.random_worlds import random_world
+from slarm_graph.geometry import Pose2
 from slarm_graph.polygons import contains
 from slarm_graph.truth_map import truth_map
 
@@ -134,7 +137,7 @@ def test_reachability_does_not_pass_corners() -> None:
 def test_a_blocked_start_is_refused() -> None:
     text = (
         "{name: shut, ceiling_m: 3, boundary_m: [[0,0],[4,0],[4,4],[0,4]],"
-        " start: {x_m: 1, y_m: 1}, boxes: [{center_m: [1,1], size_m: [1,1], height_m: 1}]}"
+        " start: {x_m: 3, y_m: 1}, boxes: [{center_m: [1,1], size_m: [1,1], height_m: 1}]}"
     )
     with pytest.raises(BadInput, match=r"shut: start: .* blocked cell at a resolution of 0.1 m"):
-        truth_map(world_from_yaml(text), 0.1)
+        truth_map(replace(world_from_yaml(text), start=Pose2(1.0, 1.0)), 0.1)
