@@ -4,13 +4,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from pydantic.fields import FieldInfo
 
-from slarm_graph.config import RunConfig
+from slarm_graph import parts
+from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
-from slarm_graph.files.configs import config_differences, config_yaml, load_config
+from slarm_graph.files.config_text import config_yaml
+from slarm_graph.files.configs import config_differences, load_config
 
 
 @pytest.mark.parametrize("comments", [True, False])
@@ -80,3 +84,34 @@ def test_empty_file_is_all_defaults(tmp_path: Path) -> None:
 def test_differences_are_named() -> None:
     other = load_config(overrides=["mapping.resolution_m=0.1"])
     assert config_differences(RunConfig(), other) == ("mapping.resolution_m: 0.05 -> 0.1",)
+
+
+def test_every_setting_says_what_it_means_at_its_key() -> None:
+    assert not [key for key, field in settings(RunConfig) if not field.description]
+    for name in parts.section_names():
+        model = parts.section_settings(name)
+        assert model is not None
+        assert not [key for key, field in settings(model) if not field.description]
+
+
+def settings(model: type[Stage], prefix: str = "") -> Iterator[tuple[str, FieldInfo]]:
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Stage):
+            yield from settings(field.annotation, f"{prefix}{name}.")
+        else:
+            yield prefix + name, field
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "backend: pose_graph  # odometry, gmapping, pose_graph",
+        "  occupied_at: 0.25  # above 0, at most 1",
+        "    acceleration_m_s2: 1.0  # m/s^2, above 0",
+        "  stamp_at: first  # first, middle, last",
+        "  segment: null  # at least 1 or null",
+        "  straighten: true  # true, false",
+    ],
+)
+def test_units_and_allowed_values_are_listed(line: str) -> None:
+    assert line in config_yaml(RunConfig(), comments=True)

@@ -17,7 +17,8 @@ from slarm_graph import parts
 from slarm_graph.app import cli
 from slarm_graph.config import RunConfig, Stage
 from slarm_graph.errors import BadInput
-from slarm_graph.files.configs import config_yaml, load_config
+from slarm_graph.files.config_text import config_yaml
+from slarm_graph.files.configs import load_config
 
 
 class MineConfig(Stage):
@@ -139,7 +140,7 @@ def test_settings_of_a_part_that_has_none() -> None:
 
 def test_all_sections_are_listed_with_those_that_cannot_be_read() -> None:
     text = config_yaml(RunConfig(), comments=True)
-    assert "# A backend of others.\nmine:\n  # How much.\n  gain: 2.0\n" in text
+    assert "# A backend of others.\nmine:\n  # How much.\n  gain: 2.0  # above 0\n" in text
     assert "# backend missing cannot be used: it needs" in text
     assert "\npose_graph:\n" in text
     assert "\ngmapping:\n" in text

@@ -37,7 +37,8 @@ def radio_command(
     """Make the radio map over any map_server map, taken as it is."""
     from slarm_graph.app.outputs import save_radio
     from slarm_graph.app.run_folder import create_run_folder
-    from slarm_graph.files.configs import config_yaml, load_config
+    from slarm_graph.files.config_text import config_yaml
+    from slarm_graph.files.configs import load_config
     from slarm_graph.files.maps import read_map
     from slarm_graph.geographic import as_geographic
     from slarm_graph.radio.radio_map import radio_map
@@ -104,7 +105,8 @@ def convert_command(
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:
     """Print the configuration as YAML, defaults and what is given, with explanations."""
-    from slarm_graph.files.configs import config_yaml, load_config
+    from slarm_graph.files.config_text import config_yaml
+    from slarm_graph.files.configs import load_config
 
     print(config_yaml(load_config(config, settings or ()), comments=True), end="")
 

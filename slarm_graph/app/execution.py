@@ -18,7 +18,8 @@ from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder, read_record
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.files.configs import config_differences, config_yaml, load_config
+from slarm_graph.files.config_text import config_yaml
+from slarm_graph.files.configs import config_differences, load_config
 from slarm_graph.files.inputs import input_facts
 from slarm_graph.files.worlds import world_to_yaml
 from slarm_graph.world import WorldMap

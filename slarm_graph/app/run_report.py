@@ -12,7 +12,7 @@ from slarm_graph.eval.metric_parts import References
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
 from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY
-from slarm_graph.files.configs import config_yaml
+from slarm_graph.files.config_text import config_yaml
 from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
 

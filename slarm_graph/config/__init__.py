@@ -48,6 +48,7 @@ __all__ = [
     "LoopClosureConfig",
     "MappingConfig",
     "MatchingConfig",
+    "PartName",
     "ParticleLikelihoodConfig",
     "ParticleMapsConfig",
     "ParticleMotionConfig",
@@ -68,6 +69,7 @@ class CheckpointConfig(Stage):
     """Saving enough to resume."""
 
     every_s: float = Field(default=60.0, gt=0)
+    """Time between two checkpoints."""
 
 
 class RunConfig(Stage):
@@ -81,7 +83,9 @@ class RunConfig(Stage):
     __pydantic_extra__: dict[str, Section]
 
     backend: Annotated[str, PartName("backend")] = "pose_graph"
+    """The SLAM method."""
     seed: int = Field(default=0, ge=0)
+    """Seed of all random numbers."""
     source: SourceConfig = SourceConfig()
     frontend: FrontendConfig = FrontendConfig()
     mapping: MappingConfig = MappingConfig()

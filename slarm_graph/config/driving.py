@@ -16,20 +16,27 @@ class LidarConfig(Stage):
     """The simulated laser and how it is mounted."""
 
     beams: int = Field(default=360, ge=1, le=MOST_BEAMS)
+    """Beams of a sweep."""
     field_of_view_rad: float = Field(default=6.283185307179586, gt=0, le=6.283185307179586)
     """Centred on the laser's forward axis; a full circle does not repeat its first beam."""
     rate_hz: float = Field(default=10.0, ge=0.01, le=1000)
+    """Sweeps per second."""
     range_min_m: float = Field(default=0.12, ge=0)
+    """Nearer things are not seen."""
     range_max_m: Reach = 8.0
+    """Farther things are not seen."""
     sigma_m: float = Field(default=0.01, ge=0)
     """Standard deviation of a range."""
     x_m: float = 0.0
+    """Position on the robot, forwards."""
     y_m: float = 0.0
+    """Position on the robot, to the left."""
     yaw_rad: float = 0.0
-    """Pose on the robot; a yaw of pi is a laser that looks to the rear."""
+    """Heading on the robot; pi is a laser that looks to the rear."""
     height_m: float = Field(default=0.2, ge=0)
     """Height of the plane of measurement; lower solids are not seen."""
     upside_down: bool = False
+    """Whether it hangs with its top down."""
     clockwise: bool = False
     """Whether the laser reports its beams with a negative increment."""
     sweep_s: float = Field(default=0.0, ge=0, le=100)
@@ -40,11 +47,13 @@ class WheelConfig(Stage):
     """The simulated differential drive: what the wheels turn is not what the ground passes."""
 
     wheel_base_m: float = Field(default=0.3, ge=0.001, le=100)
+    """Distance between the wheels that odometry assumes."""
     wheel_base_error: float = 0.005
     """Share by which the true wheel base exceeds the one that odometry assumes."""
     left_slip: float = 0.001
+    """Share of the left wheel's travel that is lost on the ground; negative: a larger wheel."""
     right_slip: float = -0.001
-    """Share of each wheel's travel that is lost on the ground; negative for a larger wheel."""
+    """Share of the right wheel's travel that is lost on the ground."""
     random_slip_m_per_sqrt_m: float = Field(default=0.004, ge=0)
     """Standard deviation of a wheel's lost travel per square root of its travel."""
     start_known: bool = True
@@ -57,6 +66,7 @@ class SimulationConfig(Stage):
     engine: Literal["kinematic", "mujoco"] = "kinematic"
     """`mujoco` needs the extra `physics`."""
     body_radius_m: float = Field(default=0.18, gt=0, le=10)
+    """Radius of the robot, which is round; its contacts are collisions."""
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()
 
@@ -65,9 +75,13 @@ class DrivingConfig(Stage):
     """How the robot drives, and how near it goes to things."""
 
     speed_m_s: float = Field(default=0.6, ge=0.001, le=100)
+    """Speed of travel on free ground."""
     turn_rate_rad_s: float = Field(default=2.0, gt=0)
+    """Fastest turn."""
     acceleration_m_s2: float = Field(default=1.0, gt=0)
+    """Acceleration of travel and of braking."""
     robot_radius_m: float = Field(default=0.18, gt=0, le=10)
+    """Radius of the body that has to fit."""
     margin_m: float = Field(default=0.015, ge=0)
     """Kept between the body and everything seen, beyond half a driving cell."""
     grid_m: float = Field(default=0.025, ge=0.001, le=0.05)
@@ -78,6 +92,7 @@ class ExploreConfig(Stage):
     """Closed-loop exploration of a world."""
 
     explorer: Annotated[str, PartName("explorer")] = "ggmr+"
+    """Who decides where to drive."""
     resolution_m: Resolution = 0.05
     """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
     driving: DrivingConfig = DrivingConfig()
@@ -88,5 +103,6 @@ class ExploreConfig(Stage):
     keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()
     """Polygons not to enter, each as (x, y) corners [m]."""
     return_to_start: bool = False
+    """Whether to drive home in the end."""
     mission_time_s: float | None = Field(default=None, gt=0)
     """Stop after this time of driving; null for when everything is known."""

@@ -15,11 +15,13 @@ class MappingConfig(Stage):
     """Rendering scans into an occupancy grid."""
 
     resolution_m: Resolution = 0.05
+    """Side of a cell of the occupancy map."""
     max_range_m: Reach = 30.0
     """Beams are cut here; what lies behind stays unseen."""
     occupied_at: float = Field(default=0.25, gt=0, le=1)
     """A cell is occupied when at least this share of its visits were hits."""
     max_cells: int = Field(default=400_000_000, gt=0, le=4_000_000_000)
+    """A larger map is refused before it fills the memory."""
 
 
 class RecoveryConfig(Stage):
@@ -67,10 +69,15 @@ class RadioConfig(Stage):
     """The radio map."""
 
     scenario: str = "InF-SH"
+    """Propagation scenario of 3GPP TR 38.901, or free-space."""
     frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)
+    """Carrier frequency of access points that say none of their own."""
     antenna_height_m: float = Field(default=0.5, gt=0)
+    """Height of the robot's antenna above the floor."""
     rician_factor_db: float = 7.0
+    """Power of the direct path over that of all others, for small-scale fading."""
     power_dbm: float = 20.0
+    """Transmitted power of access points that say none of their own."""
     mount_radius_m: float = Field(default=0.25, ge=0, le=100)
     """Obstacles this near to an access point carry it and do not hide it."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)

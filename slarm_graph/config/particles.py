@@ -27,8 +27,9 @@ class ParticleMotionConfig(Stage):
     stt: float = Field(default=0.05, ge=0)
     """Of the rotation per radian turned [rad/rad]."""
     least_m: float = Field(default=0.005, gt=0)
+    """Standard deviation of the translation of a motion of length zero."""
     least_rad: float = Field(default=0.002, gt=0)
-    """Standard deviations of a motion of length zero."""
+    """Standard deviation of the rotation of a motion of length zero."""
     drift_rad_per_m: float = Field(default=5e-4, ge=0)
     """Standard deviation of the rotation per metre that matching gets wrong steadily [rad/m].
 
@@ -78,6 +79,7 @@ class ResamplingConfig(Stage):
     resample_threshold: float = Field(default=0.5, ge=0, le=1)
     """Resample when N_eff falls below this share of the particles."""
     method: Literal["systematic", "stratified", "residual", "multinomial"] = "systematic"
+    """How survivors are drawn."""
 
 
 class ParticleMapsConfig(Stage):
@@ -93,9 +95,11 @@ class GmappingConfig(Stage):
     """The Rao-Blackwellised particle filter, with gmapping's names where they mean the same."""
 
     particles: int = Field(default=30, ge=1, le=100_000)
+    """Hypotheses of the path."""
     linear_update_m: float = Field(default=0.5, gt=0)
+    """The filter takes a scan after so much translation; the frontend matches those in between."""
     angular_update_rad: float = Field(default=0.25, gt=0)
-    """The filter takes a scan after so much motion; the frontend matches those in between."""
+    """The filter takes a scan after so much rotation, too."""
     motion: ParticleMotionConfig = ParticleMotionConfig()
     likelihood: ParticleLikelihoodConfig = ParticleLikelihoodConfig()
     proposal: ProposalConfig = ProposalConfig()

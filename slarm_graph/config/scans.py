@@ -44,6 +44,7 @@ class MatchingConfig(Stage):
     """Matching every scan against the local map."""
 
     resolution_m: Resolution = 0.05
+    """Side of a cell of the local map's likelihood grid."""
     sigma_m: Sigma = 0.04
     """Standard deviation of the likelihood's fall-off from what was seen."""
     point_sigma_m: Sigma = 0.01
@@ -51,16 +52,20 @@ class MatchingConfig(Stage):
     max_gap_m: float = Field(default=0.5, ge=0)
     """Neighbouring returns nearer than this are joined to a piece of wall."""
     max_iterations: Count = 40
+    """Gauss-Newton steps at most."""
     min_score: float = Field(default=0.35, ge=0, le=1)
     """A match with less mean agreement has failed."""
     min_points: int = Field(default=10, ge=3)
+    """A scan with fewer returns is not matched."""
 
 
 class KeyframeConfig(Stage):
     """When a scan becomes part of the local map, and how long it stays."""
 
     distance_m: float = Field(default=0.25, gt=0)
+    """A scan joins the local map after so much translation."""
     angle_rad: float = Field(default=0.25, gt=0)
+    """A scan joins the local map after so much rotation, too."""
     window: Count = 40
     """The local map holds one to two windows of keyframes."""
 
@@ -69,7 +74,9 @@ class FrontendConfig(Stage):
     """The shared scan frontend."""
 
     max_range_m: Reach = 30.0
+    """Returns farther away are not matched."""
     deskew: bool = True
+    """Whether the motion during a sweep is undone, where the recording tells its time."""
     point_spacing_m: float = Field(default=0.02, ge=0)
     """Returns denser than this along the beam order are thinned for matching."""
     matching: MatchingConfig = MatchingConfig()
@@ -90,17 +97,21 @@ class LoopClosureConfig(Stage):
     search_again: int = Field(default=40, ge=1)
     """Keyframes until the same old submap is searched again."""
     search_resolution_m: Resolution = 0.1
+    """Side of a cell of the grids that are searched."""
     search_sigma_m: Sigma = 0.1
+    """Standard deviation of their likelihood's fall-off."""
     search_score: float = Field(default=0.55, ge=0, le=1)
     """Agreement a search must reach to be looked at closer."""
     query_keyframes: int = Field(default=8, ge=1)
     """Latest keyframes whose points are searched for together."""
     window_m: float = Field(default=12.0, gt=0, le=1000)
-    window_rad: float = Field(default=3.15, gt=0, le=6.3)
     """Largest search window to either side; within it the uncertainty decides."""
+    window_rad: float = Field(default=3.15, gt=0, le=6.3)
+    """Largest search window to either side of the heading."""
     sure_m: float = Field(default=0.2, gt=0)
+    """Standard deviation up to which the predicted position needs no search."""
     sure_rad: float = Field(default=0.07, gt=0)
-    """Standard deviations up to which the predicted pose needs no search."""
+    """Standard deviation up to which the predicted heading needs no search."""
     min_score: float = Field(default=0.5, ge=0, le=1)
     """Agreement a refined match must reach."""
     max_sigma_m: float = Field(default=0.15, gt=0)

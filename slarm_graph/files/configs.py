@@ -1,19 +1,16 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration as YAML: read with line numbers, overridden key by key, written with comments."""
+"""Configuration as YAML: read with line numbers, overridden key by key, compared."""
 
 from __future__ import annotations
 
-import ast
 import difflib
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import yaml
 from pydantic import BaseModel, ValidationError
 
 from slarm_graph import parts
@@ -130,70 +127,6 @@ def _known_section_keys() -> Iterator[str]:
     for name in parts.section_names():
         with suppress(BadInput):
             yield from (name, *_known_keys(parts.section_settings(name) or Stage, f"{name}."))
-
-
-def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
-    """Write keys and values as YAML that `load_config` reads back.
-
-    Parameters
-    ----------
-    config : RunConfig
-    comments : bool
-        Put what the keys mean above them, and write the sections of all parts, not only of those
-        that are chosen.
-    """
-    lines = list(_lines(config, "", comments=comments))
-    sections = config.sections()
-    for name in parts.section_names() if comments else ():
-        try:
-            sections.setdefault(name, config.section(name))
-        except BadInput as error:
-            lines += ["", f"# {error}"]
-    for name, section in sections.items():
-        if type(section).model_fields:
-            lines += _section_lines(name, section, "", comments=comments)
-    return "\n".join(lines).strip() + "\n"
-
-
-def _lines(stage: Stage, indent: str, *, comments: bool) -> Iterator[str]:
-    """Yield the YAML lines of a stage and of those below it."""
-    docs = _field_docs(type(stage)) if comments else {}
-    for key in type(stage).model_fields:
-        value = getattr(stage, key)
-        doc = docs.get(key, "")
-        if isinstance(value, Stage):
-            yield from _section_lines(key, value, indent, doc, comments=comments)
-        else:
-            yield from _comment(doc, indent, gap=False)
-            text = yaml.safe_dump(stage.model_dump(mode="json", include={key}), width=1000)
-            yield from (f"{indent}{line}" for line in text.splitlines())
-
-
-def _section_lines(
-    key: str, stage: Stage, indent: str, doc: str = "", *, comments: bool
-) -> Iterator[str]:
-    title = (type(stage).__doc__ or "").strip().splitlines()[0] if comments else ""
-    yield from _comment(doc or title, indent, gap=not indent)
-    yield f"{indent}{key}:" if type(stage).model_fields else f"{indent}{key}: {{}}"
-    yield from _lines(stage, f"{indent}  ", comments=comments)
-
-
-def _comment(text: str, indent: str, *, gap: bool) -> Iterator[str]:
-    if text and gap:
-        yield ""
-    yield from (f"{indent}# {line}" for line in text.splitlines())
-
-
-def _field_docs(model: type[Stage]) -> dict[str, str]:
-    """Return the text below every field of a configuration model."""
-    (definition,) = ast.parse(inspect.getsource(model)).body
-    assert isinstance(definition, ast.ClassDef)
-    body = definition.body
-    return {
-        ast.unparse(field.target): inspect.cleandoc(ast.literal_eval(text.value))
-        for field, text in pairwise(body)
-        if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr)
-    }
 
 
 def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:
