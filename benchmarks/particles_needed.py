@@ -18,7 +18,7 @@ import numpy as np
 
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.config import FrontendConfig, GmappingConfig, ProposalConfig, SimulationConfig
-from slarm_graph.eval.trajectory_accuracy import fit_rigid
+from slarm_graph.eval.alignment import fit_rigid
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.geometry import Floats

@@ -4,20 +4,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
+from slarm_graph.eval.clocks import better_offset
 from slarm_graph.eval.metric_parts import References, Subject, measured_by_parts
 from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.plane_of_motion import level
 from slarm_graph.eval.relations import (
     read_relations,
     relation_errors,
     relation_metrics,
 )
 from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
-from slarm_graph.eval.trajectory_accuracy import align, trajectory_metrics
-from slarm_graph.files.trajectories import read_trajectory
+from slarm_graph.eval.trajectory_accuracy import trajectory_metrics
+from slarm_graph.files.trajectories import read_spatial
 from slarm_graph.trajectory import Trajectory
 
 
@@ -30,7 +34,7 @@ def read_references(ground_truth: Path | None, relations: Path | None) -> Refere
         Naming file and line that cannot be read.
     """
     return References(
-        read_trajectory(ground_truth) if ground_truth else None,
+        level(read_spatial(ground_truth)) if ground_truth else None,
         read_relations(relations) if relations else None,
     )
 
@@ -46,13 +50,20 @@ def assess(subject: Subject) -> tuple[Metric, ...]:
     trajectory, known = subject.trajectory, subject.references
     metrics = list(_drive_metrics(subject))
     if known.ground_truth is not None:
-        metrics += trajectory_metrics(associate(known.ground_truth, trajectory))
+        metrics += _with_clock_advice(known.ground_truth, trajectory)
     if known.relations is not None:
         errors = relation_errors(known.relations, trajectory, subject.robot_from_laser)
         metrics += relation_metrics(errors)
     if subject.end_points_m is not None:
         metrics += sharpness_metrics(sharpness(subject.end_points_m))
     return in_table_order((*metrics, *measured_by_parts(subject)))
+
+
+def _with_clock_advice(truth: Trajectory, trajectory: Trajectory) -> tuple[Metric, ...]:
+    pairs = associate(truth, trajectory)
+    advice = better_offset(truth, trajectory, pairs)
+    pairs = replace(pairs, note=f"{pairs.note}; {advice}") if advice else pairs
+    return trajectory_metrics(pairs)
 
 
 def _drive_metrics(subject: Subject) -> tuple[Metric, ...]:

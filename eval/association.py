@@ -4,14 +4,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
+from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.trajectory import Trajectory
 
 _MIN_PAIRS = 3
@@ -38,8 +40,9 @@ class Pairs:
     ----------
     stamps_ns : (M,) int64
         Of the reference [ns].
-    reference, estimate : (M, 3) float64
-        Poses, each in its own map [m, m, rad].
+    reference, estimate : (M, 3) or (M, 7) float64
+        Poses, each in its own map: in the plane [m, m, rad], or in space as in
+        `SpatialTrajectory`.
     possible : int
         Poses of the sparser trajectory.
     note : str
@@ -56,9 +59,12 @@ class Pairs:
     warning: str
 
 
+Path = TypeVar("Path", Trajectory, SpatialTrajectory)
+
+
 def associate(
-    reference: Trajectory,
-    estimate: Trajectory,
+    reference: Path,
+    estimate: Path,
     *,
     method: AssociationMethod = AssociationMethod.INTERPOLATE,
     max_difference_s: float = 0.01,
@@ -68,7 +74,8 @@ def associate(
 
     Parameters
     ----------
-    reference, estimate : Trajectory
+    reference, estimate : Trajectory or SpatialTrajectory
+        Both in the plane, or both in space.
     method : AssociationMethod
     max_difference_s : float
         Largest difference of stamps with `nearest` [s].
@@ -91,7 +98,7 @@ def associate(
         stamps = ref_stamps[ref_index]
     else:
         stamps = sparse[_can_interpolate(sparse, dense)]
-        shifted = Trajectory(est_stamps, estimate.poses)
+        shifted = replace(estimate, stamps_ns=est_stamps)
         ref_poses, est_poses = reference.at(stamps), shifted.at(stamps)
     if len(stamps) < _MIN_PAIRS:
         raise BadInput(_too_few(len(stamps), ref_stamps, est_stamps, offset_s))
@@ -99,6 +106,25 @@ def associate(
     few = len(stamps) < _FEW_MATCHED * len(sparse)
     warning = f"only {note}; the figures speak of that part alone" if few else ""
     return Pairs(stamps, ref_poses, est_poses, len(sparse), note, warning)
+
+
+def by_index(reference: SpatialTrajectory, estimate: SpatialTrajectory) -> SpatialTrajectory:
+    """Return the estimate stamped like the reference, pose by pose, where a file carries no time.
+
+    Raises
+    ------
+    BadInput
+        When they are not of one length: which poses belong together cannot be known.
+    """
+    if reference.timed and estimate.timed:
+        return estimate
+    if len(reference) != len(estimate):
+        raise BadInput(
+            f"without stamps (KITTI) poses can only be compared one by one, but the reference has"
+            f" {len(reference)} and the estimate {len(estimate)}; give both with stamps (TUM), or"
+            " the estimate with a pose for every pose of the reference"
+        )
+    return replace(estimate, stamps_ns=reference.stamps_ns)
 
 
 def _nearest(stamps: Stamps, others: Stamps, limit_ns: int) -> tuple[Stamps, Stamps]:

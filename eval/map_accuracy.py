@@ -7,7 +7,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
@@ -117,23 +116,6 @@ def classes_on(
 def distance_to_m(mask: Mask, resolution_m: float) -> Floats:
     """Distance (rows, cols) [m] from every cell's centre to the nearest cell of the mask."""
     return distance_to(mask).astype(np.float64) * resolution_m
-
-
-def difference_image(
-    reference: OccupancyGrid, estimate: OccupancyGrid, reference_from_estimate: Pose2 | None = None
-) -> NDArray[np.uint8]:
-    """Return an RGB image (rows, cols, 3), top row = largest y.
-
-    Black: wall in both. Red: wall only in the estimate. Blue: wall only in the reference.
-    White: free in both. Grey: unknown in either.
-    """
-    occupied, free = classes_on(reference, estimate, reference_from_estimate or Pose2())
-    image = np.full((*reference.geometry.shape, 3), 205, dtype=np.uint8)
-    image[reference.free & free] = (255, 255, 255)
-    image[reference.occupied & occupied] = (0, 0, 0)
-    image[reference.free & occupied] = (214, 39, 40)
-    image[reference.occupied & free] = (31, 119, 180)
-    return image[::-1]
 
 
 def map_metrics(result: MapAccuracy) -> tuple[Metric, ...]:

@@ -66,9 +66,27 @@ _BUILT_IN: Final = (
     _K("ate_max_m", "m", "ATE, largest", "less", _TRUTH, "the largest of them"),
     _K("ate_mse_m2", "m^2", "ATE, mean square", "less", _TRUTH, "the paper's eq. (14)"),
     _K("ate_rmse_unaligned_m", "m", "ATE, RMSE, not aligned", "less", _TRUTH, "as it stands"),
+    _K("ate_rotation_rmse_deg", "deg", "ATE, rotation, RMSE", "less", _TRUTH, "root mean square"
+       " angle between matched orientations after alignment"),
+    _K("ate_rotation_rmse_unaligned_deg", "deg", "ATE, rotation, RMSE, not aligned", "less",
+       _TRUTH, "as it stands"),
     _K("rpe_translation_rmse_m", "m", "RPE, translation", "less", _TRUTH, "root mean square error"
-       " of relative motions over consecutive stretches (Sturm et al. 2012)"),
+       " of relative motions over consecutive stretches (Sturm et al. 2012), a frame unless said"),
     _K("rpe_rotation_rmse_deg", "deg", "RPE, rotation", "less", _TRUTH, "of the same stretches"),
+    _K("rpe_metre_translation_rmse_m", "m", "RPE over a metre, translation", "less", _TRUTH,
+       "the same over stretches of a metre"),
+    _K("rpe_metre_rotation_rmse_deg", "deg", "RPE over a metre, rotation", "less", _TRUTH,
+       "of the same stretches"),
+    _K("rpe_second_translation_rmse_m", "m", "RPE over a second, translation", "less", _TRUTH,
+       "the same over stretches of a second"),
+    _K("rpe_second_rotation_rmse_deg", "deg", "RPE over a second, rotation", "less", _TRUTH,
+       "of the same stretches"),
+    _K("drift_translation_share", "", "drift, translation", "less", _TRUTH, "mean error of relative"
+       " positions over the distance between (Geiger et al. 2012)"),
+    _K("drift_rotation_deg_per_m", "deg/m", "drift, rotation", "less", _TRUTH, "mean error of"
+       " relative angles over the distance between"),
+    _K("scale_ratio", "", "scale", "", _TRUTH, "by which the estimate would fit best"),
+    _K("matched_share", "", "poses matched", "more", _TRUTH, "share of the sparser trajectory's"),
     # --- true relations
     _K("relations_translation_m", "m", "relations, translation", "less", _RELATIONS, "mean error"
        " over true relative poses (Kuemmerle et al. 2009)", True),

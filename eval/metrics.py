@@ -8,7 +8,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -61,11 +61,14 @@ class Metric:
     value : float
     note : str
         How it came about this time: alignment, what it was matched with.
+    interval : (float, float), optional
+        Within which the value lies with 95 % confidence, by bootstrap.
     """
 
     name: str
     value: float
     note: str = field(default="", kw_only=True)
+    interval: tuple[float, float] | None = field(default=None, kw_only=True)
 
     @property
     def kind(self) -> MetricKind:
@@ -80,17 +83,28 @@ class Metric:
         return self.kind.unit
 
 
+def best_of(values: Sequence[float], better: Better) -> int | None:
+    """Return the index of the best of several values; None where no way is better or none is."""
+    known = [(value, index) for index, value in enumerate(values) if math.isfinite(value)]
+    if not better or len(known) < 2:
+        return None
+    return (min(known) if better == "less" else max(known))[1]
+
+
 def metrics_json(metrics: Iterable[Metric]) -> str:
-    """Return `{"name": {"value": ..., "unit": ..., "note": ...}}`; a missing value is null."""
-    content = {
-        m.name: {
-            "value": m.value if math.isfinite(m.value) else None,
-            "unit": m.unit,
-            "note": m.note,
-        }
-        for m in metrics
-    }
-    return json.dumps(content, indent=2) + "\n"
+    """Return `{"name": {"value": ..., "unit": ..., "note": ...}}`; a missing value is null.
+
+    Where there is one, the interval is added as `interval_95`.
+    """
+    return json.dumps({m.name: _as_json(m) for m in metrics}, indent=2) + "\n"
+
+
+def _as_json(metric: Metric) -> dict[str, object]:
+    value = metric.value if math.isfinite(metric.value) else None
+    found: dict[str, object] = {"value": value, "unit": metric.unit, "note": metric.note}
+    if metric.interval is not None and all(map(math.isfinite, metric.interval)):
+        found["interval_95"] = list(metric.interval)
+    return found
 
 
 def metrics_csv(metrics: Iterable[Metric]) -> str:

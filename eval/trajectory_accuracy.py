@@ -1,101 +1,37 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Absolute trajectory error (ATE, paper eq. (14)) and relative pose error (RPE)."""
+"""Absolute trajectory error (ATE, paper eq. (14)), relative pose error (RPE) and drift."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
+from slarm_graph.eval.alignment import (
+    Alignment,
+    AlignmentMethod,
+    align,
+    fit,
+    motions,
+    positions,
+    turned_rad,
+)
 from slarm_graph.eval.association import Pairs
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+from slarm_graph.eval.resampling import rms_interval
+from slarm_graph.geometry import Floats
 
-_SHORTEST_PATH_M = 1e-6
+StretchUnit = Literal["frames", "m", "s"]
 
-
-class AlignmentMethod(StrEnum):
-    """How the estimate is laid onto the reference before positions are compared."""
-
-    NONE = "none"
-    ORIGIN = "origin"
-    """First pose on first pose."""
-    SE2 = "se2"
-    """Least squares over the positions, without scale (Umeyama 1991)."""
-
-
-@dataclass(frozen=True, slots=True)
-class Alignment:
-    """A rigid motion of the estimate.
-
-    Parameters
-    ----------
-    reference_from_estimate : Pose2
-        [m, m, rad]
-    note : str
-        In words for people, for titles and tables.
-    """
-
-    reference_from_estimate: Pose2
-    note: str
-
-
-def align(
-    pairs: Pairs, method: AlignmentMethod = AlignmentMethod.SE2, first: int | None = None
-) -> Alignment:
-    """Lay the estimate onto the reference.
-
-    Parameters
-    ----------
-    pairs : Pairs
-    method : AlignmentMethod
-    first : int, optional
-        Use only that many pairs from the beginning for the least-squares fit.
-
-    Raises
-    ------
-    BadInput
-        When `first` is less than two.
-    """
-    if method is AlignmentMethod.NONE:
-        return Alignment(Pose2(), "not aligned")
-    if method is AlignmentMethod.ORIGIN:
-        return Alignment(_origin(pairs), "origin-aligned")
-    if first is not None and first < 2:
-        raise BadInput(f"alignment needs at least 2 poses, not {first}")
-    reference, estimate = pairs.reference[:first, :2], pairs.estimate[:first, :2]
-    if max(np.ptp(reference, axis=0).max(), np.ptp(estimate, axis=0).max()) < _SHORTEST_PATH_M:
-        return Alignment(
-            _origin(pairs), "path length 0.00 m: rotation cannot be aligned, origin-aligned"
-        )
-    motion = fit_rigid(estimate, reference)
-    scope = "" if first is None else f" on the first {first} poses"
-    return Alignment(
-        motion,
-        f"SE(2)-aligned{scope} by ({motion.x:.3f} m, {motion.y:.3f} m,"
-        f" {math.degrees(motion.theta):.3f} deg)",
-    )
-
-
-def _origin(pairs: Pairs) -> Pose2:
-    first_reference = Pose2.from_array(pairs.reference[0])
-    return first_reference @ Pose2.from_array(pairs.estimate[0]).inverse()
-
-
-def fit_rigid(source: Floats, target: Floats) -> Pose2:
-    """Return `target_from_source`, the least-squares rigid motion between points (N, 2) [m]."""
-    source_mean, target_mean = source.mean(axis=0), target.mean(axis=0)
-    s, t = source - source_mean, target - target_mean
-    # The optimal rotation maximises sum t . R s, in the plane an arctangent of two sums.
-    theta = math.atan2(float(np.sum(s[:, 0] * t[:, 1] - s[:, 1] * t[:, 0])), float(np.sum(s * t)))
-    x, y = target_mean - transform_points(np.array([0.0, 0.0, theta]), source_mean)
-    return Pose2(float(x), float(y), theta)
+_DRIFT_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
+"""Lengths over which drift is looked at, as shares of the path (Zhang and Scaramuzza 2018)."""
+_MAX_STARTS = 2_000
+"""Stretches of a length begin at so many poses at most; more change no third digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,8 +63,13 @@ def statistics(errors: Floats) -> Statistics:
 
 def absolute_errors(pairs: Pairs, alignment: Alignment) -> Floats:
     """Distance between matched positions after alignment, (M,) [m]."""
-    moved = compose(alignment.reference_from_estimate.as_array(), pairs.estimate)
-    return np.asarray(np.linalg.norm(moved[:, :2] - pairs.reference[:, :2], axis=1))
+    moved = positions(alignment.moved(pairs.estimate))
+    return np.asarray(np.linalg.norm(moved - positions(pairs.reference), axis=1))
+
+
+def absolute_rotations_rad(pairs: Pairs, alignment: Alignment) -> Floats:
+    """Angle between matched orientations after alignment, (M,) [rad]."""
+    return turned_rad(motions(pairs.reference, alignment.moved(pairs.estimate)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +89,7 @@ class RelativeErrors:
 
 
 def relative_errors(
-    pairs: Pairs, delta: float = 1.0, unit: Literal["frames", "m"] = "frames"
+    pairs: Pairs, delta: float = 1.0, unit: StretchUnit = "frames", scale: float = 1.0
 ) -> RelativeErrors:
     """Compare relative motions over consecutive stretches (RPE of Sturm et al. 2012).
 
@@ -156,8 +97,10 @@ def relative_errors(
     ----------
     pairs : Pairs
     delta : float
-        Length of a stretch: poses, or metres along the reference.
-    unit : {"frames", "m"}
+        Length of a stretch: poses, metres along the reference, or seconds.
+    unit : {"frames", "m", "s"}
+    scale : float
+        Of the estimate, where it is fitted.
 
     Raises
     ------
@@ -166,31 +109,88 @@ def relative_errors(
     """
     if unit == "frames":
         ends = np.arange(0, len(pairs.reference), max(1, round(delta)))
+    elif unit == "s":
+        ends = _every(np.diff(pairs.stamps_ns) * 1e-9, delta)
     else:
-        ends = _every_metres(pairs.reference[:, :2], delta)
+        ends = _every(_steps_m(pairs.reference), delta)
     if len(ends) < 2:
         raise BadInput(f"no stretch of {delta:g} {unit} in the trajectory; give a smaller delta")
-    error = between(
-        between(pairs.reference[ends[:-1]], pairs.reference[ends[1:]]),
-        between(pairs.estimate[ends[:-1]], pairs.estimate[ends[1:]]),
-    )
-    return RelativeErrors(
-        np.hypot(error[:, 0], error[:, 1]),
-        np.abs(error[:, 2]),
-        f"{len(error)} consecutive stretches of {delta:g} {unit}",
+    error = _motion_errors(pairs, ends[:-1], ends[1:], scale)
+    words = f"{len(ends) - 1} consecutive stretches of {delta:g} {unit}"
+    return RelativeErrors(np.linalg.norm(positions(error), axis=1), turned_rad(error), words)
+
+
+def _motion_errors(
+    pairs: Pairs, starts: NDArray[np.int64], ends: NDArray[np.int64], scale: float
+) -> Floats:
+    estimate = pairs.estimate
+    if scale != 1.0:
+        size = positions(estimate).shape[1]
+        estimate = np.column_stack([positions(estimate) * scale, estimate[:, size:]])
+    return motions(
+        motions(pairs.reference[starts], pairs.reference[ends]),
+        motions(estimate[starts], estimate[ends]),
     )
 
 
-def _every_metres(positions: Floats, length_m: float) -> NDArray[np.int64]:
-    """Indices at which a further `length_m` has been covered, starting anew each time."""
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+def _steps_m(poses: Floats) -> Floats:
+    return np.asarray(np.linalg.norm(np.diff(positions(poses), axis=0), axis=1))
+
+
+def _every(steps: Floats, length: float) -> NDArray[np.int64]:
+    """Indices at which a further length has been covered, starting anew each time."""
     ends, covered = [0], 0.0
+    # Stamps are whole nanoseconds: ten steps of 0.1 s are a second.
+    enough = length * (1.0 - 1e-9)
     for index, step in enumerate(steps, start=1):
         covered += float(step)
-        if covered >= length_m:
+        if covered >= enough:
             ends.append(index)
             covered = 0.0
     return np.array(ends, dtype=np.int64)
+
+
+@dataclass(frozen=True, slots=True)
+class Drift:
+    """Errors over stretches of one length.
+
+    Parameters
+    ----------
+    length_m : float
+    translation_share : (P,) float64
+        Error of the relative position over the length.
+    rotation_rad_m : (P,) float64
+        Error of the relative angle over the length [rad/m].
+    """
+
+    length_m: float
+    translation_share: Floats
+    rotation_rad_m: Floats
+
+
+def drift(pairs: Pairs, lengths_m: tuple[float, ...] = (), scale: float = 1.0) -> tuple[Drift, ...]:
+    """Measure how far off an estimate is after given distances (Geiger et al. 2012).
+
+    Parameters
+    ----------
+    pairs : Pairs
+    lengths_m : tuple of float
+        A tenth to a half of the reference's path when left out; KITTI's are 100, 200 ... 800.
+    scale : float
+        Of the estimate, where it is fitted.
+    """
+    covered = np.concatenate([[0.0], np.cumsum(_steps_m(pairs.reference))])
+    lengths = lengths_m or tuple(share * float(covered[-1]) for share in _DRIFT_SHARES)
+    starts = np.arange(0, len(covered), max(1, len(covered) // _MAX_STARTS))
+    found = []
+    for length_m in (length for length in lengths if length > 0.0):
+        ends = np.searchsorted(covered, covered[starts] + length_m)
+        there = ends < len(covered)
+        if there.any():
+            error = _motion_errors(pairs, starts[there], ends[there], scale)
+            off_m = np.linalg.norm(positions(error), axis=1)
+            found.append(Drift(length_m, off_m / length_m, turned_rad(error) / length_m))
+    return tuple(found)
 
 
 def trajectory_metrics(
@@ -198,26 +198,92 @@ def trajectory_metrics(
     method: AlignmentMethod = AlignmentMethod.SE2,
     first: int | None = None,
     delta: float = 1.0,
-    unit: Literal["frames", "m"] = "frames",
+    unit: StretchUnit = "frames",
+    lengths_m: tuple[float, ...] = (),
 ) -> tuple[Metric, ...]:
-    """ATE aligned and not aligned, and RPE, as metrics.
+    """ATE aligned and not aligned, RPE over every kind of stretch, and drift, as metrics.
 
     The paper's eq. (14) calls its error MSE and describes the RMSE of the ATE; both are given.
     """
     alignment = align(pairs, method, first)
-    ate = statistics(absolute_errors(pairs, alignment))
-    raw = statistics(absolute_errors(pairs, Alignment(Pose2(), "not aligned")))
-    relative = relative_errors(pairs, delta, unit)
-    rpe, rpe_angle = statistics(relative.translation_m), statistics(relative.rotation_rad)
-    note, raw_note = f"{alignment.note}, {pairs.note}", f"not aligned, {pairs.note}"
     return (
-        Metric("ate_rmse_m", ate.rmse, note=note),
+        *_absolute_metrics(pairs, alignment),
+        *_relative_metrics(pairs, "rpe", alignment.scale, delta, unit),
+        *_relative_metrics(pairs, "rpe_metre", alignment.scale, 1.0, "m"),
+        *_relative_metrics(pairs, "rpe_second", alignment.scale, 1.0, "s"),
+        *_drift_metrics(drift(pairs, lengths_m, alignment.scale)),
+        *_extent_metrics(pairs),
+    )
+
+
+def _absolute_metrics(pairs: Pairs, alignment: Alignment) -> tuple[Metric, ...]:
+    errors = absolute_errors(pairs, alignment)
+    ate, turned = statistics(errors), statistics(absolute_rotations_rad(pairs, alignment))
+    unmoved = align(pairs, AlignmentMethod.NONE)
+    raw = statistics(absolute_errors(pairs, unmoved))
+    raw_turned = statistics(absolute_rotations_rad(pairs, unmoved))
+    note, raw_note = f"{alignment.note}, {pairs.note}", f"not aligned, {pairs.note}"
+    interval = rms_interval(errors)
+    return (
+        Metric("ate_rmse_m", ate.rmse, note=note, interval=interval),
         Metric("ate_mean_m", ate.mean, note=note),
         Metric("ate_median_m", ate.median, note=note),
         Metric("ate_std_m", ate.std, note=note),
         Metric("ate_max_m", ate.max, note=note),
         Metric("ate_mse_m2", ate.rmse**2, note=f"{note}; the paper's eq. (14)"),
+        Metric("ate_rotation_rmse_deg", math.degrees(turned.rmse), note=note),
         Metric("ate_rmse_unaligned_m", raw.rmse, note=raw_note),
-        Metric("rpe_translation_rmse_m", rpe.rmse, note=relative.note),
-        Metric("rpe_rotation_rmse_deg", math.degrees(rpe_angle.rmse), note=relative.note),
+        Metric("ate_rotation_rmse_unaligned_deg", math.degrees(raw_turned.rmse), note=raw_note),
     )
+
+
+def _relative_metrics(
+    pairs: Pairs, name: str, scale: float, delta: float, unit: StretchUnit
+) -> tuple[Metric, ...]:
+    try:
+        errors = relative_errors(pairs, delta, unit, scale)
+    except BadInput:
+        if name == "rpe":
+            raise
+        return ()
+    translation, rotation = errors.translation_m, errors.rotation_rad
+    low, high = rms_interval(np.degrees(rotation))
+    return (
+        Metric(
+            f"{name}_translation_rmse_m",
+            statistics(translation).rmse,
+            note=errors.note,
+            interval=rms_interval(translation),
+        ),
+        Metric(
+            f"{name}_rotation_rmse_deg",
+            math.degrees(statistics(rotation).rmse),
+            note=errors.note,
+            interval=(low, high),
+        ),
+    )
+
+
+def _drift_metrics(drifts: tuple[Drift, ...]) -> tuple[Metric, ...]:
+    if not drifts:
+        return ()
+    off = np.concatenate([d.translation_share for d in drifts])
+    turned = np.degrees(np.concatenate([d.rotation_rad_m for d in drifts]))
+    lengths = ", ".join(f"{d.length_m:.3g}" for d in drifts)
+    note = f"mean over {len(off)} stretches of {lengths} m"
+    return (
+        Metric("drift_translation_share", float(off.mean()), note=note),
+        Metric("drift_rotation_deg_per_m", float(turned.mean()), note=note),
+    )
+
+
+def _extent_metrics(pairs: Pairs) -> tuple[Metric, ...]:
+    """Scale and how much was matched."""
+    reference, estimate = positions(pairs.reference), positions(pairs.estimate)
+    matched = len(reference) / pairs.possible
+    found = (Metric("matched_share", matched, note=pairs.note),)
+    if np.ptp(estimate, axis=0).max() < 1e-6:
+        return found
+    note = "that would fit the estimate best"
+    scale = fit(estimate, reference, scaled=True).scale
+    return (*found, Metric("scale_ratio", scale, note=note))

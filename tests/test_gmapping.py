@@ -28,8 +28,8 @@ from slarm_graph.config import (
     WheelConfig,
 )
 from slarm_graph.errors import RunFailed
+from slarm_graph.eval.alignment import fit_rigid
 from slarm_graph.eval.relations import read_relations, relation_errors
-from slarm_graph.eval.trajectory_accuracy import fit_rigid
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, tour

@@ -4,13 +4,16 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.distance import cdist
 
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.map_accuracy import difference_image, distance_to_m, map_accuracy, map_metrics
+from slarm_graph.eval.map_accuracy import distance_to_m, map_accuracy, map_metrics
 from slarm_graph.eval.map_alignment import align_maps
+from slarm_graph.eval.map_difference import difference_classes, save_difference
 from slarm_graph.eval.sharpness import sharpness
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -61,20 +64,16 @@ def test_counts_of_a_small_map() -> None:
     assert (result.precision, result.recall) == (0.5, 0.5)
     assert result.known_share == pytest.approx(3 / 4)
     assert result.wall_distance_mean_m == pytest.approx(0.5)
-    image = difference_image(reference, estimate)
-    assert image[0].tolist() == [
-        [0, 0, 0],
-        [31, 119, 180],
-        [214, 39, 40],
-        [205, 205, 205],
-        [205, 205, 205],
-    ]
+    assert difference_classes(reference, estimate)[0].tolist() == [2, 4, 3, 0, 0]
 
 
-def test_the_difference_image_has_its_top_row_at_the_largest_y() -> None:
-    geometry = GridGeometry(0.0, 0.0, 1.0, 2, 1)
-    grid = OccupancyGrid(geometry, np.array([[1.0], [0.0]], dtype=np.float32))
-    assert difference_image(grid, grid)[0, 0].tolist() == [255, 255, 255]
+@pytest.mark.parametrize("kind", ["png", "pdf", "svg"])
+def test_the_difference_becomes_a_figure(tmp_path: Path, kind: str) -> None:
+    moved = Pose2(0.2, 0.0, 0.0)
+    save_difference(path := tmp_path / f"d.{kind}", room(), room(), moved)
+    assert path.stat().st_size > 2_000
+    if kind == "svg":
+        assert "wall only in EST" in path.read_text()
 
 
 def test_distances_equal_brute_force() -> None:

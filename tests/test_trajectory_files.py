@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slarm_graph.errors import BadInput
-from slarm_graph.files.trajectories import read_trajectory, tum_text
+from slarm_graph.files.trajectories import read_trajectory, trajectory_file, tum_text
 from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
 from slarm_graph.trajectory import Trajectory
 
@@ -98,7 +98,8 @@ def test_sorts_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
     [
         ("1 2 3 0 0 0 0 1\n2 2 3 0 0 0 1\n", 2, "expected 8 numbers, got 7"),
         ("1 2 3 0 0 0 0\n", 1, "expected 8 numbers (TUM)"),
-        ("1 2 3 0 0 0 0 1\n\n# c\n2 nan 3 0 0 0 0 1\n", 4, "not a finite number"),
+        ("1 2 3 0 0 0 0 1\n\n# c\nnan 2 3 0 0 0 0 1\n", 4, "not a finite number"),
+        ("1 2 3 0 0 0 0 1\n1e30 2 3 0 0 0 0 1\n", 2, "beyond what 64 bits"),
         ("1 x 3 0 0 0 0 1\n", 1, "could not convert"),
         ("1 2 3 0 0 0 0 0\n", 1, "quaternion of length 0"),
     ],
@@ -118,3 +119,51 @@ def test_refuses_missing_empty_and_binary_files(tmp_path: Path) -> None:
         read_trajectory(written(tmp_path, ""))
     with pytest.raises(BadInput, match="cannot be read as text"):
         read_trajectory(written(tmp_path, b"\xff\xfe\x00\x80"))
+
+
+@pytest.mark.parametrize(
+    ("text", "stamp_ns"),
+    [
+        ("1403636579763555584 1 2 0 0 0 0.6 0.8\n", 1403636579763555584),
+        ("1403636579763555584.000000 1 2 0 0 0 0.6 0.8\n", 1403636579763555584),
+        ("1.403636579763555e+18 1 2 0 0 0 0.6 0.8\n", 1403636579763555000),
+        ("1403636579.763555584 1 2 0 0 0 0.6 0.8\n", 1403636579763555584),
+        ("timestamp tx ty tz qx qy qz qw\n1403636579.763555584 1 2 0 0 0 0.6 0.8\n",
+         1403636579763555584),
+        ("num,t,x,y,z,qx,qy,qz,qw\n7,12.5,1,2,0,0,0,0.6,0.8\n", 12_500_000_000),
+        ("qw;qx;qy;qz;y;x;time [ms]\n0.8;0;0;0.6;2;1;1500\n", 1_500_000_000),
+        ("%time,field.header.seq,field.pose.position.x,field.pose.position.y,"
+         "field.pose.position.z,field.pose.orientation.x,field.pose.orientation.y,"
+         "field.pose.orientation.z,field.pose.orientation.w\n"
+         "1403636579763555584,4,1,2,0,0,0,0.6,0.8\n", 1403636579763555584),
+        ("#timestamp [ns], p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [],"
+         " q_RS_y [], q_RS_z [], v_RS_R_x [m s^-1]\n5000000000,1,2,0,0.8,0,0,0.6,9\n",
+         5_000_000_000),
+        ("stamp.sec,stamp.nanosec,x,y,yaw\n3,5,1,2,1.2870022175866867\n", 3_000_000_005),
+    ],
+)  # fmt: skip
+def test_units_and_columns_of_other_tools(tmp_path: Path, text: str, stamp_ns: int) -> None:
+    path = read_trajectory(written(tmp_path, text))
+    assert abs(int(path.stamps_ns[0]) - stamp_ns) < 300
+    assert np.allclose(path.poses, [[1, 2, 2 * np.arctan2(0.6, 0.8)]])
+
+
+def test_rows_that_are_not_numbers_are_left_out_with_one_warning(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    text = "1 1 0 0 0 0 0 1\n2 nan nan nan nan nan nan nan\n3 inf 0 0 0 0 0 1\n4 4 0 0 0 0 0 1\n"
+    path = read_trajectory(written(tmp_path, text))
+    assert path.stamps_ns.tolist() == [1_000_000_000, 4_000_000_000]
+    assert len(caplog.records) == 1
+    assert "2 rows are not finite numbers and are left out, the first in line 2" in caplog.text
+
+
+def test_a_run_folder_stands_for_its_trajectory(tmp_path: Path) -> None:
+    (tmp_path / "trajectory.tum").write_text("x")
+    assert trajectory_file(tmp_path).name == "trajectory.tum"
+    assert trajectory_file(tmp_path, truth=True).name == "trajectory.tum"
+    (tmp_path / "ground_truth.tum").write_text("x")
+    assert trajectory_file(tmp_path, truth=True).name == "ground_truth.tum"
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(BadInput, match="is it a run folder"):
+        trajectory_file(tmp_path / "empty")

@@ -9,51 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from slarm_graph.app import cli_eval_trajectory
+from slarm_graph.app.cli_eval_trajectory import Json
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.geometry import Pose2
     from slarm_graph.grid import OccupancyGrid
-
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, as in metrics.json.")]
-
-
-def trajectory_command(
-    reference: Annotated[Path, typer.Argument(metavar="REF", help="True trajectory.")],
-    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Trajectory to measure.")],
-    align: Annotated[
-        Literal["se2", "origin", "none"], typer.Option(help="How EST is laid onto REF.")
-    ] = "se2",
-    n_to_align: Annotated[
-        int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
-    ] = None,
-    assoc: Annotated[
-        Literal["interpolate", "nearest", "evo"],
-        typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
-    ] = "interpolate",
-    t_max_diff: Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")] = 0.01,
-    t_offset: Annotated[float, typer.Option(help="Added to the stamps of EST, in s.")] = 0.0,
-    delta: Annotated[float, typer.Option(help="Step of the RPE.")] = 1.0,
-    delta_unit: Annotated[Literal["frames", "m"], typer.Option(help="Unit of it.")] = "frames",
-    as_json: Json = False,
-) -> None:
-    """ATE and RPE of a trajectory: TUM, KITTI or EuRoC files."""
-    from slarm_graph.app.cli_output import show_metrics, show_notices
-    from slarm_graph.eval.association import AssociationMethod, associate
-    from slarm_graph.eval.trajectory_accuracy import AlignmentMethod, trajectory_metrics
-    from slarm_graph.files.trajectories import read_trajectory
-
-    method = AssociationMethod("nearest" if assoc == "evo" else assoc)
-    pairs = associate(
-        read_trajectory(reference),
-        read_trajectory(estimate),
-        method=method,
-        max_difference_s=t_max_diff,
-        offset_s=t_offset,
-    )
-    show_notices([pairs.warning] if pairs.warning else [])
-    metrics = trajectory_metrics(pairs, AlignmentMethod(align), n_to_align, delta, delta_unit)
-    show_metrics(metrics, title=f"reference {reference}, estimate {estimate}", as_json=as_json)
 
 
 def relations_command(
@@ -77,9 +39,9 @@ def relations_command(
     """Error over true relative poses (Kuemmerle et al. 2009)."""
     from slarm_graph.app.cli_output import show_metrics
     from slarm_graph.eval.relations import read_relations, relation_errors, relation_metrics
-    from slarm_graph.files.trajectories import read_trajectory
+    from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 
-    path = estimate / "trajectory.tum" if estimate.is_dir() else estimate
+    path = trajectory_file(estimate)
     truth, trajectory = read_relations(relations), read_trajectory(path)
     part = _laser_pose(laser, path) if at == "laser" else None
     errors = relation_errors(truth, trajectory, part)
@@ -110,14 +72,18 @@ def _laser_pose(given: str | None, trajectory: Path) -> Pose2:
 
 
 def map_command(
-    reference: Annotated[Path, typer.Argument(metavar="REF", help="True map (YAML).")],
-    estimate: Annotated[Path, typer.Argument(metavar="EST", help="Map to measure (YAML).")],
+    reference: Annotated[
+        Path, typer.Argument(metavar="REF", help="True map (YAML), or a run folder.")
+    ],
+    estimate: Annotated[
+        Path, typer.Argument(metavar="EST", help="Map to measure, or a run folder.")
+    ],
     align: Annotated[
         Literal["none", "se2"], typer.Option(help="Lay walls onto walls before comparing.")
     ] = "none",
     tolerance: Annotated[float, typer.Option(help="Of precision and recall, in m.")] = 0.1,
     difference: Annotated[
-        Path | None, typer.Option(metavar="PNG", help="Write a picture of the differences.")
+        Path | None, typer.Option(metavar="FILE", help="Figure of the differences: PNG, PDF, SVG.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -127,7 +93,7 @@ def map_command(
     from slarm_graph.eval.map_alignment import align_maps
     from slarm_graph.files.maps import read_map
 
-    ref, est = read_map(reference), read_map(estimate)
+    ref, est = read_map(_map_file(reference)), read_map(_map_file(estimate))
     motion = align_maps(ref, est) if align == "se2" else None
     result = map_accuracy(ref, est, reference_from_estimate=motion, tolerance_m=tolerance)
     if difference is not None:
@@ -138,16 +104,22 @@ def map_command(
     show_metrics(map_metrics(result), title=title, as_json=as_json)
 
 
+def _map_file(place: Path) -> Path:
+    """Return the map of a run folder, or the file itself."""
+    return place / "map.yaml" if place.is_dir() else place
+
+
 def _write_difference(
     path: Path, reference: OccupancyGrid, estimate: OccupancyGrid, motion: Pose2 | None
 ) -> None:
-    from slarm_graph.eval.map_accuracy import difference_image
-    from slarm_graph.files.maps import png_bytes
+    from slarm_graph.eval.map_difference import save_difference
 
     try:
-        path.write_bytes(png_bytes(difference_image(reference, estimate, motion)))
+        save_difference(path, reference, estimate, motion)
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror}") from None
+    except ValueError as error:
+        raise BadInput(f"--difference {path}: {error}") from None
 
 
 def radio_command(
@@ -201,7 +173,7 @@ def metrics_command() -> None:
 
 
 group = typer.Typer(help="Measure files from anywhere against a reference.", no_args_is_help=True)
-group.command("trajectory")(trajectory_command)
+group.command("trajectory")(cli_eval_trajectory.trajectory_command)
 group.command("relations")(relations_command)
 group.command("map")(map_command)
 group.command("radio")(radio_command)

@@ -4,14 +4,15 @@
 
 from __future__ import annotations
 
+import math
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.table import Table
 
-from slarm_graph.eval.metrics import Metric, metrics_json
+from slarm_graph.eval.metrics import Metric, best_of, metrics_json
 from slarm_graph.readings import ScanStatus
 
 if TYPE_CHECKING:
@@ -28,6 +29,21 @@ def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False
         return
     rows = [(m.kind.title, f"{m.value:.6g}", m.unit, m.name, m.note) for m in metrics]
     show_table(("metric", "value", "unit", "key", "how"), rows, title=title, right=(1,))
+
+
+def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]]) -> None:
+    """Print metrics of several beside each other, the best with a star."""
+    from slarm_graph.eval.metric_table import in_table_order
+
+    values = {name: {m.name: m.value for m in found} for name, found in metrics.items()}
+    every = in_table_order(m for found in metrics.values() for m in found)
+    rows = []
+    for metric in every:
+        row = [of.get(metric.name, math.nan) for of in values.values()]
+        best = best_of(row, metric.kind.better)
+        shown = [f"{'*' if index == best else ''}{v:.4g}" for index, v in enumerate(row)]
+        rows.append((metric.kind.titled(), *shown))
+    show_table(("metric", *metrics), rows, right=range(1, len(metrics) + 1))
 
 
 def show_table(

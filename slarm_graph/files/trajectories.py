@@ -1,28 +1,33 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories as files: TUM in and out, KITTI and EuRoC in."""
+"""Trajectories as files: TUM in and out; KITTI, EuRoC and tables with named columns in."""
 
 from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from slarm_graph.errors import BadInput
-from slarm_graph.stamps import NS_PER_S, ns_to_seconds, seconds_to_ns
+from slarm_graph.files.trajectory_columns import (
+    Columns,
+    Row,
+    columns_by_custom,
+    columns_by_header,
+)
+from slarm_graph.spatial import SpatialTrajectory
+from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
 
 _HEADER = "# timestamp tx ty tz qx qy qz qw"
-_TUM_COLUMNS = 8
-_KITTI_COLUMNS = 12
-_UNIT_TOLERANCE = 0.1
-_Row = tuple[int, float, float, float]
-_Parser = Callable[[list[str], int], _Row]
+_ESTIMATE, _TRUTH = "trajectory.tum", "ground_truth.tum"
+_Line = tuple[int, list[str], bool]
+"""Number, words, and whether commas stand between them."""
 
 
 def tum_text(trajectory: Trajectory) -> str:
@@ -50,97 +55,116 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def read_trajectory(path: Path) -> Trajectory:
-    """Read a TUM, KITTI or EuRoC file, told apart by its first line of numbers.
+def trajectory_file(place: Path, *, truth: bool = False) -> Path:
+    """Return the trajectory in a run folder, the true one where that is wanted and there.
 
-    The pose is projected onto the plane: x, y and the yaw of the rotation. KITTI files carry no
-    time; their poses are stamped one second apart from zero. Poses out of order are sorted and of
-    equal stamps the first is kept, with a warning.
+    Raises
+    ------
+    BadInput
+        When the folder has none.
+    """
+    if not place.is_dir():
+        return place
+    names = (_TRUTH, _ESTIMATE) if truth else (_ESTIMATE,)
+    found = next((place / name for name in names if (place / name).is_file()), None)
+    if found is None:
+        raise BadInput(f"{place}: no {' or '.join(names)} in it; is it a run folder?")
+    return found
+
+
+def read_trajectory(path: Path) -> Trajectory:
+    """Read a trajectory as `read_spatial` does, seen from above: x, y and yaw about z."""
+    return read_spatial(path).in_xy()
+
+
+def read_spatial(path: Path) -> SpatialTrajectory:
+    """Read a TUM, KITTI or EuRoC file, or a table whose header names its columns.
+
+    The format is told by the header or the first line of numbers. KITTI files carry no time; their
+    poses are stamped one second apart from zero. Poses out of order are sorted, of equal stamps
+    the first is kept, and rows with a number that is not finite are left out; each is warned of.
 
     Raises
     ------
     BadInput
         Naming file and line of what cannot be read.
     """
-    rows: list[_Row] = []
-    parse: _Parser | None = None
-    for number, words in _number_lines(path):
-        parse = parse or _parser_for(path, number, words)
+    rows: list[Row] = []
+    columns, first_bad, bad = None, 0, 0
+    named, lines = _header_and_lines(path)
+    for number, words, commas in lines:
+        columns = columns or _columns(path, number, words, commas, named)
         try:
-            rows.append(_finite(parse(words, len(rows))))
+            row = columns.read(words, len(rows) + bad)
         except ValueError as error:
-            raise BadInput(f"{path}:{number}: {error}: {' '.join(words)!r}") from None
-    if not rows:
+            problem = f"{error}: {' '.join(words)!r}; expected lines `{columns.words}`"
+            raise BadInput(f"{path}:{number}: {problem}") from None
+        if all(math.isfinite(value) for value in row[1]):
+            rows.append(row)
+        else:
+            first_bad, bad = first_bad or number, bad + 1
+    if bad:
+        _log.warning("%s: %d rows are not finite numbers and are left out, the first in line %d",
+                     path, bad, first_bad)  # fmt: skip
+    if not rows or columns is None:
         raise BadInput(f"{path}: no poses in it; expected lines `{_HEADER[2:]}`")
-    return _in_order(path, rows)
+    return _in_order(path, rows, timed=bool(columns.stamp))
 
 
-def _number_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield line number and words of every line that is neither blank nor a comment."""
+def _header_and_lines(path: Path) -> tuple[Columns | None, Iterator[_Line]]:
+    """Return the columns that a header line names, and the lines of numbers below."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise BadInput(f"{path}: cannot be read as text ({error})") from None
+    named = None
+    lines: list[_Line] = []
     for number, line in enumerate(text.splitlines(), start=1):
-        stripped = line.strip()
-        if stripped and not stripped.startswith("#"):
-            comma = "," in stripped
-            words = [w.strip() for w in stripped.split(",")] if comma else stripped.split()
-            yield number, words
+        is_comment = line.lstrip().startswith(("#", "%"))
+        words, commas = _words(line.lstrip().lstrip("#%") if is_comment else line)
+        if not lines and words and (is_comment or not _is_number(words[0])):
+            named = columns_by_header(words) or named
+            is_comment = is_comment or named is not None
+        if words and not is_comment:
+            lines.append((number, words, commas))
+    return named, iter(lines)
 
 
-def _parser_for(path: Path, number: int, words: list[str]) -> _Parser:
-    if len(words) == _KITTI_COLUMNS:
-        return _kitti_row
-    if words[0].isdigit() and len(words[0]) > 14 and len(words) >= _TUM_COLUMNS:
-        return _euroc_row
-    if len(words) == _TUM_COLUMNS:
-        return _tum_row
-    raise BadInput(
-        f"{path}:{number}: expected {_TUM_COLUMNS} numbers (TUM), {_KITTI_COLUMNS} (KITTI) or a"
-        f" EuRoC line, got {len(words)}: {' '.join(words)!r}"
-    )
+def _words(line: str) -> tuple[list[str], bool]:
+    for separator in (",", ";"):
+        if separator in line:
+            parts = line.strip().rstrip(separator).split(separator)
+            return [word.strip().strip('"') for word in parts], True
+    return line.split(), False
 
 
-def _tum_row(words: list[str], _index: int) -> _Row:
-    if len(words) != _TUM_COLUMNS:
-        raise ValueError(f"expected {_TUM_COLUMNS} numbers, got {len(words)}")
-    x, y, _z, qx, qy, qz, qw = (float(word) for word in words[1:])
-    return seconds_to_ns(words[0]), x, y, _yaw(qx, qy, qz, qw)
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
-def _euroc_row(words: list[str], _index: int) -> _Row:
-    if len(words) < _TUM_COLUMNS:
-        raise ValueError(f"expected at least {_TUM_COLUMNS} numbers, got {len(words)}")
-    x, y, _z, qw, qx, qy, qz = (float(word) for word in words[1:_TUM_COLUMNS])
-    return int(words[0]), x, y, _yaw(qx, qy, qz, qw)
+def _columns(
+    path: Path, number: int, words: list[str], commas: bool, named: Columns | None
+) -> Columns:
+    if named is not None and named.count == len(words):
+        return named
+    columns = columns_by_custom(words, commas=commas)
+    if columns is None:
+        raise BadInput(
+            f"{path}:{number}: expected 8 numbers (TUM), 12 (KITTI), a EuRoC line or a header that"
+            f" names the columns, got {len(words)}: {' '.join(words)!r}"
+        )
+    return columns
 
 
-def _kitti_row(words: list[str], index: int) -> _Row:
-    if len(words) != _KITTI_COLUMNS:
-        raise ValueError(f"expected {_KITTI_COLUMNS} numbers, got {len(words)}")
-    m = [float(word) for word in words]
-    return index * NS_PER_S, m[3], m[7], math.atan2(m[4], m[0])
-
-
-def _yaw(qx: float, qy: float, qz: float, qw: float) -> float:
-    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    if not abs(norm - 1.0) < _UNIT_TOLERANCE:
-        raise ValueError(f"quaternion of length {norm:g} instead of 1")
-    return math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
-
-
-def _finite(row: _Row) -> _Row:
-    if not all(math.isfinite(value) for value in row):
-        raise ValueError("not a finite number")
-    return row
-
-
-def _in_order(path: Path, rows: list[_Row]) -> Trajectory:
+def _in_order(path: Path, rows: list[Row], *, timed: bool) -> SpatialTrajectory:
     stamps = np.array([row[0] for row in rows], dtype=np.int64)
-    poses = np.array([row[1:] for row in rows], dtype=np.float64)
+    poses = np.array([row[1] for row in rows], dtype=np.float64)
     unique, first = np.unique(stamps, return_index=True)
     if len(unique) != len(stamps) or np.any(np.diff(stamps) < 0):
         _log.warning(
@@ -148,4 +172,4 @@ def _in_order(path: Path, rows: list[_Row]) -> Trajectory:
             path,
             len(stamps) - len(unique),
         )
-    return Trajectory(unique, poses[first])
+    return SpatialTrajectory(unique, poses[first], timed)

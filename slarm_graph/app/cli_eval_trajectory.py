@@ -1,0 +1,161 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that measures trajectories from anywhere: slarm eval trajectory."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions
+    from slarm_graph.eval.trajectory_prints import MapBelow
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON, as in metrics.json.")]
+Align = Literal["se2", "sim2", "se3", "sim3", "yaw", "origin", "none"]
+
+
+def trajectory_command(
+    reference: Annotated[
+        Path, typer.Argument(metavar="REF", help="True trajectory, or a run folder.")
+    ],
+    estimates: Annotated[
+        list[Path],
+        typer.Argument(metavar="EST...", help="Trajectories to measure, or run folders."),
+    ],
+    align: Annotated[
+        Align,
+        typer.Option(
+            help="How EST is laid onto REF: in the plane of motion (se2, sim2, origin, none) or in"
+            " space (se3, sim3, yaw and position)."
+        ),
+    ] = "se2",
+    n_to_align: Annotated[
+        int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
+    ] = None,
+    assoc: Annotated[
+        Literal["interpolate", "nearest", "evo"],
+        typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
+    ] = "interpolate",
+    t_max_diff: Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")] = 0.01,
+    t_offset: Annotated[
+        str, typer.Option(metavar="SECONDS|auto", help="Added to the stamps of EST; or found.")
+    ] = "0",
+    delta: Annotated[float, typer.Option(help="Step of the RPE.")] = 1.0,
+    delta_unit: Annotated[Literal["frames", "m", "s"], typer.Option(help="Unit of it.")] = "frames",
+    lengths: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A,B",
+            help="Over which drift is measured, in m; a tenth to a half of the path when left out.",
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Write figures there: PNG, PDF and SVG.")
+    ] = None,
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="YAML", help="Drawn below the paths, in REF's frame."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """ATE, RPE, drift and scale of trajectories: TUM, KITTI, EuRoC, tables with named columns."""
+    from slarm_graph.app.cli_output import show_notices
+    from slarm_graph.eval.alignment import AlignmentMethod
+    from slarm_graph.eval.association import AssociationMethod
+    from slarm_graph.eval.evaluation import EvaluationOptions
+
+    options = EvaluationOptions(
+        AlignmentMethod(align),
+        n_to_align,
+        AssociationMethod("nearest" if assoc == "evo" else assoc),
+        t_max_diff,
+        None if t_offset == "auto" else _numbers("--t-offset", t_offset)[0],
+        delta,
+        delta_unit,
+        _numbers("--lengths", lengths) if lengths else (),
+    )
+    files, evaluations = _evaluated(reference, estimates, options)
+    for name, found in evaluations.items():
+        prefix = f"{name}: " if len(evaluations) > 1 else ""
+        show_notices(prefix + notice for notice in found.notices)
+    _show(evaluations, as_json)
+    if plot is not None:
+        _plot(plot, evaluations, _map_below(map_file, files, evaluations))
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        raise BadInput(f"{option} {text}: expected numbers") from None
+
+
+def _evaluated(
+    reference: Path, estimates: Sequence[Path], options: EvaluationOptions
+) -> tuple[dict[str, Path], dict[str, Evaluation]]:
+    """Measure every estimate; also return the files, both by what to call them."""
+    from slarm_graph.eval.evaluation import evaluate
+    from slarm_graph.files.trajectories import read_spatial, trajectory_file
+
+    truth = read_spatial(trajectory_file(reference, truth=True))
+    files = dict(zip(_names(estimates), map(trajectory_file, estimates), strict=True))
+    return files, {
+        name: evaluate(truth, read_spatial(path), options) for name, path in files.items()
+    }
+
+
+def _names(paths: Sequence[Path]) -> list[str]:
+    """Return what sets paths apart: their names, or whole paths where these are not enough."""
+    short = [path.resolve().name for path in paths]
+    return short if len(set(short)) == len(short) else [str(path) for path in paths]
+
+
+def _show(evaluations: Mapping[str, Evaluation], as_json: bool) -> None:
+    from slarm_graph.app.cli_output import show_metrics, show_metrics_of_many
+    from slarm_graph.eval.metrics import metrics_json
+
+    if len(evaluations) == 1:
+        ((name, found),) = evaluations.items()
+        show_metrics(found.metrics, title=f"{name}, {found.alignment.note}", as_json=as_json)
+    elif as_json:
+        content = {name: json.loads(metrics_json(e.metrics)) for name, e in evaluations.items()}
+        print(json.dumps(content, indent=2))
+    else:
+        show_metrics_of_many({name: e.metrics for name, e in evaluations.items()})
+
+
+def _map_below(
+    given: Path | None, files: Mapping[str, Path], evaluations: Mapping[str, Evaluation]
+) -> MapBelow | None:
+    """Return the map to draw: the one given, or that of the first estimate's run folder."""
+    import numpy as np
+
+    from slarm_graph.eval.alignment import Alignment
+    from slarm_graph.files.maps import read_map
+
+    if given is not None:
+        return read_map(given), Alignment(np.eye(2), np.zeros(2), 1.0, "")
+    for name, path in files.items():
+        beside = path.with_name("map.yaml")
+        if path.name == "trajectory.tum" and beside.is_file():
+            return read_map(beside), evaluations[name].alignment
+    return None
+
+
+def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow | None) -> None:
+    from slarm_graph.eval.trajectory_prints import save_prints
+
+    try:
+        written = save_prints(folder, evaluations, below)
+    except OSError as error:
+        raise BadInput(f"--plot {folder}: cannot be written ({error.strerror})") from None
+    import sys
+
+    print(f"{len(written)} figures in {folder}", file=sys.stderr)
