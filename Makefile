@@ -29,6 +29,7 @@ lint: $(READY)
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	$(BIN)/mypy examples/*.py examples/plugins/*/*.py
 
 clean:
 	rm -rf .venv build dist *.egg-info

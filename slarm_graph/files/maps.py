@@ -80,6 +80,20 @@ def map_yaml(image_name: str, geometry: GridGeometry) -> str:
     )
 
 
+def write_map(path: Path, grid: OccupancyGrid) -> None:
+    """Write `<name>.yaml` and beside it `<name>.pgm`, map_server's trinary form.
+
+    Parameters
+    ----------
+    path : Path
+        Of the YAML.
+    grid : OccupancyGrid
+    """
+    image = path.with_suffix(".pgm")
+    image.write_bytes(pgm_bytes(trinary_image(grid.occupied, grid.free)))
+    path.write_text(map_yaml(image.name, grid.geometry), encoding="utf-8")
+
+
 @dataclass(frozen=True, slots=True)
 class _Description:
     """What a map's YAML says."""

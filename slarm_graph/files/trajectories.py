@@ -50,6 +50,11 @@ def tum_text(trajectory: Trajectory) -> str:
     return "\n".join(lines) + "\n"
 
 
+def write_trajectory(path: Path, trajectory: Trajectory) -> None:
+    """Write as TUM; see `tum_text`."""
+    path.write_text(tum_text(trajectory), encoding="ascii", newline="\n")
+
+
 def _fixed(value: float, decimals: int) -> str:
     """Write with fixed decimals and no minus sign before a zero."""
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
