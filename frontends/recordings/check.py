@@ -21,7 +21,13 @@ from slarm_graph.frontends.recordings.check_motion import (
     read_accelerations,
 )
 from slarm_graph.frontends.recordings.check_scans import check_scans
-from slarm_graph.frontends.recordings.findings import Diagnosis, Finding, TopicFacts, step_histogram
+from slarm_graph.frontends.recordings.findings import (
+    Diagnosis,
+    Finding,
+    Severity,
+    TopicFacts,
+    step_histogram,
+)
 from slarm_graph.frontends.recordings.frames import usual_frame
 from slarm_graph.frontends.recordings.messages import (
     ODOMETRY,
@@ -41,6 +47,8 @@ from slarm_graph.frontends.recordings.sources import (
     open_world,
 )
 
+WARNING = "warning: "
+"""Begins the notices of a source that are more than notes."""
 _ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
@@ -70,9 +78,7 @@ def check(
         description, topics, findings = _look(files, config)
         source = open_source(files, config)
         readings = len(list(source))
-        known = {finding.what for finding in findings}
-        notices = (notice for notice in source.info().notices if notice not in known)
-        findings += [Finding("note", "as used", notice) for notice in notices]
+        findings += _as_used(source.info().notices, findings)
     except BadInput as error:
         findings.append(Finding("error", "recording", str(error)))
     except Exception as error:  # a diagnosis has to end in words on any file
@@ -82,6 +88,18 @@ def check(
         )
     ordered = sorted(findings, key=lambda finding: _ORDER[finding.severity])
     return Diagnosis(description, topics, tuple(ordered), readings)
+
+
+def _as_used(notices: Sequence[str], findings: Sequence[Finding]) -> list[Finding]:
+    """What a run would be told besides what was found; a warning there is one here."""
+    known = {finding.what for finding in findings}
+    used = []
+    for notice in notices:
+        text = notice.removeprefix(WARNING)
+        severity: Severity = "note" if text == notice else "warning"
+        if not any(what in text for what in known):
+            used.append(Finding(severity, "as used", text))
+    return used
 
 
 Look = tuple[str, tuple[TopicFacts, ...], list[Finding]]
@@ -106,7 +124,8 @@ def _check_ros(files: Sequence[Path], config: SourceConfig) -> Look:
         findings += check_scans(name, blocks) if blocks else []
     for name, odometry in messages.odometry.items():
         findings += check_odometry(name, odometry)
-    findings += check_tf(messages.moving, messages.fixed)
+    for space, (moving, fixed) in messages.tf_of.items():
+        findings += check_tf(f"{space}/tf".lstrip("/") if space else "tf", moving, fixed)
     findings += _check_shared_frames(messages)
     for topic in recording.topics:
         if topic.msgtype == IMU:

@@ -5,14 +5,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
+from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.check_time import check_order, check_stamps
 from slarm_graph.frontends.recordings.findings import Finding, counted
 from slarm_graph.frontends.recordings.messages import StampedTransforms
-from slarm_graph.frontends.recordings.odometry import path_from_messages
+from slarm_graph.frontends.recordings.odometry import path_from_messages, places
 from slarm_graph.frontends.recordings.packed import Cursor
 from slarm_graph.frontends.recordings.rotations import usable_quaternions
-from slarm_graph.frontends.recordings.transforms import TransformTree
+from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, torn
 from slarm_graph.geometry import Floats, between
 
 IMU = "sensor_msgs/msg/Imu"
@@ -27,11 +29,13 @@ def check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:
     if len(messages) == 0:
         return [Finding("warning", where, "has no messages")]
     found = check_stamps(where, messages.stamp_ns, messages.record_ns)
-    found += _check_poses(where, messages)
+    if torn(messages.translations_m):
+        found.append(Finding("error", where, f"the pose {TORN}", "choose with --odom, or none"))
+    path, useless = path_from_messages(messages)
+    found += _told_poses(where, messages, useless)
     if any(not child for _, child in messages.edges):
         told = "child_frame_id is empty: the robot's frame is guessed"
         found.append(Finding("note", where, told, "set --set source.robot_frame=..."))
-    path, _ = path_from_messages(messages)
     if path.never_moves():
         told = "the pose never changes"
         found.append(Finding("warning", where, told, "wheel encoders connected? else --odom none"))
@@ -50,39 +54,47 @@ def check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:
 
 def _check_poses(where: str, messages: StampedTransforms) -> list[Finding]:
     usable, _ = usable_quaternions(messages.quaternions)
-    finite = np.isfinite(messages.translations_m).all(axis=1)
-    bad = ~(usable & finite)
+    return _told_poses(where, messages, ~(usable & places(messages.translations_m)))
+
+
+def _told_poses(where: str, messages: StampedTransforms, bad: NDArray[np.bool_]) -> list[Finding]:
     return counted(
         "error" if bad.all() else "warning", where,
-        "{count} of {total} poses are invalid (not finite, or not a unit quaternion)", bad,
+        "{count} of {total} poses are invalid (nowhere, or not a unit quaternion)", bad,
         messages.stamp_ns, "they are not used" if not bad.all() else "use --odom none",
     )  # fmt: skip
 
 
-def check_tf(moving: StampedTransforms, fixed: StampedTransforms) -> list[Finding]:
-    """Look at all transforms."""
-    found = _check_poses("tf", moving) + _check_poses("tf_static", fixed)
+def check_tf(where: str, moving: StampedTransforms, fixed: StampedTransforms) -> list[Finding]:
+    """Look at all transforms of one namespace."""
+    found = _check_poses(where, moving) + _check_poses(f"{where}_static", fixed)
     tree = TransformTree([moving], [fixed])
+    found += [Finding("warning", where, told.removeprefix("warning: ")) for told in tree.notices()]
     for parent, child in tree.pairs():
         if parent == "map":
             told = f"{parent} -> {child} is almost always the output of another SLAM"
-            found.append(Finding("note", "tf", told, "it is ignored"))
+            found.append(Finding("note", where, told, "it is ignored"))
     for child in sorted({child for _, child in tree.pairs()}):
         parents = sorted(parent for parent, other in tree.pairs() if other == child)
         if len(parents) > 1:
             told = f"{child} has several parents: {', '.join(parents)}"
             found.append(
-                Finding("warning", "tf", told, "a frame has one parent (REP-105); stop one of them")
+                Finding("warning", where, told, "a frame has one parent (REP-105); stop one")
             )
-    for parent, child in tree.pairs():
-        if not tree.edge((parent, child)).is_static:
-            found += _check_edge(f"tf {parent} -> {child}", moving, (parent, child))
+    for pair in tree.pairs():
+        found += _check_edge(where, tree, moving, pair)
     return found
 
 
-def _check_edge(where: str, moving: StampedTransforms, pair: tuple[str, str]) -> list[Finding]:
-    if pair not in moving.edges:
-        return []
+def _check_edge(
+    where: str, tree: TransformTree, moving: StampedTransforms, pair: tuple[str, str]
+) -> list[Finding]:
+    where = f"{where} {pair[0]} -> {pair[1]}"
+    try:
+        if tree.edge(pair).is_static or pair not in moving.edges:
+            return []
+    except BadInput:
+        return [Finding("error", where, TORN, "choose with --odom")]
     return check_order(where, moving.stamp_ns[moving.edge == moving.edges.index(pair)])
 
 

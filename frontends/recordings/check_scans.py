@@ -11,6 +11,13 @@ import numpy as np
 from slarm_graph.frontends.recordings.check_time import check_stamps
 from slarm_graph.frontends.recordings.findings import Finding, Severity, counted
 from slarm_graph.frontends.recordings.messages import ScanBlock
+from slarm_graph.frontends.recordings.ranges import clean_ranges, count_returns, usable_limits
+from slarm_graph.frontends.recordings.scan_rules import (
+    SWEEPS_IGNORED,
+    repeats,
+    sweeps,
+    too_few_beams,
+)
 from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats
 
@@ -27,15 +34,14 @@ def check_scans(where: str, blocks: list[ScanBlock]) -> list[Finding]:
     found = check_stamps(where, stamps, table.record_ns)
     found += _check_limits(where, limits, table)
     found += _check_angles(where, limits, beams, table)
-    found += _check_sweep(where, limits, beams, table)
+    found += _check_sweep(where, table)
     found += _check_ranges(where, table)
     return found + _check_repetition(where, table)
 
 
 def _check_limits(where: str, limits: Floats, table: ScanTable) -> list[Finding]:
     low, high = limits[:, 5], limits[:, 6]
-    with np.errstate(invalid="ignore"):
-        bad = ~((high > 0) & (high > low) & (low >= 0))
+    bad = np.isnan(usable_limits(limits[:, 5:7])[:, 0])
     first = int(np.argmax(bad))
     return counted(
         "error" if bad.all() else "warning", where,
@@ -71,17 +77,11 @@ def _check_angles(where: str, limits: Floats, beams: Floats, table: ScanTable) -
     return found
 
 
-def _check_sweep(where: str, limits: Floats, beams: Floats, table: ScanTable) -> list[Finding]:
-    if len(table) < 3:
-        return []
-    period_s = float(np.median(np.diff(np.sort(table.stamp_ns)))) * 1e-9
+def _check_sweep(where: str, table: ScanTable) -> list[Finding]:
+    found = sweeps(table)
     return counted(
-        "warning", where,
-        f"{{count}} of {{total}} scans last longer than the {period_s:.3f} s between scans "
-        "(time_increment x beams)",
-        limits[:, 3] * beams > 1.5 * max(period_s, 1e-9), table.stamp_ns,
-        "time_increment is wrong; do not correct for motion within scans: "
-        "--set frontend.deskew=false",
+        "warning", where, found.describe(), found.ignored, table.stamp_ns,
+        f"time_increment is wrong; {SWEEPS_IGNORED}",
     )  # fmt: skip
 
 
@@ -92,20 +92,23 @@ def _check_ranges(where: str, table: ScanTable) -> list[Finding]:
     for block in table.blocks:
         r, high = block.ranges_m, block.limits[:, 6:7].astype(np.float32)
         with np.errstate(invalid="ignore"):
-            good = (r >= block.limits[:, 5:6].astype(np.float32)) & (r <= high)
             kinds["+inf"] += int(np.count_nonzero(np.isposinf(r)))
             kinds["nan"] += int(np.count_nonzero(np.isnan(r)))
             kinds["0"] += int(np.count_nonzero(r == 0))
             kinds["exactly range_max"] += int(np.count_nonzero(r == high))
             kinds["range_max + 1"] += int(np.count_nonzero(r == high + 1))
-        returns.append(np.asarray(good.any(axis=1)))
+        usable = clean_ranges(r, usable_limits(block.limits[:, 5:7]), clear_on_inf=True)
+        returns.append(count_returns(usable))
         total += r.size
-    empty = ~table.flat(returns)
+    counts = table.flat(returns)
+    empty = counts == 0
     severe = np.count_nonzero(empty) > _MAX_EMPTY_SHARE * len(empty)
     found = counted(
         "error" if severe else "warning", where, "{count} of {total} scans have no return",
         empty, table.stamp_ns, "they are not used",
     )  # fmt: skip
+    if not severe and (few := too_few_beams(counts[~empty])):
+        found.append(Finding("warning", where, few, "more beams, or good odometry, are needed"))
     for kind, count in kinds.items():
         if count > _NOTED_SHARE * max(total, 1):
             found.append(_common_value(where, kind, count / total))
@@ -128,17 +131,12 @@ def _common_value(where: str, kind: str, share: float) -> Finding:
 def _check_repetition(where: str, table: ScanTable) -> list[Finding]:
     if len(table) < 3:
         return []
-    same = np.zeros(len(table), bool)
-    for row in range(1, len(table)):
-        one, other = table.recorded(row - 1), table.recorded(row)
-        same[row] = one.shape == other.shape and one.tobytes() == other.tobytes()
-    if same[1:].all():
-        return [
-            Finding(
-                "warning", where, "the scan data never change", "is the driver stuck?", len(table)
-            )
-        ]
+    first = repeats(table, np.arange(len(table)))
+    if not first.any():
+        told = "the scan data never change"
+        return [Finding("warning", where, told, "is the driver stuck?", len(table))]
     return counted(
-        "note", where, "{count} of {total} scans repeat the one before", same, table.stamp_ns,
-        "a simulator or a re-publisher",
+        "note", where, "{count} of {total} scans repeat the one before",
+        first != np.arange(len(first)), table.stamp_ns,
+        "a simulator or a re-publisher; while the robot moves they are not used",
     )  # fmt: skip

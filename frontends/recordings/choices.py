@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.messages import ODOMETRY, SCAN_TYPES
+from slarm_graph.frontends.recordings.namespaces import namespace, own
 from slarm_graph.frontends.recordings.recordings import Topic
 
 FrameOf = Callable[[Topic], str]
@@ -39,11 +40,12 @@ def choose_scan_topic(topics: Sequence[Topic], wanted: str | None, frame_of: Fra
 
 
 def choose_odom_topic(
-    topics: Sequence[Topic], wanted: str | None
+    topics: Sequence[Topic], wanted: str | None, scan: Topic, scans: Sequence[Topic]
 ) -> tuple[Topic | None, list[str]]:
     """Return the topic with nav_msgs/Odometry, and what to tell of the choice.
 
-    The topic is None where tf or nothing has to do.
+    The topic is None where tf or nothing has to do. Of several the one beside the scans is taken,
+    else /odom; what belongs to another robot's scans is not considered.
 
     Raises
     ------
@@ -58,14 +60,20 @@ def choose_odom_topic(
         if not found:
             raise BadInput(f"no odometry on topic {wanted}; it has {listed(odoms or topics)}")
         return found[0], []
+    mine = own(odoms, scan, scans)
+    if odoms and not mine:
+        return None, [f"{listed(odoms)} is another robot's: not used; --odom takes it"]
+    odoms = mine
     if len(odoms) < 2:
         return (odoms[0] if odoms else None), []
+    beside = [t for t in odoms if namespace(t.name) == namespace(scan.name) != ""]
     usual = next((topic for topic in odoms if topic.name == "/odom"), None)
+    usual = beside[0] if len(beside) == 1 else usual
     if usual is None:
         flags = " or ".join(f"--odom {topic.name}" for topic in odoms)
         raise BadInput(f"{len(odoms)} Odometry topics; choose with {flags} or --odom none")
     others = ", ".join(topic.name for topic in odoms if topic is not usual)
-    return usual, [f"using /odom, not {others}; choose with --odom"]
+    return usual, [f"using {usual.name}, not {others}; choose with --odom"]
 
 
 def _absolute(name: str) -> str:

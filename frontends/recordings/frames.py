@@ -14,6 +14,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.clock import segment_rows
 from slarm_graph.frontends.recordings.messages import ScanBlock, StampedTransforms
 from slarm_graph.frontends.recordings.mounting import Mounting, mounting_in_plane
+from slarm_graph.frontends.recordings.namespaces import frame_like
 from slarm_graph.frontends.recordings.odometry import (
     OdometryPath,
     path_from_messages,
@@ -21,7 +22,7 @@ from slarm_graph.frontends.recordings.odometry import (
 )
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.readings_from import MountingAt
-from slarm_graph.frontends.recordings.transforms import TransformTree, parse_static
+from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, parse_static, torn
 from slarm_graph.geometry import compose
 
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
@@ -66,16 +67,21 @@ def usual_frame(blocks: Sequence[ScanBlock]) -> str:
 
 
 def robot_frame(
-    tree: TransformTree, odometry: StampedTransforms | None, laser: str, config: SourceConfig
+    tree: TransformTree,
+    odometry: StampedTransforms | None,
+    laser: str,
+    scan_topic: str,
+    config: SourceConfig,
 ) -> tuple[str, Told]:
     """The configured frame, else the odometry's child, else the usual names above the laser."""
     if config.robot_frame is not None:
         return config.robot_frame.lstrip("/"), []
     told: Told = []
+    laser, _ = known_as(tree, laser, scan_topic)
     if odometry is not None and len(odometry):
         child = odometry.edges[odometry.edge[0]][1]
         if child:
-            return child, []
+            return known_as(tree, child, scan_topic)
         told.append("the odometry names no child frame: taken as the robot's")
     above = tree.ancestors(laser)
     for name in _ROBOT_FRAMES:
@@ -89,11 +95,23 @@ def robot_frame(
     return above[-1], told
 
 
-def mountings(tree: TransformTree, robot: str, config: SourceConfig) -> MountingAt:
+def known_as(tree: TransformTree, frame: str, scan_topic: str) -> tuple[str, Told]:
+    """A frame as tf calls it: by its name, else by one that differs by a prefix or namespace."""
+    known = tree.frames()
+    if frame in known or not known:
+        return frame, []
+    like = frame_like(frame, known, scan_topic)
+    if like is None:
+        return frame, []
+    return like, [f"frame {frame} is taken to be {like} of tf"]
+
+
+def mountings(tree: TransformTree, robot: str, scan_topic: str, config: SourceConfig) -> MountingAt:
     """Find where lasers sit on the robot: once when fixed, else scan by scan."""
 
     def at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
         """Mounting of a laser at each stamp; None where tf does not know it."""
+        frame, _ = known_as(tree, frame, scan_topic)
         if frame == robot:
             return [Mounting()] * len(stamps_ns)
         moving = bool(tree.changing(robot, frame))
@@ -117,11 +135,17 @@ def odometry_of_topic(
     zero = len(messages) > 0 and not messages.stamp_ns.any()
     if zero:
         told.append(f"all stamps in {topic} are 0: using the time of recording")
-    path, bad = path_from_messages(messages, use_record_time=zero)
+    if torn(messages.translations_m):
+        raise BadInput(f"{topic} {TORN}; choose with --odom, or --odom none")
+    path, useless = path_from_messages(messages, use_record_time=zero)
+    bad = int(np.count_nonzero(useless))
     if bad and not len(path):
-        raise BadInput(f"{topic}: all {bad} poses lack a unit quaternion; use --odom tf or none")
+        raise BadInput(
+            f"{topic}: all {bad} poses are invalid (nowhere, or no unit quaternion); "
+            "use --odom tf or none"
+        )
     if bad:
-        told.append(f"{bad} of {len(messages)} poses in {topic} unusable, skipped")
+        told.append(f"{bad} of {len(messages)} poses in {topic} unusable, bridged")
     child = messages.edges[messages.edge[0]][1] if len(messages) else robot
     if len(path) and child != robot and tree.path(child, robot) is not None:
         turned, moved, _ = tree.lookup(child, robot, path.stamp_ns, np.iinfo(np.int64).max)

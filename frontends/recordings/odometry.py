@@ -20,6 +20,15 @@ _STILL_M = 1e-6
 _STILL_RAD = 1e-6
 _LEAST_GAP_S = 0.5
 _ANY_GAP_NS = np.iinfo(np.int64).max
+FARTHEST_M = 1e7
+"""Coordinates beyond those of UTM [m] are no places."""
+FASTEST_M_S = 50.0
+"""No robot on wheels drives so fast; one that seems to, and is back a moment later, was not there.
+At half as much, cars that carry lidars would lose poses."""
+LONGEST_EXCURSION = 10
+"""Poses in a row that may be elsewhere for a moment; a path that stays there was reset."""
+_LEAST_STEP_S = 0.02
+"""Steps are taken to last at least so long, for poses may be stamped in bunches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +93,55 @@ class OdometryPath:
 
 def path_from_messages(
     messages: StampedTransforms, *, use_record_time: bool = False
-) -> tuple[OdometryPath, int]:
-    """Build the path of an odometry topic; also return how many poses were unusable."""
+) -> tuple[OdometryPath, NDArray[np.bool_]]:
+    """Build the path of an odometry topic; also return which messages (N,) were of no use."""
     usable, quaternions = usable_quaternions(messages.quaternions)
-    usable &= np.isfinite(messages.translations_m).all(axis=1)
-    poses = np.column_stack([messages.translations_m[:, :2], yaws(quaternions)])[usable]
-    stamps = (messages.record_ns if use_record_time else messages.stamp_ns)[usable]
-    return sorted_path(stamps, poses), int(np.count_nonzero(~usable))
+    usable &= places(messages.translations_m)
+    stamps = messages.record_ns if use_record_time else messages.stamp_ns
+    rows = np.flatnonzero(usable)
+    poses = np.column_stack([messages.translations_m[rows, :2], yaws(quaternions[rows])])
+    order = np.argsort(stamps[rows], kind="stable")
+    usable[rows[order[excursions(stamps[rows][order], poses[order])]]] = False
+    kept = usable[rows]
+    return sorted_path(stamps[rows][kept], poses[kept]), ~usable
+
+
+def places(translations_m: Floats) -> NDArray[np.bool_]:
+    """Which translations (N, 2 or 3) can be places on earth."""
+    with np.errstate(invalid="ignore"):
+        return np.asarray((np.abs(translations_m) <= FARTHEST_M).all(axis=1))
+
+
+def excursions(stamps_ns: Ints, poses: Floats) -> NDArray[np.bool_]:
+    """Which poses (N, 3), in order of time, are elsewhere for a moment only.
+
+    Elsewhere is where no robot can get to; a path that does not come back within a few poses was
+    reset, and stays as it is.
+    """
+    away = np.zeros(len(poses), np.bool_)
+    if len(poses) < 3 or not _too_fast(stamps_ns[:-1], poses[:-1], stamps_ns[1:], poses[1:]).any():
+        return away
+    good, row = 0, 1
+    if (
+        _too_fast(stamps_ns[:1], poses[:1], stamps_ns[1:2], poses[1:2])[0]
+        and not (_too_fast(stamps_ns[1:2], poses[1:2], stamps_ns[2:3], poses[2:3])[0])
+    ):
+        away[0], good, row = True, 1, 2  # the first one is the odd one out
+    while row < len(poses):
+        ahead = slice(row, row + LONGEST_EXCURSION + 1)
+        near = ~_too_fast(stamps_ns[good], poses[good], stamps_ns[ahead], poses[ahead])
+        back = int(np.argmax(near)) if near.any() else 0
+        away[row : row + back] = True
+        good = row + back
+        row = good + 1
+    return away
+
+
+def _too_fast(
+    from_ns: Ints, from_poses: Floats, to_ns: Ints, to_poses: Floats
+) -> NDArray[np.bool_]:
+    step_m = np.linalg.norm(to_poses[..., :2] - from_poses[..., :2], axis=-1)
+    return np.asarray(step_m > FASTEST_M_S * np.maximum((to_ns - from_ns) * 1e-9, _LEAST_STEP_S))
 
 
 def path_from_tree(tree: TransformTree, odom: str, robot: str) -> OdometryPath:
@@ -99,12 +150,16 @@ def path_from_tree(tree: TransformTree, odom: str, robot: str) -> OdometryPath:
     if not edges:
         return OdometryPath(np.zeros(0, np.int64), np.zeros((0, 3)))
     stamps = np.unique(np.concatenate([edge.stamp_ns for edge in edges]))
-    rotations, places, known = tree.lookup(odom, robot, stamps, _ANY_GAP_NS)
+    rotations, at_m, known = tree.lookup(odom, robot, stamps, _ANY_GAP_NS)
     headings = np.arctan2(rotations[:, 1, 0], rotations[:, 0, 0])
-    return sorted_path(stamps[known], np.column_stack([places[:, :2], headings])[known])
+    return sorted_path(stamps[known], np.column_stack([at_m[:, :2], headings])[known])
 
 
 def sorted_path(stamps: Ints, poses: Floats) -> OdometryPath:
-    """Sort poses (N, 3) by stamp (N,) [ns]; of equal stamps the first stays."""
+    """Sort poses (N, 3) by stamp (N,) [ns]; of equal stamps the first stays, and no excursion."""
     unique, first = np.unique(stamps, return_index=True)
-    return OdometryPath(unique, poses[first])
+    sorted_poses = poses[first]
+    kept = places(sorted_poses[:, :2])
+    unique, sorted_poses = unique[kept], sorted_poses[kept]
+    kept = ~excursions(unique, sorted_poses)
+    return OdometryPath(unique[kept], sorted_poses[kept])

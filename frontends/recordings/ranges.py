@@ -13,6 +13,9 @@ from slarm_graph.geometry import Floats
 
 Ranges = NDArray[np.float32]
 
+MOST_RANGE_M = 10_000.0
+"""No lidar sees farther; an unlimited range_max would let a damaged range count as a return."""
+
 
 def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
     """Return usable (N, 2) range_min, range_max [m]: the configured ones, else the recorded.
@@ -24,20 +27,28 @@ def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
     BadInput
         When no scan has a usable pair.
     """
-    limits = np.array(recorded, np.float64)
+    stated = np.array(recorded, np.float64)
     for column, value in enumerate((config.range_min_m, config.range_max_m)):
         if value is not None:
-            limits[:, column] = value
-    with np.errstate(invalid="ignore"):
-        usable = (limits[:, 1] > 0) & (limits[:, 1] > limits[:, 0]) & (limits[:, 0] >= 0)
-    if len(limits) and not usable.any():
-        low, high = (float(value) for value in limits[0])
+            stated[:, column] = value
+    limits = usable_limits(stated)
+    if len(limits) and np.isnan(limits).all():
+        low, high = (float(value) for value in stated[0])
         if not high > 0:
             raise BadInput(f"range_max is {high:g} in {topic}; set --set source.range_max_m=...")
         raise BadInput(
             f"range_min {low:g} and range_max {high:g} in {topic} leave no range; "
             "set --set source.range_min_m=... or source.range_max_m=..."
         )
+    return limits
+
+
+def usable_limits(stated: Floats) -> Floats:
+    """Return range_min, range_max (N, 2) [m] where they leave a range, else nan."""
+    limits = np.array(stated, np.float64)
+    with np.errstate(invalid="ignore"):
+        limits[:, 1] = np.minimum(limits[:, 1], MOST_RANGE_M)
+        usable = (limits[:, 1] > 0) & (limits[:, 1] > limits[:, 0]) & (limits[:, 0] >= 0)
     limits[~usable] = np.nan
     return limits
 
@@ -58,10 +69,11 @@ def clean_ranges(ranges_m: Ranges, limits_m: Floats, *, clear_on_inf: bool) -> R
     (N, B) float32
         Finite between the limits; +inf nothing found; -inf too close; nan invalid. A finite value
         beyond the limits is invalid (REP-117), which covers the "no return" codes of older lasers.
+        So is 0, a code of many drivers, even where range_min is 0.
     """
     low, high = (limits_m[:, k, None].astype(np.float32) for k in (0, 1))
     with np.errstate(invalid="ignore"):
-        keep = ((ranges_m >= low) & (ranges_m <= high)) | np.isneginf(ranges_m)
+        keep = (ranges_m > 0) & (ranges_m >= low) & (ranges_m <= high) | np.isneginf(ranges_m)
         if clear_on_inf:
             keep |= np.isposinf(ranges_m)
     return np.where(keep, ranges_m, np.float32(np.nan))

@@ -13,7 +13,7 @@ from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.clock import choose_segment, disorder, seconds, silences
 from slarm_graph.frontends.recordings.mounting import Mounting
-from slarm_graph.frontends.recordings.odometry import OdometryPath
+from slarm_graph.frontends.recordings.odometry import OdometryPath, excursions, places
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.ranges import (
     clean_ranges,
@@ -21,12 +21,19 @@ from slarm_graph.frontends.recordings.ranges import (
     describe_emptiness,
     range_limits,
 )
+from slarm_graph.frontends.recordings.scan_rules import (
+    SWEEPS_IGNORED,
+    far_off,
+    frozen,
+    repeats,
+    sweeps,
+    too_few_beams,
+    too_many_beams,
+)
 from slarm_graph.frontends.recordings.scan_table import (
     Fates,
     ScanTable,
     beam_angles,
-    beam_period_s,
-    time_into_scan_ns,
 )
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
@@ -37,6 +44,9 @@ MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
 _MAX_UNUSED_SHARE = 0.5
 _NOTICED_UNUSED_SHARE = 0.05
 _MAX_EMPTY_SHARE = 0.9
+"""Shares of scans: with more than half unusable a run is refused, from a twentieth on it is a
+warning; without any return in nine of ten the sensor is at fault, not the place."""
+_FROZEN = "repeats an earlier scan to the bit although the robot moves"
 
 
 class RecordedSource:
@@ -74,13 +84,15 @@ class RecordedSource:
         self._table, self._config, self._topic = table, config, topic
         self._notices = list(notices)
         self._fates = Fates(len(table))
+        self._sweeps = sweeps(table, believed=config.sweep_times)
         self._stamps = self._choose_stamps()
         rows = self._in_time_order()
         self._ranges, self._limits = self._clean(rows)
         self._mountings = self._place(rows, mounting_at)
         self._rows = rows[self._fates.used[rows]]
-        self._judge()
         self._poses, self._known = self._odometry_at(odometry)
+        self._drop_frozen()
+        self._judge()
         self._info = SourceInfo(description, len(self._rows), tuple(self._notices))
 
     def info(self) -> SourceInfo:
@@ -133,8 +145,16 @@ class RecordedSource:
             )
             return self._table.record_ns
         self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
+        self._fates.drop(np.flatnonzero(far_off(stamps)), "stamp is more than a week off")
+        if self._sweeps.ignored.any():
+            self._notices.append(f"warning: {self._sweeps.describe()}; {SWEEPS_IGNORED}")
         share = {"first": 0.0, "middle": 0.5, "last": 1.0}[self._config.stamp_at]
-        return stamps - self._table.flat([time_into_scan_ns(b, share) for b in self._table.blocks])
+        intervals = self._table.flat(
+            [np.full(len(b), max(b.ranges_m.shape[1] - 1, 0)) for b in self._table.blocks]
+        )
+        return stamps - np.round(1e9 * share * intervals * self._sweeps.beam_period_s).astype(
+            np.int64
+        )
 
     def _in_time_order(self) -> Ints:
         """Return the rows still in use, sorted by stamp, each stamp once."""
@@ -150,8 +170,6 @@ class RecordedSource:
             first, second = rows[number : number + 2].tolist()
             self._fates.drop([second], self._repetition(first, second))
         self._notices += silences(self._stamps[rows], steps)
-        if self._table.repeats(rows):
-            self._notices.append("warning: the scan data never change; is the laser driver stuck?")
         return rows[self._fates.used[rows]]
 
     def _repetition(self, first: int, second: int) -> str:
@@ -180,14 +198,19 @@ class RecordedSource:
         ]
         limits = self._table.flat(
             [
-                np.column_stack([beam_angles(block), beam_period_s(block), part])
+                np.column_stack([beam_angles(block), np.zeros(len(block)), part])
                 for block, part in zip(blocks, parts, strict=True)
             ]
         )
+        limits[:, 2] = self._sweeps.beam_period_s
         returns = self._table.flat([count_returns(part) for part in ranges])
         self._fates.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
         self._fates.drop(rows[np.isnan(limits[rows, 1])], "no angle between beams")
+        crowded = self._table.flat([np.full(len(b), too_many_beams(b)) for b in blocks])
+        self._fates.drop(rows[crowded[rows]], "more beams than any lidar has")
         self._drop_empty(rows, rows[returns[rows] == 0])
+        if few := too_few_beams(returns[rows[self._fates.used[rows]]]):
+            self._notices.append(f"warning: {self._topic}: {few}")
         return ranges, limits
 
     def _drop_empty(self, rows: Ints, empty: Ints) -> None:
@@ -230,8 +253,7 @@ class RecordedSource:
         logged = [b.odom_from_robot for b in self._table.blocks if b.odom_from_robot is not None]
         wanted = self._config.odom != "none"
         if odometry is None and wanted and len(logged) == len(self._table.blocks):
-            poses = self._table.flat(logged)[self._rows]
-            return poses, np.asarray(np.isfinite(poses).all(axis=1))
+            return self._logged_odometry(self._table.flat(logged)[self._rows])
         if odometry is None:
             return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
         gap_s = self._config.max_odom_gap_s or odometry.usual_gap_s()
@@ -249,16 +271,42 @@ class RecordedSource:
             )
         return poses, known
 
+    def _logged_odometry(self, poses: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Poses (M, 3) logged with the scans in time order, and which of them can be true, (M,)."""
+        known = places(poses)
+        rows = np.flatnonzero(known)
+        known[rows[excursions(self._stamps[self._rows][rows], poses[rows])]] = False
+        if not known.all():
+            count = np.count_nonzero(~known)
+            self._notices.append(f"{count} of {len(known)} poses of the odometry unusable, skipped")
+        return np.where(known[:, None], poses, 0.0), known
+
+    def _drop_frozen(self) -> None:
+        """Leave out scans that repeat an earlier one although the odometry moves.
+
+        Where all are one and the same there is nothing else to go by: that is only told.
+        """
+        first = repeats(self._table, self._rows)
+        if len(first) > 2 and not first.any():
+            self._notices.append("warning: the scan data never change; is the laser driver stuck?")
+            return
+        stuck = frozen(first, self._poses, self._known)
+        self._fates.drop(self._rows[stuck], _FROZEN)
+        self._rows, self._poses = self._rows[~stuck], self._poses[~stuck]
+        self._known = self._known[~stuck]
+
     def _judge(self) -> None:
         """Count what is not used; too much of it is bad input."""
         counts = self._fates.counts()
         elsewhere = sum(n for reason, n in counts.items() if reason.startswith("not in segment"))
         total = len(self._table) - elsewhere
-        unused = sum(counts.values()) - elsewhere
+        unused = sum(counts.values()) - elsewhere - counts[_FROZEN]
         if not counts:
             return
         told = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
-        text = f"{unused + elsewhere} of {len(self._table)} scans not used: {told}"
+        text = f"{sum(counts.values())} of {len(self._table)} scans not used: {told}"
         if unused > _MAX_UNUSED_SHARE * total:
             raise BadInput(f"{self._topic}: {text}")
-        self._notices.append(f"warning: {text}" if unused > _NOTICED_UNUSED_SHARE * total else text)
+        self._notices.append(
+            f"warning: {text}" if unused + counts[_FROZEN] > _NOTICED_UNUSED_SHARE * total else text
+        )

@@ -40,6 +40,7 @@ from slarm_graph.frontends.recordings.messages import (
     read_scans,
     read_transforms,
 )
+from slarm_graph.frontends.recordings.namespaces import choose_tf_topics, namespace
 from slarm_graph.frontends.recordings.odometry import OdometryPath
 from slarm_graph.frontends.recordings.packed import Cursor, Malformed, Packed
 from slarm_graph.frontends.recordings.readings_from import RecordedSource
@@ -63,6 +64,9 @@ class RosMessages:
     odometry : dict of topic name to StampedTransforms
     moving, fixed : StampedTransforms
         From /tf and /tf_static.
+    notices : list of str
+    tf_of : dict of namespace to (moving, fixed)
+        The same, told apart by where they were published.
     """
 
     scans: dict[str, list[ScanBlock]]
@@ -70,6 +74,7 @@ class RosMessages:
     moving: StampedTransforms
     fixed: StampedTransforms
     notices: list[str] = field(default_factory=list)
+    tf_of: dict[str, tuple[StampedTransforms, StampedTransforms]] = field(default_factory=dict)
 
 
 def open_ros(paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
@@ -78,8 +83,11 @@ def open_ros(paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
     scan_topic = choose_scan_topic(
         recording.topics, config.scan_topic, partial(first_frame, recording)
     )
-    odom_topic, told = choose_odom_topic(recording.topics, config.odom)
-    tf_topics = [topic for topic in recording.topics if topic.msgtype in TF_TYPES]
+    scans = [topic for topic in recording.topics if topic.msgtype in SCAN_TYPES]
+    odom_topic, told = choose_odom_topic(recording.topics, config.odom, scan_topic, scans)
+    published = [topic for topic in recording.topics if topic.msgtype in TF_TYPES]
+    tf_topics, more = choose_tf_topics(published, scan_topic, scans, config.tf_namespace)
+    told += more
     wanted = [scan_topic, *tf_topics, *([odom_topic] if odom_topic else [])]
     messages = read_messages(recording, wanted, echo=config.echo)
     messages.notices[:0] = told
@@ -116,12 +124,26 @@ def read_messages(
         seen[topic] += len(packed)
         malformed[topic] += bad
     tf = {topic: parts for topic, parts in transforms.items() if topic.msgtype in TF_TYPES}
+    spaces = sorted({namespace(topic.name) for topic in tf})
     return RosMessages(
         scans,
         {t.name: join_transforms(p) for t, p in transforms.items() if t.msgtype == ODOMETRY},
+        *_moving_and_fixed(tf),
+        [f"{n} malformed messages in {topic.name} skipped" for topic, n in malformed.items() if n],
+        {
+            s: _moving_and_fixed({t: p for t, p in tf.items() if namespace(t.name) == s})
+            for s in spaces
+        },
+    )
+
+
+def _moving_and_fixed(
+    tf: dict[Topic, list[StampedTransforms]],
+) -> tuple[StampedTransforms, StampedTransforms]:
+    """Join the transforms of topics, those for all time apart."""
+    return (
         join_transforms([p for t, parts in tf.items() if not _is_static(t) for p in parts]),
         join_transforms([p for t, parts in tf.items() if _is_static(t) for p in parts]),
-        [f"{n} malformed messages in {topic.name} skipped" for topic, n in malformed.items() if n],
     )
 
 
@@ -184,16 +206,16 @@ def _assemble(
         odometry = only_segment(odometry, config.segment, count) if odometry else None
     tree, told = build_tree(moving, messages.fixed, config)
     laser = usual_frame(blocks)
-    robot, more = robot_frame(tree, odometry, laser, config)
+    robot, more = robot_frame(tree, odometry, laser, scan_topic.name, config)
     path, still_more = _odometry(tree, odometry, odom_topic, robot, config)
-    told += [*more, *still_more]
+    told += [*more, *still_more, *tree.notices()]
     if path is not None and path.never_moves() and scans_change(blocks):
         told.append("the odometry never changes although scans do: not used")
         path = None
     return RecordedSource(
         table,
         path,
-        mountings(tree, robot, config),
+        mountings(tree, robot, scan_topic.name, config),
         config=config,
         topic=scan_topic.name,
         description=f"{recording.description}: {scan_topic.name} in {laser}, robot {robot}",

@@ -17,6 +17,9 @@ from slarm_graph.geometry import Floats
 
 Scalar = TypeVar("Scalar", bound=np.generic)
 
+MOST_ANGLE_RAD = 100.0
+"""Angles beyond some turns [rad] are no directions but degrees taken for radians, or damage."""
+
 
 class ScanTable:
     """Scans as columns (N,), over blocks of equal beam count.
@@ -53,13 +56,6 @@ class ScanTable:
         """Return the ranges (B,) of one scan as recorded [m]."""
         return np.asarray(self.blocks[self.block[row]].ranges_m[self.line[row]])
 
-    def repeats(self, rows: Ints) -> bool:
-        """Whether all of several scans hold the same ranges."""
-        if len(rows) < 3:
-            return False
-        first = self.recorded(int(rows[0])).tobytes()
-        return all(self.recorded(row).tobytes() == first for row in rows[1:].tolist())
-
     def frames(self) -> dict[str, Ints]:
         """Rows of every laser frame."""
         names = [block.frame for block in self.blocks]
@@ -95,21 +91,18 @@ def beam_angles(block: ScanBlock) -> Floats:
     start, end, step = (block.limits[:, column] for column in range(3))
     intervals = block.ranges_m.shape[1] - 1
     if intervals > 0:
-        derived = (end - start) / intervals
+        with np.errstate(invalid="ignore"):
+            derived = (end - start) / intervals
         step = np.where(step == 0, np.where(derived == 0, np.nan, derived), step)
-    step = np.where(np.isfinite(start) & np.isfinite(step), step, np.nan)
+    sensible = (np.abs(start) <= MOST_ANGLE_RAD) & (np.abs(step) <= MOST_ANGLE_RAD)
+    step = np.where(sensible, step, np.nan)
     return np.column_stack([start, step])
 
 
-def beam_period_s(block: ScanBlock) -> Floats:
+def recorded_beam_period_s(block: ScanBlock) -> Floats:
     """Time between beams [s], (N,): as recorded, else the scan's duration shared out."""
     increment, duration = block.limits[:, 3], block.limits[:, 4]
     beams = max(block.ranges_m.shape[1], 1)
-    shared = np.where(duration > 0, duration / beams, 0.0)
-    return np.asarray(np.where(increment > 0, increment, shared))
-
-
-def time_into_scan_ns(block: ScanBlock, share: float) -> Ints:
-    """Time from the first beam to a share of the way to the last [ns], (N,)."""
-    seconds_in = share * beam_period_s(block) * max(block.ranges_m.shape[1] - 1, 0)
-    return np.asarray(np.round(seconds_in * 1e9), np.int64)
+    with np.errstate(invalid="ignore"):
+        shared = np.where(duration > 0, duration / beams, 0.0)
+        return np.asarray(np.where(increment > 0, increment, shared))

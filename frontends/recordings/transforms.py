@@ -25,6 +25,16 @@ from slarm_graph.geometry import Floats
 
 _SAME_M = 1e-6
 _SAME_QUATERNION = 1e-7
+"""Differences below these are rounding of writers that pass through text or float32."""
+_TORN_M = 0.3
+_TORN_SHARE = 0.25
+"""A stream that leaps so far and comes back with the next message, in a quarter of its messages,
+has two sources. Halved, a robot that rocks on the spot would count; doubled, two robots that drive
+side by side would not."""
+TORN = "jumps back and forth between two places: two robots, or two publishers"
+_OTHER_M = 1e-3
+_OTHER_TURN = 1e-3
+"""Fixed transforms that differ by more [m, quaternion] are two, not one written twice."""
 
 
 _Rows = tuple[Ints, Floats, Floats]
@@ -66,6 +76,7 @@ class TransformTree:
         self, moving: Iterable[StampedTransforms] = (), fixed: Iterable[StampedTransforms] = ()
     ) -> None:
         self.refused = 0
+        self._twofold: dict[tuple[str, str], int] = {}
         self._rows: dict[tuple[str, str], _Rows] = {}
         self._edges: dict[tuple[str, str], Edge] = {}
         self._add(join_transforms(list(moving)), is_fixed=False)
@@ -78,12 +89,29 @@ class TransformTree:
         for number, pair in enumerate(part.edges):
             rows = np.flatnonzero((part.edge == number) & usable)
             if rows.size and pair[0] != pair[1]:
-                rows = rows[-1:] if is_fixed else rows
+                if is_fixed:
+                    self._count_values(pair, part.translations_m[rows], quaternions[rows])
+                    rows = rows[-1:]
                 self._rows[pair] = (
                     part.stamp_ns[rows],
                     part.translations_m[rows],
                     quaternions[rows],
                 )
+
+    def _count_values(self, pair: tuple[str, str], places: Floats, turns: Floats) -> None:
+        """Note fixed transforms that were published with several values."""
+        rounded = np.round(places / _OTHER_M), np.round(np.abs(turns) / _OTHER_TURN)
+        count = len(np.unique(np.concatenate(rounded, axis=1), axis=0))
+        if count > 1:
+            self._twofold[pair] = count
+
+    def notices(self) -> list[str]:
+        """Say which fixed transforms were published with several values."""
+        return [
+            f"warning: tf_static {parent} -> {child} has {count} different values, the last is "
+            "used; two robots in one recording?"
+            for (parent, child), count in self._twofold.items()
+        ]
 
     def pairs(self) -> list[tuple[str, str]]:
         """All (parent, child) there are."""
@@ -96,6 +124,8 @@ class TransformTree:
     def edge(self, pair: tuple[str, str]) -> Edge:
         """One transform over time; put in order when it is first asked for."""
         if pair not in self._edges:
+            if torn(self._rows[pair][1]):
+                raise BadInput(f"tf {pair[0]} -> {pair[1]} {TORN}; choose with --odom")
             self._edges[pair] = _edge(*self._rows[pair])
         return self._edges[pair]
 
@@ -194,6 +224,17 @@ class TransformTree:
             groups = [g for g in groups if g not in touching]
             groups.append([*(other for g in touching for other in g), pair])
         return [" ".join(f"{parent}>{child}" for parent, child in group) for group in groups]
+
+
+def torn(places_m: Floats) -> bool:
+    """Whether places (N, 3) [m] in recorded order alternate between two paths."""
+    if len(places_m) < 8:
+        return False
+    with np.errstate(invalid="ignore", over="ignore"):
+        step = np.linalg.norm(np.diff(places_m, axis=0), axis=1)
+        two = np.linalg.norm(places_m[2:] - places_m[:-2], axis=1)
+        back_and_forth = (step[:-1] > _TORN_M) & (step[1:] > _TORN_M) & (two < 0.5 * step[:-1])
+    return bool(back_and_forth.mean() > _TORN_SHARE)
 
 
 def _edge(stamps: Ints, translations: Floats, quaternions: Floats) -> Edge:

@@ -46,7 +46,9 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
-        source = open_source(job.paths, config.source, config.simulation, seed=config.seed)
+        source = open_source(
+            job.paths, config.source_as_used(), config.simulation, seed=config.seed
+        )
     with folder.stage("loading", progress):
         backend = backends.make(config.backend, config, rng, progress.say)
     # readings -> SLAM backend

@@ -128,6 +128,11 @@ class RunConfig(Stage):
             raise BadInput(f"no part '{name}'; there are {', '.join(parts.section_names())}")
         return model()
 
+    def source_as_used(self) -> SourceConfig:
+        """How a recording is read: without the time of sweeps where motion is not to be undone."""
+        believed = self.source.sweep_times and self.frontend.deskew
+        return self.source.model_copy(update={"sweep_times": believed})
+
     def sections(self) -> dict[str, Stage]:
         """Return the settings of every part that is chosen or has been given some, by name."""
         chosen = {name: self.section(name) for _, name in chosen_parts(self)}

@@ -22,6 +22,8 @@ class SourceConfig(Stage):
     """Frame of the robot; null: the odometry's child frame, else base_footprint or base_link."""
     odom_frame: str | None = None
     """Frame the odometry is in, where it comes from tf; null: odom."""
+    tf_namespace: str | None = None
+    """Namespace whose tf is used, such as /robot1; null: that of the scans."""
     static_tf: tuple[str, ...] = ()
     """Extra fixed transforms, each `parent child x y z yaw [pitch roll]` [m, rad]."""
     segment: int | None = Field(default=None, ge=1)
@@ -36,6 +38,8 @@ class SourceConfig(Stage):
     """Overrides the recorded range_max; finite ranges beyond it are invalid."""
     echo: Literal["first", "last", "strongest"] = "first"
     """Which return of a beam to use, where the laser tells several apart."""
+    sweep_times: bool = True
+    """Whether the recorded time between beams is believed; `frontend.deskew=false` turns it off."""
     clear_on_inf: bool = True
     """Whether +inf ranges clear the space along the beam (REP-117)."""
 

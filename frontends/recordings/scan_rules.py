@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What is believed of recorded scans, decided once for the run and for the diagnosis."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config.stage import MOST_BEAMS
+from slarm_graph.frontends.recordings.messages import ScanBlock
+from slarm_graph.frontends.recordings.packed import Ints
+from slarm_graph.frontends.recordings.scan_table import ScanTable, recorded_beam_period_s
+from slarm_graph.geometry import Floats, between
+
+LONGEST_SWEEP_PERIODS = 1.5
+"""A sweep cannot last longer than the time until the next one; the half more allows for scans that
+were lost or stamped late. Units taken for others are wrong a thousandfold and more."""
+LONGEST_SWEEP_S = 1.0
+"""Where single scans tell no period: no planar lidar turns slower than once a second."""
+FEW_BEAMS = 16
+"""With fewer returns in most scans nothing can be matched: three unknowns need some ten lines of
+sight that see different walls; at half as many even a square room leaves matches undetermined."""
+MOVED_M = 0.02
+MOVED_RAD = 0.01
+"""Motion by which two scans differ in every bit: ranges have noise of a centimetre or so, and a
+robot that stands still on encoders that tremble moves less."""
+FAR_OFF_NS = 7 * 86_400 * 1_000_000_000
+"""A week: no recording lasts so long, so that a stamp this far from most others is damaged."""
+FAR_OFF_SHARE = 0.1
+"""More far stamps than this are no damage but two recordings in one, which is told otherwise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Sweeps:
+    """The time that scans take.
+
+    Parameters
+    ----------
+    beam_period_s : (N,) float64
+        Between neighbouring beams; 0 where it is unknown or not believed.
+    ignored : (N,) bool
+        Scans whose recorded time is not believed.
+    period_s : float
+        Usual time between scans; 0 where it is unknown.
+    """
+
+    beam_period_s: Floats
+    ignored: NDArray[np.bool_]
+    period_s: float
+
+    def describe(self) -> str:
+        """What is wrong, and what follows from it; nothing when all is well."""
+        count = int(np.count_nonzero(self.ignored))
+        if not count:
+            return ""
+        return (
+            f"{count} of {len(self.ignored)} scans last longer than the {self.period_s:.3f} s "
+            "between scans (time_increment x beams)"
+        )
+
+
+SWEEPS_IGNORED = "the time is ignored: motion within these scans is not undone"
+
+
+def sweeps(table: ScanTable, *, believed: bool = True) -> Sweeps:
+    """Decide which recorded sweep times are believed: those shorter than the time between scans."""
+    if not believed:
+        return Sweeps(np.zeros(len(table)), np.zeros(len(table), np.bool_), 0.0)
+    recorded = table.flat([recorded_beam_period_s(block) for block in table.blocks])
+    beams = table.flat([np.full(len(b), max(b.ranges_m.shape[1], 1)) for b in table.blocks])
+    steps = np.diff(np.unique(table.stamp_ns))
+    period_s = float(np.median(steps)) * 1e-9 if len(steps) > 1 else 0.0
+    longest_s = LONGEST_SWEEP_PERIODS * period_s if period_s else LONGEST_SWEEP_S
+    with np.errstate(over="ignore", invalid="ignore"):
+        ignored = ~(recorded * beams <= longest_s)
+    return Sweeps(np.where(ignored, 0.0, recorded), ignored, period_s)
+
+
+def far_off(stamps_ns: Ints) -> NDArray[np.bool_]:
+    """Which few stamps (N,) lie so far from the others that they must be damaged."""
+    if not len(stamps_ns):
+        return np.zeros(0, np.bool_)
+    away = np.abs(stamps_ns - np.median(stamps_ns)) > FAR_OFF_NS
+    return away if np.count_nonzero(away) < FAR_OFF_SHARE * len(stamps_ns) else away & False
+
+
+def repeats(table: ScanTable, rows: Ints) -> Ints:
+    """For scans in time order, the number (M,) of the first of the equal ones each belongs to."""
+    first = np.arange(len(rows))
+    for number in range(1, len(rows)):
+        one, other = table.recorded(int(rows[number - 1])), table.recorded(int(rows[number]))
+        if one.shape == other.shape and one.tobytes() == other.tobytes():
+            first[number] = first[number - 1]
+    return first
+
+
+def frozen(first: Ints, poses: Floats, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which scans (M,) repeat an earlier one to the bit although the robot has moved since.
+
+    Parameters
+    ----------
+    first : (M,) int64
+        As `repeats` gives it.
+    poses : (M, 3)
+        Of the odometry.
+    known : (M,) bool
+        Where there is odometry.
+    """
+    again = (first != np.arange(len(first))) & known & known[first]
+    moved = np.abs(between(poses[first], poses))
+    far = (np.hypot(moved[:, 0], moved[:, 1]) > MOVED_M) | (moved[:, 2] > MOVED_RAD)
+    return np.asarray(again & far)
+
+
+def too_few_beams(returns: Ints) -> str:
+    """What to say where most scans have hardly any return (N,); nothing otherwise."""
+    usual = float(np.median(returns)) if len(returns) else FEW_BEAMS
+    if usual >= FEW_BEAMS:
+        return ""
+    return (
+        f"most scans have {usual:.0f} returns or fewer: too few to be matched; the trajectory is "
+        "hardly better than the odometry"
+    )
+
+
+def too_many_beams(block: ScanBlock) -> bool:
+    """Whether scans have more beams than any lidar measures."""
+    return bool(block.ranges_m.shape[1] > MOST_BEAMS)
