@@ -1,0 +1,127 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Universal kriging with sparse precisions: field, drift and the coefficients of a mean at once.
+
+A reading is `y = B beta + A z + noise`; z are the field's nodes and the drift's times, with a
+sparse prior precision Q, and beta the coefficients of the propagation model with a Gaussian prior.
+With noise precisions W everything follows from the factor of F = Q + A' W A: the inverse of the
+readings' covariance is W - W A F^-1 A' W (Woodbury), its log determinant that of F less those of
+Q and W.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import sparse
+
+from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.priors import Precision
+
+_COLUMNS_AT_A_TIME = 256
+"""Right-hand sides solved at once; more take memory, fewer take calls."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficients:
+    """Prior of the mean's coefficients: means (p,) and standard deviations (p,)."""
+
+    mean: Floats
+    sd: Floats
+
+
+@dataclass(frozen=True, slots=True)
+class Posterior:
+    """What readings say of field, drift and coefficients.
+
+    Parameters
+    ----------
+    factor : Factor
+        Of Q + A' W A.
+    state : (S,) float64
+        Posterior mean of field and drift [dB].
+    beta : (p,) float64
+        Posterior mean of the coefficients.
+    beta_covariance : (p, p) float64
+    state_per_beta : (S, p) float64
+        How the state falls when the coefficients rise.
+    log_evidence : float
+        Logarithm of the marginal likelihood of the readings.
+    """
+
+    factor: Factor
+    state: Floats
+    beta: Floats
+    beta_covariance: Floats
+    state_per_beta: Floats
+    log_evidence: float
+
+    def mean(self, design: Floats, where: sparse.csr_array) -> Floats:
+        """Return the expected value (N,) at rows of design (N, p) and of the state (N, S)."""
+        return np.asarray(design @ self.beta + where @ self.state)
+
+    def variance(self, design: Floats, where: sparse.csr_array) -> Floats:
+        """Return the exact variance (N,) of that mean [dB^2]; a solve for each row."""
+        variance = np.empty(where.shape[0])
+        for first in range(0, len(variance), _COLUMNS_AT_A_TIME):
+            rows = slice(first, first + _COLUMNS_AT_A_TIME)
+            dense = where[rows].toarray()
+            solved = self.factor.solve(dense.T)
+            variance[rows] = np.einsum("ij,ji->i", dense, solved)
+        return variance + self.coefficient_variance(design, where @ self.state_per_beta)
+
+    def coefficient_variance(self, design: Floats, explained: Floats) -> Floats:
+        """Return the variance (N,) that unknown coefficients add [dB^2]."""
+        open_part = design - explained
+        return np.asarray(np.einsum("ij,jk,ik->i", open_part, self.beta_covariance, open_part))
+
+
+def condition(
+    prior: Precision,
+    where: sparse.csr_array,
+    design: Floats,
+    coefficients: Coefficients,
+    readings_dbm: Floats,
+    noise_precision: Floats,
+) -> Posterior:
+    """Condition field, drift and coefficients on readings.
+
+    Parameters
+    ----------
+    prior : Precision
+        Of the state, (S, S).
+    where : (N, S) sparse
+        A.
+    design : (N, p)
+        B.
+    coefficients : Coefficients
+    readings_dbm : (N,) [dBm]
+    noise_precision : (N,) [1/dB^2]
+        Positive.
+    """
+    weighted = sparse.csr_array(where.multiply(noise_precision[:, None]))
+    factor = Factor(sparse.csc_array(prior.matrix + weighted.T @ where))
+    at_mean = readings_dbm - design @ coefficients.mean
+    onto_state = weighted.T @ np.column_stack([at_mean, design])
+    solved = factor.solve(onto_state)
+    # Inner products of the residual and the design under the inverse covariance of the readings.
+    both = np.column_stack([at_mean, design])
+    inner = both.T @ (noise_precision[:, None] * both) - onto_state.T @ solved
+    beta_precision = inner[1:, 1:] + np.diag(coefficients.sd**-2)
+    step = np.linalg.solve(beta_precision, inner[1:, 0])
+    fit = inner[0, 0] - inner[1:, 0] @ step
+    log_determinant = (
+        factor.log_determinant() - prior.log_determinant - float(np.log(noise_precision).sum())
+    )
+    log_determinant += np.linalg.slogdet(beta_precision)[1] + 2.0 * np.log(coefficients.sd).sum()
+    log_evidence = -0.5 * (fit + log_determinant + len(readings_dbm) * np.log(2.0 * np.pi))
+    return Posterior(
+        factor,
+        solved[:, 0] - solved[:, 1:] @ step,
+        coefficients.mean + step,
+        np.linalg.inv(beta_precision),
+        solved[:, 1:],
+        float(log_evidence),
+    )
