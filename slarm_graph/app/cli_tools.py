@@ -41,14 +41,14 @@ def radio_command(
     from slarm_graph.files.configs import load_config
     from slarm_graph.files.maps import read_map
     from slarm_graph.geographic import as_geographic
-    from slarm_graph.radio.radio_map import radio_map
+    from slarm_graph.radio.propagation.over_map import predicted_radio_map
 
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
     geographic = as_geographic(read_map(map_file), resolved.recovery.default_height_m)
     if not geographic.accessible.any():
         raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
-    radio = radio_map(geographic, points, resolved.radio)
+    radio = predicted_radio_map(geographic, points, resolved)
     folder = create_run_folder(out, name)
     folder.write_text("config.yaml", config_yaml(resolved))
     save_radio(folder, radio)

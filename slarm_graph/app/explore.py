@@ -29,7 +29,7 @@ from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
-from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
@@ -80,7 +80,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         save_geographic(folder, geographic)
     # geographic map -> radio map
     with folder.stage("radio map", progress):
-        radio = radio_map(geographic, world.access_points, config.radio)
+        radio = predicted_radio_map(geographic, world.access_points, config)
         save_radio(folder, radio)
     # truth -> accuracy and report
     with folder.stage("report", progress):

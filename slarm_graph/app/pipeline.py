@@ -21,7 +21,7 @@ from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.mapping import end_points_m, render, thinned
-from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.recovery.recover import recover
 
 _ENOUGH_POINTS = 1_000_000
@@ -73,7 +73,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # geographic map -> radio map
     with folder.stage("radio map", progress):
         aps = job.access_points
-        radio = radio_map(geographic, aps, config.radio) if aps else None
+        radio = predicted_radio_map(geographic, aps, config) if aps else None
         save_radio(folder, radio)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):

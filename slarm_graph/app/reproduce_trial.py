@@ -22,7 +22,7 @@ from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.world import WorldMap
 
@@ -141,7 +141,7 @@ def recovered(world: WorldMap, drive: Exploration, config: RunConfig) -> Maps:
         with_sizes_of(world, config.recovery),
         geometry=geometry,
     )
-    return Maps(geographic, radio_map(geographic, world.access_points, config.radio))
+    return Maps(geographic, predicted_radio_map(geographic, world.access_points, config))
 
 
 def driven(world: WorldMap, config: RunConfig) -> Exploration:

@@ -5,9 +5,11 @@
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 from pydantic import Field, field_validator
 
+from slarm_graph.config.sections import PartName
 from slarm_graph.config.stage import Reach, Resolution, Stage
 
 
@@ -68,6 +70,8 @@ class RecoveryConfig(Stage):
 class RadioConfig(Stage):
     """The radio map."""
 
+    propagation: Annotated[str, PartName("propagation model")] = "3gpp"
+    """Model of path loss; `3gpp` is the row that `scenario` names."""
     scenario: str = "InF-SH"
     """Propagation scenario of 3GPP TR 38.901, or free-space."""
     frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)

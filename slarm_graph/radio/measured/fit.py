@@ -66,7 +66,8 @@ class Hyperparameters:
     def moved(self, vector: Floats) -> Hyperparameters:
         """Return those of a vector, with the same degrees of freedom."""
         scales = np.exp(vector)
-        return Hyperparameters(*(float(v) for v in scales[:4]), scales[4:], self.freedom)
+        reach, field, drift, time = (float(v) for v in scales[:4])
+        return Hyperparameters(reach, field, drift, time, scales[4:], self.freedom)
 
 
 _TYPICAL = (3.0, 5.0, 2.0, 5.0, 4.0)
@@ -163,7 +164,9 @@ class Problem:
         return np.asarray(variance + lost + (self.mean_slope_db_m * sd_m) ** 2)
 
 
-def fit_field(problem: Problem, start: Hyperparameters | None = None, *, search: bool = True) -> Fit:
+def fit_field(
+    problem: Problem, start: Hyperparameters | None = None, *, search: bool = True
+) -> Fit:
     """Fit field, drift and coefficients to readings.
 
     Parameters

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from pydantic import Field
 
-from slarm_graph.config.stage import Stage
+from slarm_graph.config import RadioConfig, Stage
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.path_loss import path_loss_db, shadow_sigma_db
 from slarm_graph.radio.propagation.links import Links, PathLoss
@@ -32,14 +32,11 @@ def decades_of_distance(distance_m: Floats) -> Floats:
 class ScenarioModel:
     """A row of 3GPP TR 38.901, Table 7.4.1-1; the paper's is InF-SH (eq. (15)-(16))."""
 
-    class Settings(Stage):
-        """A row of 3GPP TR 38.901."""
+    settings = Stage
 
-    settings = Settings
-
-    def __init__(self, settings: Stage, scenario: str) -> None:
+    def __init__(self, settings: Stage, radio: RadioConfig) -> None:
         del settings
-        self._scenario = scenario
+        self._scenario = radio.scenario
 
     def path_loss_db(self, links: Links) -> PathLoss:
         """Return the row's loss and shadow fading."""
@@ -70,8 +67,8 @@ class LogDistance:
 
     settings = LogDistanceSettings
 
-    def __init__(self, settings: LogDistanceSettings, scenario: str = "") -> None:
-        del scenario
+    def __init__(self, settings: LogDistanceSettings, radio: RadioConfig) -> None:
+        del radio
         self._s = settings
 
     def path_loss_db(self, links: Links) -> PathLoss:
@@ -103,8 +100,8 @@ class MultiWall:
 
     settings = MultiWallSettings
 
-    def __init__(self, settings: MultiWallSettings, scenario: str = "") -> None:
-        del scenario
+    def __init__(self, settings: MultiWallSettings, radio: RadioConfig) -> None:
+        del radio
         self._s = settings
 
     def path_loss_db(self, links: Links) -> PathLoss:
