@@ -54,8 +54,8 @@ def test_thick_walls_count_once_and_low_ones_are_looked_over():
     assert wall_crossings(GRID, heights, [0.05, 0.05, 0.5], low, 0.5)[0] == 1
     assert wall_crossings(GRID, heights, [0.05, 0.05, 4.0], low, 0.5)[0] == 0
     assert wall_crossings(GRID, heights, [0.05, 0.05, 4.0], high, 0.5)[0] == 1
-    assert wall_crossings(GRID, heights, [2.25, 0.05, 0.5], low, 0.5, mount_radius_m=0.8)[0] == 1
-    assert wall_crossings(GRID, heights, [2.25, 0.05, 0.5], low, 0.5, mount_radius_m=2.0)[0] == 0
+    assert wall_crossings(GRID, heights, [2.25, 0.05, 0.5], low, 0.5, mount_radius_m=0.4)[0] == 1
+    assert wall_crossings(GRID, heights, [2.25, 0.05, 0.5], low, 0.5, mount_radius_m=0.9)[0] == 0
 
 
 def links(distance_m, crossings, clear):
