@@ -4,10 +4,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
 from slarm_graph.polygons import contains, counter_clockwise
 
 
@@ -31,12 +34,28 @@ def nearest_on_outline(corners_m: ArrayLike, point: ArrayLike) -> tuple[Floats, 
 
 def is_convex(corners_m: ArrayLike) -> bool:
     """Tell whether a counter-clockwise polygon (K, 2) never turns right."""
-    a = np.asarray(corners_m, dtype=np.float64)
-    edge = np.roll(a, -1, axis=0) - a
-    ahead = np.roll(edge, -1, axis=0)
-    turn = edge[:, 0] * ahead[:, 1] - edge[:, 1] * ahead[:, 0]
-    scale = np.linalg.norm(edge, axis=1) * np.linalg.norm(ahead, axis=1)
-    return bool(np.all(turn >= -1e-12 * scale))
+    return bool(_are_convex(np.asarray(corners_m, dtype=np.float64)))
+
+
+def _are_convex(corners: Floats) -> Mask:
+    """Which polygons (..., K, 2) never turn right."""
+    edge = np.roll(corners, -1, axis=-2) - corners
+    ahead = np.roll(edge, -1, axis=-2)
+    turn = edge[..., 0] * ahead[..., 1] - edge[..., 1] * ahead[..., 0]
+    scale = np.linalg.norm(edge, axis=-1) * np.linalg.norm(ahead, axis=-1)
+    return np.asarray((turn >= -1e-12 * scale).all(axis=-1))
+
+
+def convex_plans(polygons_m: Sequence[Floats]) -> list[Floats]:
+    """Cut many simple polygons (K, 2) into convex ones; those of four corners all at once."""
+    quads = [n for n, polygon in enumerate(polygons_m) if len(polygon) == 4]
+    whole = np.zeros(len(polygons_m), dtype=np.bool_)
+    if quads:
+        whole[quads] = _are_convex(np.stack([polygons_m[n] for n in quads]))
+    pieces: list[Floats] = []
+    for polygon, is_whole in zip(polygons_m, whole.tolist(), strict=True):
+        pieces += [polygon] if is_whole else convex_pieces(polygon)
+    return pieces
 
 
 def convex_pieces(corners_m: ArrayLike) -> list[Floats]:

@@ -102,7 +102,12 @@ class GridGeometry:
     def resample(
         self, layer: NDArray[Scalar], target: GridGeometry, outside: float
     ) -> NDArray[Scalar]:
-        """Look a layer (rows, cols) up at the centres of another grid's cells, as `sample` does."""
+        """Look a layer (rows, cols) up at the centres of another grid's cells, as `sample` does.
+
+        For the same grid that is the layer itself, not a copy.
+        """
+        if target == self:
+            return layer
         corner = np.array([target.origin_x_m, target.origin_y_m])
         count = np.arange(max(target.shape))[:, None]
         cells = self.cell_of(corner + (count + 0.5) * target.resolution_m)

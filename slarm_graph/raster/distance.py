@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.raster.bands import by_bands
 
 Distances = NDArray[np.float32]
 
@@ -38,14 +39,28 @@ def clearance(free: Mask) -> Distances:
 
 def within(mask: Mask, radius_m: float, resolution_m: float) -> Mask:
     """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
-    if not mask.any():
-        return np.zeros_like(mask)
-    reach = math.floor((radius_m + _SLACK_M) / resolution_m)
+    return _within(mask, radius_m + _SLACK_M, resolution_m)
+
+
+def farther_than(mask: Mask, radius_cells: float) -> Mask:
+    """Cells whose centre is farther than a radius from the centre of every cell of the mask."""
+    return ~_within(mask, radius_cells, 1.0)
+
+
+def _within(mask: Mask, radius: float, cell: float) -> Mask:
+    """Cells at most a radius away from the mask, band by band."""
+    reach = math.floor(radius / cell)
     if reach > _MOST_DILATED_CELLS:
-        return np.asarray(distance_to(mask) * resolution_m <= radius_m + _SLACK_M)
-    offsets = np.arange(-reach, reach + 1) * resolution_m
-    disc = np.hypot(offsets[:, None], offsets) <= radius_m + _SLACK_M
-    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc.astype(np.uint8)) > 0)
+        return np.asarray(distance_to(mask) * np.float32(cell) <= radius)
+    offsets = np.arange(-reach, reach + 1) * cell
+    disc = (np.hypot(offsets[:, None], offsets) <= radius).astype(np.uint8)
+
+    def part(rows: slice) -> Mask:
+        """Dilate where there is anything."""
+        here = mask[rows]
+        return cv2.dilate(here.view(np.uint8), disc).view(np.bool_) if here.any() else here
+
+    return by_bands(mask.shape, reach, part)
 
 
 def nearest_of(mask: Mask) -> NDArray[np.int64]:

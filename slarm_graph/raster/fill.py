@@ -9,78 +9,124 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.convex import convex_pieces
+from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.world import Solid
 
+EVERYWHERE = slice(None)
+
+
+@dataclass(frozen=True, slots=True)
+class Polygons:
+    """Polygons laid onto a grid, to be filled in it or in some rows of it.
+
+    Parameters
+    ----------
+    shape : (rows, cols)
+    corners : (N, 2) float64
+        Of all polygons, x, y; centres of cells at whole numbers [cells].
+    starts : (P + 1,) int64
+        Where each polygon starts among the corners.
+    """
+
+    shape: tuple[int, int]
+    corners: Floats
+    starts: NDArray[np.int64]
+
+    @staticmethod
+    def on(geometry: GridGeometry, polygons_m: Sequence[Floats] | Floats) -> Polygons:
+        """Lay polygons (K, 2) [m] onto a grid."""
+        starts = np.cumsum([0, *(len(polygon) for polygon in polygons_m)])
+        if not starts[-1]:
+            return Polygons(geometry.shape, np.zeros((0, 2)), starts)
+        origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
+        corners = (np.concatenate(polygons_m) - origin) / geometry.resolution_m - 0.5
+        return Polygons(geometry.shape, corners, starts)
+
+    @staticmethod
+    def of_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Polygons:
+        """Lay the plans of solids onto a grid, cut into convex polygons."""
+        return Polygons.on(geometry, convex_plans([solid.corners_m for solid in solids]))
+
+    def odd(self, rows: slice = EVERYWHERE) -> Mask:
+        """Mark cells, of some rows, whose centre lies inside an odd number of the polygons."""
+        first, last, _ = rows.indices(self.shape[0])
+        flips = np.zeros((last - first, self.shape[1] + 1), dtype=np.bool_)
+        _flip(flips, self.corners, self.starts, first)
+        return np.asarray(np.logical_xor.accumulate(flips[:, :-1], axis=1))
+
+    def any(self, rows: slice = EVERYWHERE) -> Mask:
+        """Mark cells, of some rows, whose centre lies inside at least one; convex polygons only."""
+        first, last, _ = rows.indices(self.shape[0])
+        mask = np.zeros((last - first, self.shape[1]), dtype=np.bool_)
+        _cover(mask, self.corners, self.starts, first)
+        return mask
+
 
 def inside_outlines(geometry: GridGeometry, polygons_m: Sequence[Floats]) -> Mask:
     """Mark cells whose centre lies inside an odd number of closed polygons (K, 2) [m]."""
-    flips = np.zeros((geometry.rows, geometry.cols + 1), dtype=np.bool_)
-    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    for polygon in polygons_m:
-        _flip(flips, (polygon - origin) / geometry.resolution_m - 0.5)
-    return np.asarray(np.logical_xor.accumulate(flips[:, :-1], axis=1))
+    return Polygons.on(geometry, polygons_m).odd()
 
 
 def inside_any(geometry: GridGeometry, convex_m: Sequence[Floats]) -> Mask:
     """Mark cells whose centre lies inside at least one convex polygon (K, 2) [m]."""
-    steps = np.zeros((geometry.rows, geometry.cols + 1), dtype=np.int32)
-    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    for polygon in convex_m:
-        _cover(steps, (polygon - origin) / geometry.resolution_m - 0.5)
-    return np.asarray(np.cumsum(steps[:, :-1], axis=1) > 0)
+    return Polygons.on(geometry, convex_m).any()
 
 
 def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
     """Mark cells whose centre lies inside the plan of at least one solid."""
-    return inside_any(geometry, [p for solid in solids for p in convex_pieces(solid.corners_m)])
+    return Polygons.of_solids(geometry, solids).any()
 
 
 @njit(cache=True, nogil=True)
-def _cover(steps: NDArray[np.int32], polygon: Floats) -> None:
-    """Add one to the cells of every row between the two crossings of a convex polygon."""
-    rows, cols = steps.shape[0], steps.shape[1] - 1
-    begin = max(0, math.ceil(max(polygon[:, 1].min(), -1.0)))
-    end = min(rows, math.ceil(min(polygon[:, 1].max(), float(rows))))
-    for row in range(begin, end):
-        left, right = math.inf, -math.inf
+def _cover(mask: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int) -> None:
+    """Mark the cells of every row between the two crossings of convex polygons."""
+    rows, cols = mask.shape
+    for p in range(len(starts) - 1):
+        polygon = corners[starts[p] : starts[p + 1]]
+        low, high = polygon[:, 1].min(), polygon[:, 1].max()
+        begin = max(first_row, math.ceil(max(low, -1.0)))
+        end = min(first_row + rows, math.ceil(min(high, float(first_row + rows))))
+        for row in range(begin, end):
+            left, right = math.inf, -math.inf
+            for k in range(len(polygon)):
+                x0, y0 = polygon[k - 1, 0], polygon[k - 1, 1]
+                x1, y1 = polygon[k, 0], polygon[k, 1]
+                if (y0 <= row) != (y1 <= row):
+                    x = x0 + (row - y0) * (x1 - x0) / (y1 - y0)
+                    left, right = min(left, x), max(right, x)
+            if left < right:
+                first = max(0, math.ceil(min(max(left, -1.0), float(cols))))
+                last = min(cols, math.ceil(min(max(right, 0.0), float(cols))))
+                for col in range(first, last):
+                    mask[row - first_row, col] = True
+
+
+@njit(cache=True, nogil=True)
+def _flip(flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int) -> None:
+    """Flip the first cell right of every crossing of a row of centres; centres are whole."""
+    rows, last = flips.shape[0], flips.shape[1] - 1
+    for p in range(len(starts) - 1):
+        polygon = corners[starts[p] : starts[p + 1]]
         for k in range(len(polygon)):
             x0, y0 = polygon[k - 1, 0], polygon[k - 1, 1]
             x1, y1 = polygon[k, 0], polygon[k, 1]
-            if (y0 <= row) != (y1 <= row):
+            low, high = min(y0, y1), max(y0, y1)
+            if low == high:
+                continue
+            begin = max(first_row, math.ceil(max(low, -1.0)))
+            end = math.ceil(min(high, float(first_row + rows)))
+            for row in range(begin, min(end, first_row + rows)):
                 x = x0 + (row - y0) * (x1 - x0) / (y1 - y0)
-                left, right = min(left, x), max(right, x)
-        if left < right:
-            first = max(0, math.ceil(min(max(left, -1.0), float(cols))))
-            last = min(cols, math.ceil(min(max(right, 0.0), float(cols))))
-            if first < last:
-                steps[row, first] += 1
-                steps[row, last] -= 1
-
-
-@njit(cache=True, nogil=True)
-def _flip(flips: Mask, polygon: Floats) -> None:
-    """Flip the first cell right of every crossing of a row of centres; centres are whole."""
-    rows, last = flips.shape[0], flips.shape[1] - 1
-    for k in range(len(polygon)):
-        x0, y0 = polygon[k - 1, 0], polygon[k - 1, 1]
-        x1, y1 = polygon[k, 0], polygon[k, 1]
-        low, high = min(y0, y1), max(y0, y1)
-        if low == high:
-            continue
-        begin = max(0, math.ceil(max(low, -1.0)))
-        end = math.ceil(min(high, float(rows)))
-        for row in range(begin, min(end, rows)):
-            x = x0 + (row - y0) * (x1 - x0) / (y1 - y0)
-            col = min(max(math.ceil(min(max(x, -1.0), float(last))), 0), last)
-            flips[row, col] = not flips[row, col]
+                col = min(max(math.ceil(min(max(x, -1.0), float(last))), 0), last)
+                flips[row - first_row, col] = not flips[row - first_row, col]
 
 
 @njit(cache=True, nogil=True)

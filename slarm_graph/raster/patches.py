@@ -6,9 +6,11 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.raster.bands import by_bands
 
 Labels = NDArray[np.int32]
 Sizes = NDArray[np.int64]
@@ -34,15 +36,40 @@ def patches(mask: Mask, *, over_corners: bool) -> tuple[Labels, Sizes]:
 
 def larger_than(mask: Mask, cells: int) -> Mask:
     """Drop the patches (over sides and corners) of a mask that have at most so many cells."""
-    labels, sizes = patches(mask, over_corners=True)
-    return np.asarray((sizes > cells)[labels] & mask)
+
+    def part(rows: slice) -> Mask:
+        """Patches that are small in a band reach no further than its halo, large ones are large."""
+        labels, sizes = patches(mask[rows], over_corners=True)
+        return np.asarray((sizes > cells)[labels] & mask[rows])
+
+    return by_bands(mask.shape, cells + 1, part)
 
 
 def joined(mask: Mask, seeds: Mask) -> Mask:
     """Cells of a mask joined over sides to seeds in it; where there are none, its largest patch."""
+    reached = seeds & mask
+    if reached.any():
+        _flood(np.ascontiguousarray(mask), reached, np.flatnonzero(reached))
+        return reached
     labels, sizes = patches(mask, over_corners=False)
-    wanted = np.zeros(len(sizes), dtype=np.bool_)
-    inside = labels[seeds & mask]
-    wanted[inside if len(inside) else sizes.argmax()] = True
-    wanted[0] = False
-    return np.asarray(wanted[labels])
+    return np.asarray((labels == sizes.argmax()) & mask)
+
+
+@njit(cache=True, nogil=True)
+def _flood(mask: Mask, reached: Mask, waiting: Sizes) -> None:
+    """Mark what steps over sides from the waiting cells reach."""
+    rows, cols = mask.shape
+    count = len(waiting)
+    while count > 0:
+        count -= 1
+        row, col = waiting[count] // cols, waiting[count] % cols
+        if count + 4 > len(waiting):
+            waiting = np.concatenate((waiting, np.empty(len(waiting) + 4, dtype=np.int64)))
+        for turn in range(4):
+            to_row, to_col = row + (1, 0, -1, 0)[turn], col + (0, 1, 0, -1)[turn]
+            if not (0 <= to_row < rows and 0 <= to_col < cols):
+                continue
+            if mask[to_row, to_col] and not reached[to_row, to_col]:
+                reached[to_row, to_col] = True
+                waiting[count] = to_row * cols + to_col
+                count += 1

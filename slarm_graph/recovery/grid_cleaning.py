@@ -4,18 +4,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from scipy import ndimage
 
 from slarm_graph.config import RecoveryConfig
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.raster.distance import distance_to
+from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.distance import farther_than
 from slarm_graph.raster.patches import joined, larger_than, patches
 
-_EIGHT = np.ones((3, 3), dtype=np.bool_)
 _LEAST_CELLS = 3
 
 
@@ -53,37 +53,56 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     visited : (rows, cols) bool
     config : RecoveryConfig
     """
-    occupied = larger_than(grid.occupied, config.speck_cells) & ~visited
-    free = (grid.free | visited | (grid.occupied & ~occupied)) & ~occupied
-    passable = visited | (
-        free & _fits(occupied, config.robot_radius_m / grid.geometry.resolution_m)
-    )
-    closed = cv2.morphologyEx(
-        np.pad(occupied, 1).astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)
-    )[1:-1, 1:-1].astype(np.bool_)
-    occupied |= closed & ~passable
+    cell_m = grid.geometry.resolution_m
+    radius_cells = config.robot_radius_m / cell_m
+    held = grid.occupied
+    occupied = larger_than(held, config.speck_cells)
+    occupied &= ~visited
+    free = grid.free | visited | held
     free &= ~occupied
-    free |= _small_holes(free, occupied, config.hole_area_m2 / grid.geometry.resolution_m**2)
-    reached = _reached(free, visited, config.robot_radius_m / grid.geometry.resolution_m)
-    return CleanGrid(grid.geometry, occupied, free, reached, passable & reached)
+    passable = farther_than(occupied, radius_cells)
+    passable &= free
+    passable |= visited
+    del held
+    occupied |= by_bands(occupied.shape, 2, lambda rows: _closed(occupied[rows])) & ~passable
+    free &= ~occupied
+    free |= _small_holes(free, occupied, config.hole_area_m2 / cell_m**2)
+    reached = _reached(free, visited, radius_cells)
+    passable &= reached
+    return CleanGrid(grid.geometry, occupied, free, reached, passable)
 
 
-def _fits(occupied: Mask, radius_cells: float) -> Mask:
-    """Cells from whose centre a disc reaches into no occupied cell's centre."""
-    return np.asarray(distance_to(occupied) > radius_cells)
+def _closed(occupied: Mask) -> Mask:
+    """Cells with those that a closing by 3 x 3 cells adds; outside the grid is not occupied."""
+    framed = np.pad(occupied, 1).view(np.uint8)
+    around = np.ones((3, 3), dtype=np.uint8)
+    return cv2.morphologyEx(framed, cv2.MORPH_CLOSE, around)[1:-1, 1:-1].view(np.bool_)
 
 
 def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:
     """Unknown patches no larger than a size that touch free cells only, none of them a wall's."""
-    unknown = ~(free | occupied)
-    labels, sizes = patches(unknown, over_corners=True)
-    small = sizes <= most_cells
-    small[0] = False
-    beside = labels[ndimage.binary_dilation(occupied, _EIGHT) & unknown]
-    small[beside] = False
-    edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    small[edge] = False
-    return np.asarray(small[labels])
+    rows, cols = free.shape
+
+    def part(band: slice) -> Mask:
+        """A patch that is small in a band, and reaches into it, ends within its halo."""
+        unknown = ~(free[band] | occupied[band])
+        labels, sizes = patches(unknown, over_corners=True)
+        small = sizes <= most_cells
+        small[0] = False
+        small[labels[_widened(occupied[band]) & unknown]] = False
+        small[labels[:, [0, -1]]] = False
+        if band.start == 0:
+            small[labels[0]] = False
+        if band.stop == rows:
+            small[labels[-1]] = False
+        return np.asarray(small[labels])
+
+    return by_bands((rows, cols), math.floor(most_cells) + 2, part)
+
+
+def _widened(mask: Mask) -> Mask:
+    """Cells of a mask and their eight neighbours."""
+    return cv2.dilate(mask.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
 
 
 def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
@@ -95,8 +114,11 @@ def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
     """
     if 2.0 * radius_cells < _LEAST_CELLS:
         return joined(free, visited)
-    ways = cv2.erode(free.astype(np.uint8), np.ones((_LEAST_CELLS, _LEAST_CELLS), np.uint8))
-    region = joined(ways.astype(np.bool_) | (visited & free), visited)
+    around = np.ones((_LEAST_CELLS, _LEAST_CELLS), dtype=np.uint8)
+    ways = cv2.erode(free.view(np.uint8), around).view(np.bool_)
+    ways |= visited & free
+    region = joined(ways, visited)
     for _ in range(_LEAST_CELLS - 1):
-        region = (cv2.dilate(region.astype(np.uint8), _EIGHT.astype(np.uint8)) > 0) & free
+        region = _widened(region)
+        region &= free
     return region

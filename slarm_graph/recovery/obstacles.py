@@ -89,21 +89,22 @@ def wall_strips(
     height_m: float,
 ) -> list[Solid]:
     """Return a thin solid behind every side of the outlines that is a wall and in no block."""
-    behind_m = geometry.resolution_m
+    if not outlines:
+        return []
     taken = {(block.outline, side) for block in blocks for side in block.sides}
-    strips: list[Solid] = []
-    for n, outline in enumerate(outlines):
-        starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
-        for k, (start, end) in enumerate(zip(starts, ends, strict=True)):
-            length = float(np.linalg.norm(end - start))
-            if length < 1e-9 or (n, k) in taken:
-                continue
-            back = np.array([end[1] - start[1], start[0] - end[0]]) / length * behind_m
-            if not outline.fitted[k] and not _is_wall(geometry, occupied, start, end, back):
-                continue
-            corners = np.array([start, start + back, end + back, end])
-            strips.append(Solid(f"wall {len(strips) + 1}", corners, height_m))
-    return strips
+    sides = [(n, k) for n, outline in enumerate(outlines) for k in range(len(outline.corners_m))]
+    starts = np.concatenate([outline.corners_m for outline in outlines])
+    ends = np.concatenate([np.roll(outline.corners_m, -1, axis=0) for outline in outlines])
+    fitted = np.concatenate([outline.fitted for outline in outlines])
+    length = np.linalg.norm(ends - starts, axis=1)
+    wanted = (length >= 1e-9) & np.array([side not in taken for side in sides])
+    starts, ends, fitted, length = starts[wanted], ends[wanted], fitted[wanted], length[wanted]
+    step = ends - starts
+    back = np.stack([step[:, 1], -step[:, 0]], axis=1) / length[:, None] * geometry.resolution_m
+    wall = fitted.copy()
+    wall[~fitted] = _are_walls(geometry, occupied, starts[~fitted], ends[~fitted], back[~fitted])
+    plans = np.stack([starts, starts + back, ends + back, ends], axis=1)[wall]
+    return [Solid(f"wall {n}", corners, height_m) for n, corners in enumerate(plans, start=1)]
 
 
 def _ranked(
@@ -167,12 +168,20 @@ def _depth_m(box: Floats, points: Floats) -> Floats:
     return np.asarray((step[:, 0] * rel[..., 1] - step[:, 1] * rel[..., 0]).min(axis=1))
 
 
-def _is_wall(
-    geometry: GridGeometry, occupied: Mask, start: Floats, end: Floats, back: Floats
-) -> bool:
-    """Whether most of what lies just behind a side is occupied."""
-    count = max(2, int(np.linalg.norm(end - start) / geometry.resolution_m) + 1)
-    along = start + np.linspace(0.05, 0.95, count)[:, None] * (end - start)
-    behind = np.stack([along + 0.5 * back, along + 1.5 * back])
-    hits = geometry.sample(occupied, behind, outside=False).any(axis=0)
-    return bool(hits.mean() >= 0.5)
+def _are_walls(
+    geometry: GridGeometry, occupied: Mask, starts: Floats, ends: Floats, back: Floats
+) -> Mask:
+    """Whether most of what lies just behind sides (N, 2) is occupied (N,)."""
+    step = ends - starts
+    length = np.linalg.norm(step, axis=1)
+    count = np.maximum(2, (length / geometry.resolution_m).astype(np.int64) + 1)
+    side = np.repeat(np.arange(len(count)), count)
+    rank = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)
+    # As np.linspace has it, so that a sample on the border of a cell stays on its side.
+    share = rank * ((0.95 - 0.05) / (count - 1))[side] + 0.05
+    share[np.cumsum(count) - 1] = 0.95
+    along = starts[side] + share[:, None] * step[side]
+    hits = np.zeros(len(side), dtype=np.bool_)
+    for depth in (0.5, 1.5):
+        hits |= geometry.sample(occupied, along + depth * back[side], outside=False)
+    return np.asarray(np.bincount(side, weights=hits, minlength=len(count)) / count >= 0.5)

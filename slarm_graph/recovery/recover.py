@@ -21,8 +21,9 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
+from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.distance import within
-from slarm_graph.raster.fill import inside_any, inside_outlines, inside_solids
+from slarm_graph.raster.fill import Polygons, inside_outlines
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
@@ -41,6 +42,8 @@ from slarm_graph.world import Solid, WorldMap
 
 _COARSEST_M = 0.05
 _MOVED_CELLS = 2.5
+_NEAR_HALO, _THIN_HALO = 3, 5
+"""Rows around that decide: as far as straightening moves, and one more cell and its corner."""
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 
 
@@ -80,9 +83,8 @@ def recover(
     target = grid.geometry if geometry is None else geometry
     shape = _shape(grid, trajectory, config, end_points)
     visited = visited_cells(target, trajectory)
-    region = _region(shape, target, visited)
-    behind = _behind(shape, target)
-    states = _states(shape.clean, target, region, behind)
+    laid = _Laid.on(target, shape)
+    states = _states(shape.clean, target, _region(shape, laid, target, visited), laid)
     expanded = _expanded(target, states, config.expansion_radius_m) & ~visited
     states[expanded] = CellState.EXPANSION
     accessible = states == CellState.ACCESSIBLE
@@ -159,77 +161,103 @@ def _shape(
     return _Shape(clean, outlines, [block.solid for block in blocks], strips)
 
 
-def _region(shape: _Shape, target: GridGeometry, visited: Mask) -> Mask:
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """A shape's polygons laid onto a grid: outlines, faces that are free or blocked, solids."""
+
+    outlines: Polygons
+    free_faces: Polygons
+    blocked_faces: Polygons
+    solids: Polygons
+
+    @staticmethod
+    def on(geometry: GridGeometry, shape: _Shape) -> _Laid:
+        rings = [outline.corners_m for outline in shape.outlines]
+        free_faces, blocked_faces = _faces(rings, geometry.resolution_m)
+        return _Laid(
+            Polygons.on(geometry, rings),
+            Polygons.on(geometry, free_faces),
+            Polygons.on(geometry, blocked_faces),
+            Polygons.of_solids(geometry, (*shape.blocks, *shape.strips)),
+        )
+
+    def free(self, rows: slice) -> Mask:
+        """Cells whose centre the outlines call free; on a face, the reference's rule."""
+        free = self.outlines.odd(rows)
+        free |= self.free_faces.any(rows)
+        free &= ~self.blocked_faces.any(rows)
+        return free
+
+
+def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> Mask:
     """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
-    clean = shape.clean
-    region = clean.geometry.resample(clean.reached, target, outside=False)
-    if shape.outlines:
-        near = clean.geometry.resample(_near_border(clean), target, outside=True)
-        region = np.where(near, _straight(shape, target), region)
-        region &= ~clean.geometry.resample(_thin_walls(shape), target, outside=False)
-        region |= clean.geometry.resample(clean.passable, target, outside=False)
-    return np.asarray(region | visited)
+    clean, look_up = shape.clean, shape.clean.geometry.resample
+    region = look_up(clean.reached, target, outside=False)
+    if not shape.outlines:
+        return region | visited
+    mine = laid if target == clean.geometry else _Laid.on(clean.geometry, shape)
+    thin = by_bands(clean.reached.shape, _THIN_HALO, lambda rows: _thin_walls(clean, mine, rows))
+    near = by_bands(clean.reached.shape, _NEAR_HALO, lambda rows: _near_border(clean, rows))
+    near, thin = look_up(near, target, outside=True), look_up(thin, target, outside=False)
+    passable = look_up(clean.passable, target, outside=False)
+
+    def part(rows: slice) -> Mask:
+        """What holds in some rows of the target."""
+        here = np.where(near[rows], laid.free(rows), region[rows]) & ~thin[rows]
+        return here | passable[rows] | visited[rows]
+
+    return by_bands(target.shape, 0, part)
 
 
-def _near_border(clean: CleanGrid) -> Mask:
-    """Cells of the grid that straightening may change."""
-    reach_m = _MOVED_CELLS * clean.geometry.resolution_m
+def _near_border(clean: CleanGrid, rows: slice) -> Mask:
+    """Cells, of some rows of the grid, that straightening may change."""
     cell_m = clean.geometry.resolution_m
-    return within(clean.reached, reach_m, cell_m) & within(~clean.reached, reach_m, cell_m)
+    reached, reach_m = clean.reached[rows], _MOVED_CELLS * cell_m
+    near = within(reached, reach_m, cell_m)
+    near &= within(~reached, reach_m, cell_m)
+    return near
 
 
-def _straight(shape: _Shape, geometry: GridGeometry) -> Mask:
-    """Cells whose centre the straightened outlines call free; on a face, the reference's rule."""
-    inside = inside_outlines(geometry, [outline.corners_m for outline in shape.outlines])
-    free_faces, blocked_faces = _faces(shape.outlines, geometry.resolution_m)
-    return (inside | inside_any(geometry, free_faces)) & ~inside_any(geometry, blocked_faces)
+def _thin_walls(clean: CleanGrid, laid: _Laid, rows: slice) -> Mask:
+    """Occupied cells, of some rows, with nothing left near them, as both faces met in one line."""
+    occupied, cell_m = clean.occupied[rows], clean.geometry.resolution_m
+    free = np.where(_near_border(clean, rows), laid.free(rows), clean.reached[rows])
+    blocked = ~free & (occupied | laid.solids.any(rows))
+    return occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
 
 
-def _thin_walls(shape: _Shape) -> Mask:
-    """Occupied cells of the grid with nothing left near them, as both faces met in one line."""
-    clean, cell_m = shape.clean, shape.clean.geometry.resolution_m
-    free = np.where(_near_border(clean), _straight(shape, clean.geometry), clean.reached)
-    blocked = ~free & (clean.occupied | _behind(shape, clean.geometry))
-    left = within(blocked, 1.5 * cell_m, cell_m)
-    return clean.occupied & free & ~left
-
-
-def _faces(outlines: list[Outline], resolution_m: float) -> tuple[list[Floats], list[Floats]]:
-    """Thin quadrilaterals (4, 2) around the sides [m], of free and of blocked faces.
+def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
+    """Thin quadrilaterals (N, 4, 2) around the sides [m], of free and of blocked faces.
 
     Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a
     face, which is only known to about a centimetre. As in the reference, such a centre is free
     when the free side lies to its right or above, else blocked.
     """
     half_m = min(_FACE_CELLS * resolution_m, _FACE_M)
-    quads: tuple[list[Floats], list[Floats]] = ([], [])
-    for outline in outlines:
-        starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
-        for start, end in zip(starts, ends, strict=True):
-            step = end - start
-            length = math.hypot(step[0], step[1])
-            if length > 0.0:
-                along = step * (half_m / length)
-                side = np.array([-along[1], along[0]])
-                free = side @ NUDGE_M > 0.0
-                reach = along if free else -along
-                a, b = start - reach, end + reach
-                quads[0 if free else 1].append(np.array([a - side, b - side, b + side, a + side]))
-    return quads
+    if not rings:
+        return np.zeros((0, 4, 2)), np.zeros((0, 4, 2))
+    starts = np.concatenate(rings)
+    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    step = ends - starts
+    length = np.hypot(step[:, 0], step[:, 1])
+    real = length > 0.0
+    starts, ends, step, length = starts[real], ends[real], step[real], length[real]
+    along = step * (half_m / length)[:, None]
+    side = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    free = side @ NUDGE_M > 0.0
+    reach = np.where(free[:, None], along, -along)
+    a, b = starts - reach, ends + reach
+    quads = np.stack([a - side, b - side, b + side, a + side], axis=1)
+    return quads[free], quads[~free]
 
 
-def _behind(shape: _Shape, target: GridGeometry) -> Mask:
-    """Cells whose centre lies in a block or just behind a wall's face."""
-    return inside_solids(target, (*shape.blocks, *shape.strips))
-
-
-def _states(clean: CleanGrid, target: GridGeometry, region: Mask, behind: Mask) -> np.ndarray:
+def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
     occupied = clean.geometry.resample(clean.occupied, target, outside=False)
     free = clean.geometry.resample(clean.free & ~clean.reached, target, outside=False)
     states = np.full(target.shape, CellState.UNKNOWN, dtype=np.uint8)
     states[free] = CellState.ENCLOSED
-    states[occupied | behind] = CellState.OBSTACLE
+    states[occupied | laid.solids.any()] = CellState.OBSTACLE
     states[region] = CellState.ACCESSIBLE
     return states
 
@@ -249,7 +277,8 @@ def _heights(
     """Top of every obstacle cell (rows, cols) float32 [m], and where the heights came from."""
     height_m = math.inf if config.default_height_m is None else config.default_height_m
     source = "infinite" if config.default_height_m is None else "default"
-    heights_m = np.where(states == CellState.OBSTACLE, height_m, 0.0).astype(np.float32)
+    heights_m = np.zeros(target.shape, dtype=np.float32)
+    heights_m[states == CellState.OBSTACLE] = height_m
     for block in shape.blocks:
         inside = inside_outlines(target, [block.corners_m]) & (states == CellState.OBSTACLE)
         heights_m[inside] = block.height_m

@@ -1,0 +1,63 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A grid in bands of rows, so that intermediate layers take no memory that goes with its size."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from slarm_graph.grid import Mask
+
+_BAND_CELLS = 2_000_000
+"""Cells of a band: some layers of it fit into a processor's cache. Half and double change the time
+of recovery by less than its noise, and its memory by about 10 MB."""
+
+
+class Band(NamedTuple):
+    """Rows of a grid.
+
+    Parameters
+    ----------
+    rows : slice
+        Of the grid.
+    around : slice
+        The same and some more on either side, as far as the grid goes.
+    inner : slice
+        The rows among those around.
+    """
+
+    rows: slice
+    around: slice
+    inner: slice
+
+
+def bands(shape: tuple[int, int], halo: int = 0) -> Iterator[Band]:
+    """Cut a grid (rows, cols) into bands that know so many rows on either side."""
+    rows, cols = shape
+    count = max(4 * halo, _BAND_CELLS // max(1, cols), 1)
+    for first in range(0, rows, count):
+        last = min(rows, first + count)
+        low, high = max(0, first - halo), min(rows, last + halo)
+        yield Band(slice(first, last), slice(low, high), slice(first - low, last - low))
+
+
+def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -> Mask:
+    """Put a mask (rows, cols) together from what a function says of bands.
+
+    Parameters
+    ----------
+    shape : (rows, cols)
+    halo : int
+        How many rows beyond a band the function has to see.
+    part : function of rows
+        Returns its mask for these rows of the grid; only those well inside are used.
+    """
+    whole = np.zeros(shape, dtype=np.bool_)
+    for band in bands(shape, halo):
+        mask = part(band.around)[band.inner]
+        if mask.any():
+            whole[band.rows] = mask
+    return whole
