@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
@@ -139,6 +139,18 @@ class OccupancyGrid:
     def __post_init__(self) -> None:
         if self.probability.shape != self.geometry.shape:
             raise ValueError(f"{self.probability.shape} cells for a {self.geometry.shape} grid")
+
+    def on(self, target: GridGeometry) -> OccupancyGrid:
+        """Return the grid looked up at the centres of another grid's cells."""
+        probability = self.geometry.resample(self.probability, target, np.nan)
+        return replace(self, geometry=target, probability=probability)
+
+    def in_rows(self, rows: slice) -> OccupancyGrid:
+        """Return some of the rows, without a copy."""
+        first, last, _ = rows.indices(self.geometry.rows)
+        low_m = self.geometry.origin_y_m + first * self.geometry.resolution_m
+        part = replace(self.geometry, origin_y_m=low_m, rows=last - first)
+        return replace(self, geometry=part, probability=self.probability[rows])
 
     @property
     def occupied(self) -> Mask:

@@ -10,16 +10,22 @@ from scipy.spatial import cKDTree
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.distance import within
 from slarm_graph.trajectory import Trajectory
 
 
-def observed_cells(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> Mask:
+def observed_cells(grid: OccupancyGrid, states: np.ndarray) -> Mask:
     """Mark the cells (rows, cols) seen free, or seen and free as recovery has it."""
-    seen = grid.geometry.resample(~np.isnan(grid.probability), target, outside=False)
-    free = grid.geometry.resample(grid.free, target, outside=False)
-    known_free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION))
-    return np.asarray((seen & known_free) | (free & (states != CellState.OBSTACLE)))
+    obstacle, known_free = CellState.OBSTACLE, (CellState.ACCESSIBLE, CellState.EXPANSION)
+
+    def part(rows: slice) -> Mask:
+        """Those of some rows."""
+        here, now = grid.in_rows(rows), states[rows]
+        seen = ~np.isnan(here.probability)
+        return np.asarray((seen & np.isin(now, known_free)) | (here.free & (now != obstacle)))
+
+    return by_bands(states.shape, 0, part)
 
 
 def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:

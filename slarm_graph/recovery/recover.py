@@ -21,7 +21,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons, inside_outlines
 from slarm_graph.raster.outlines import outlines_m
@@ -81,25 +81,31 @@ def recover(
         own when left out.
     """
     target = grid.geometry if geometry is None else geometry
-    shape = _shape(grid, trajectory, config, end_points)
     visited = visited_cells(target, trajectory)
+    shape = _shape(grid, trajectory, config, end_points)
     laid = _Laid.on(target, shape)
     states = _states(shape.clean, target, _region(shape, laid, target, visited), laid)
-    expanded = _expanded(target, states, config.expansion_radius_m) & ~visited
-    states[expanded] = CellState.EXPANSION
+    blocks, strips = shape.blocks, shape.strips
+    # On a large site the layers so far take more memory than the result.
+    del shape, laid
+    states[_expanded(target, states, config.expansion_radius_m) & ~visited] = CellState.EXPANSION
     accessible = states == CellState.ACCESSIBLE
     states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
-    heights_m, source = _heights(shape, target, states, config)
+    del accessible
+    heights_m, source = _heights(blocks, target, states, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     footprint &= states != CellState.OBSTACLE
+    seen = grid.on(target)
+    observed = observed_cells(seen, states)
+    observed |= visited
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(observed_cells(grid, target, states) | visited, visited, footprint),
-        changed_cells=_changed(grid, target, states),
-        solids=(*shape.blocks, *shape.strips),
+        coverage=Coverage(observed, visited, footprint),
+        changed_cells=_changed(seen, states),
+        solids=(*blocks, *strips),
     )
 
 
@@ -272,25 +278,27 @@ def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask
 
 
 def _heights(
-    shape: _Shape, target: GridGeometry, states: np.ndarray, config: RecoveryConfig
+    blocks: list[Solid], target: GridGeometry, states: np.ndarray, config: RecoveryConfig
 ) -> tuple[np.ndarray, str]:
     """Top of every obstacle cell (rows, cols) float32 [m], and where the heights came from."""
     height_m = math.inf if config.default_height_m is None else config.default_height_m
     source = "infinite" if config.default_height_m is None else "default"
     heights_m = np.zeros(target.shape, dtype=np.float32)
     heights_m[states == CellState.OBSTACLE] = height_m
-    for block in shape.blocks:
+    for block in blocks:
         inside = inside_outlines(target, [block.corners_m]) & (states == CellState.OBSTACLE)
         heights_m[inside] = block.height_m
-    if shape.blocks:
-        source = f"matched sizes ({len(shape.blocks)} obstacles), else {source}"
+    if blocks:
+        source = f"matched sizes ({len(blocks)} obstacles), else {source}"
     return heights_m, source
 
 
-def _changed(grid: OccupancyGrid, target: GridGeometry, states: np.ndarray) -> int:
-    """Cells whose class differs from that of the grid at their centre."""
-    occupied = grid.geometry.resample(grid.occupied, target, outside=False)
-    free = grid.geometry.resample(grid.free, target, outside=False)
-    now_occupied = states == CellState.OBSTACLE
-    now_free = ~now_occupied & (states != CellState.UNKNOWN)
-    return int(np.sum((occupied != now_occupied) | (free != now_free)))
+def _changed(grid: OccupancyGrid, states: np.ndarray) -> int:
+    """Count the cells whose class differs from that of the grid."""
+    count = 0
+    for band in bands(states.shape):
+        here, now = grid.in_rows(band.rows), states[band.rows]
+        now_occupied = now == CellState.OBSTACLE
+        now_free = ~now_occupied & (now != CellState.UNKNOWN)
+        count += int(np.sum((here.occupied != now_occupied) | (here.free != now_free)))
+    return count

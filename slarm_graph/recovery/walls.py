@@ -176,10 +176,11 @@ def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wal
                 at += 1
                 continue
             wall, count = taken
-            gone = {(at + step * k) % len(ring) for k in range(1, count + 1)}
+            gone = sorted(((at + step * k) % len(ring) for k in range(1, count + 1)), reverse=True)
             ring[at] = wall
             at -= sum(index < at for index in gone)
-            ring = [other for index, other in enumerate(ring) if index not in gone]
+            for index in gone:
+                del ring[index]
     return ring
 
 
