@@ -12,7 +12,6 @@ drawn from; the two are there to prevent just that.
 from __future__ import annotations
 
 import math
-import pickle
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
@@ -33,6 +32,7 @@ from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
+from slarm_graph.snapshots import State, decode, encode
 from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = (
@@ -52,7 +52,7 @@ _SURE_RAD = 0.05
 
 @dataclass
 class _State:
-    """Everything that changes, plain enough to be pickled."""
+    """Everything that changes."""
 
     tracker: ScanTracker
     filter: MappingFilter
@@ -136,15 +136,15 @@ class GmappingBackend:
         self._settle()
         return self._filled(self._state.filter.mean_path())
 
-    def snapshot(self) -> bytes:
-        """Return the whole state, that of the random numbers included."""
+    def snapshot(self) -> State:
+        """Return the whole state once the filter's step is done, random numbers included."""
         self._settle()
-        return pickle.dumps((self._state, self._rng.bit_generator.state))
+        return encode(self)
 
-    def restore(self, state: bytes) -> None:
+    def restore(self, state: State) -> None:
         """Continue from a snapshot."""
         self._settle()
-        self._state, self._rng.bit_generator.state = pickle.loads(state)
+        decode(state, self)
 
     def _settle(self) -> None:
         """Wait for the filter; its errors come up here."""

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import ClassVar
 
 import numpy as np
@@ -15,6 +14,7 @@ from slarm_graph.config import FrontendConfig, Stage
 from slarm_graph.errors import BadInput, RunFailed
 from slarm_graph.geometry import Floats, Pose2, compose, invert
 from slarm_graph.readings import Reading
+from slarm_graph.snapshots import State, decode, encode
 from slarm_graph.trajectory import Trajectory
 
 
@@ -65,13 +65,13 @@ class OdometryBackend:
         )
         return SlamResult(trajectory, notices=notices)
 
-    def snapshot(self) -> bytes:
-        """Return all readings."""
-        return pickle.dumps((self._stamps_ns, self._odometry))
+    def snapshot(self) -> State:
+        """Return all readings' odometry."""
+        return encode(self)
 
-    def restore(self, state: bytes) -> None:
+    def restore(self, state: State) -> None:
         """Continue from a snapshot."""
-        self._stamps_ns, self._odometry = pickle.loads(state)
+        decode(state, self)
 
     def _filled(self) -> tuple[Floats, int]:
         """Return `odom_from_robot` (N, 3) with gaps held, and how many there were."""

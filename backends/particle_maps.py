@@ -156,19 +156,19 @@ class ParticleMaps:
         self.cells.resize((wanted, *self.cells.shape[1:]), refcheck=False)
         self.references.resize(wanted, refcheck=False)
 
-    def __getstate__(self) -> dict[str, object]:
+    def kept_state(self) -> dict[str, object]:
         """Leave out of a snapshot what is empty: most of a tile is, walls being thin."""
         filled = np.flatnonzero((self.cells[..., 0] != 0.0) & (self.references > 0)[:, None])
         state = dict(vars(self))
         state["cells"] = len(self.cells), filled, self.cells.reshape(-1, CELL_VALUES)[filled]
         return state
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
+    def take_state(self, state: dict[str, Any]) -> None:
         """Put the cells back into their tiles."""
-        tiles, filled, values = state.pop("cells")
-        self.cells = np.zeros((tiles, TILE_CELLS**2, CELL_VALUES), dtype=np.float32)
-        self.cells.reshape(-1, CELL_VALUES)[filled] = values
-        vars(self).update(state)
+        tiles, filled, values = state["cells"]
+        cells = np.zeros((tiles, TILE_CELLS**2, CELL_VALUES), dtype=np.float32)
+        cells.reshape(-1, CELL_VALUES)[filled] = values
+        vars(self).update(state, cells=cells)
 
 
 def most_tiles(config: ParticleMapsConfig) -> int:

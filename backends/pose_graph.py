@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import ClassVar
 
 import numpy as np
@@ -20,6 +19,7 @@ from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
+from slarm_graph.snapshots import State, decode, encode
 from slarm_graph.trajectory import Trajectory
 
 _CLOSURE_COLUMNS = (
@@ -98,14 +98,13 @@ class PoseGraphBackend:
         trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
         return SlamResult(trajectory, pose_graph=graph, tables=(self._closure_table(weights),))
 
-    def snapshot(self) -> bytes:
-        """Return the state; GTSAM objects live only within calls, so plain pickling does."""
-        kept = {k: v for k, v in self.__dict__.items() if k != "_heartbeat"}
-        return pickle.dumps(kept, protocol=pickle.HIGHEST_PROTOCOL)
+    def snapshot(self) -> State:
+        """Return the state; GTSAM objects live only within calls."""
+        return encode(self)
 
-    def restore(self, state: bytes) -> None:
+    def restore(self, state: State) -> None:
         """Continue from a snapshot of a backend with the same configuration."""
-        self.__dict__.update(pickle.loads(state))
+        decode(state, self)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))

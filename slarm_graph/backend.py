@@ -11,6 +11,7 @@ from typing import Protocol
 from slarm_graph.constraint import PoseGraph
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
+from slarm_graph.snapshots import State
 from slarm_graph.trajectory import Trajectory
 
 Heartbeat = Callable[[str], None]
@@ -85,10 +86,10 @@ class SlamBackend(Protocol):
         """
         ...
 
-    def snapshot(self) -> bytes:
-        """Return the whole state, for a checkpoint."""
+    def snapshot(self) -> State:
+        """Return the whole state as data, that of random numbers included, for a checkpoint."""
         ...
 
-    def restore(self, state: bytes) -> None:
+    def restore(self, state: State) -> None:
         """Continue from a snapshot of a backend with the same configuration."""
         ...

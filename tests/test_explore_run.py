@@ -42,7 +42,8 @@ def fail_at(count: int, error: BaseException, monkeypatch: pytest.MonkeyPatch) -
 
 def explored(room: Path, *options: object) -> tuple[int, Path]:
     out = room.parent
-    code = run("explore", "--world", room, "-b", "odometry", "-o", out, "--name", "x", *options)
+    named = ("-o", out, "--name", "x", "--overwrite")
+    code = run("explore", "--world", room, "-b", "odometry", *named, *options)
     return code, out / "x"
 
 

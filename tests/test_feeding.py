@@ -7,21 +7,22 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
-from slarm_graph.app.feeding import Saver, feed
+from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.ending import Stop, memory_mb
+from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Quiet
-from slarm_graph.app.run_folder import create_run_folder
+from slarm_graph.app.run_folder import RunFolder, create_run_folder
 from slarm_graph.backends.odometry import OdometryBackend
-from slarm_graph.config import FrontendConfig, RunConfig, Stage
+from slarm_graph.config import FrontendConfig, LimitsConfig, RunConfig, Stage
 from slarm_graph.errors import BadInput
+from slarm_graph.files.states import SavedStates
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geometry import Pose2
 from slarm_graph.reading_log import ReadingLog
@@ -59,68 +60,103 @@ def backend() -> OdometryBackend:
     return OdometryBackend(Stage(), FrontendConfig(), np.random.default_rng(0))
 
 
-def fed(source: Circle, to: OdometryBackend, taken_until_ns: int | None = None) -> ReadingLog:
-    return feed(source, to, Saver(lambda _b, _l: None, 1e9), Quiet(), taken_until_ns)
+def fed(
+    source: Circle,
+    to: OdometryBackend,
+    folder: RunFolder,
+    *,
+    every_s: float = 1e9,
+    had_before: int = 0,
+    limits: LimitsConfig | None = None,
+) -> ReadingLog:
+    log = ReadingLog()
+    checkpoint = Checkpoint(folder, every_s, lambda: SavedStates({"backend": to.snapshot()}, {}))
+    stop = Stop(limits or LimitsConfig())
+    feed(source, to, log, checkpoint, Quiet(), stop, had_before=had_before)
+    return log
 
 
-def test_interrupt_stops_between_readings_and_keeps_what_came_before() -> None:
+@pytest.fixture
+def folder(tmp_path: Path) -> RunFolder:
+    return create_run_folder(tmp_path, "run")
+
+
+def test_interrupt_stops_between_readings_and_keeps_what_came_before(folder: RunFolder) -> None:
     taker = backend()
-    log = fed(Circle(at=10, event="interrupt"), taker)
+    log = fed(Circle(at=10, event="interrupt"), taker, folder)
     assert log.interrupted
     assert log.problem.startswith("interrupted after 11 scans (t = ")
     assert len(taker.result().trajectory) == 11
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
-def test_a_failure_midway_is_noted_and_what_came_before_is_kept() -> None:
+def test_a_failure_midway_is_noted_and_what_came_before_is_kept(folder: RunFolder) -> None:
     taker = backend()
-    log = fed(Circle(at=10, event="broken"), taker)
+    log = fed(Circle(at=10, event="broken"), taker, folder)
     assert log.problem == "failed after 10 scans (t = 1.900000000 s): broken"
     assert not log.interrupted
     assert len(taker.result().trajectory) == 10
 
 
 @pytest.mark.parametrize(("at", "event"), [(0, "broken"), (0, "bad"), (10, "bad")])
-def test_bad_input_and_failures_before_the_first_reading_are_raised(at: int, event: str) -> None:
+def test_bad_input_and_failures_before_the_first_reading_are_raised(
+    at: int, event: str, folder: RunFolder
+) -> None:
     with pytest.raises((BadInput, RuntimeError)):
-        fed(Circle(at=at, event=event), backend())
+        fed(Circle(at=at, event=event), backend(), folder)
 
 
-def test_resumed_equals_in_one_go(tmp_path: Path) -> None:
-    whole = backend()
-    fed(Circle(), whole)
-
-    folder, rng, first = create_run_folder(tmp_path, "run"), np.random.default_rng(5), backend()
-    save = partial(save_checkpoint, folder, rng)
-    feed(Circle(at=17, event="interrupt"), first, Saver(save, 1e9), Quiet())
-    rng.random(3)
-
-    second, other = backend(), np.random.default_rng(9)
-    until_ns = load_checkpoint(folder.path, second, other)
-    assert until_ns == 1_000_000_000 + 17 * 100_000_000
-    assert other.random() == np.random.default_rng(5).random()
-    log = fed(Circle(), second, until_ns)
+def test_resumed_equals_in_one_go(folder: RunFolder) -> None:
+    whole, first, second = backend(), backend(), backend()
+    fed(Circle(), whole, folder)
+    fed(Circle(at=17, event="interrupt"), first, folder)
+    resume_from(folder.path, lambda saved: second.restore(saved.states["backend"]))
+    log = fed(Circle(), second, folder, had_before=18)
     assert tum_text(second.result().trajectory) == tum_text(whole.result().trajectory)
     odometry = log.odometry()
     assert odometry is not None
-    assert len(odometry) == 40
+    assert len(odometry) == len(log.scans) == 40
 
 
-def test_a_damaged_checkpoint_is_named(tmp_path: Path) -> None:
-    folder = create_run_folder(tmp_path, "run")
-    folder.write_text("checkpoint/state.npz", "not a checkpoint")
-    with pytest.raises(BadInput, match="checkpoint cannot be read"):
-        load_checkpoint(folder.path, backend(), np.random.default_rng(0))
+def test_checkpoints_are_written_when_due(
+    folder: RunFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[int] = []
+    monkeypatch.setattr(Checkpoint, "write", lambda _self: written.append(1))
+    fed(Circle(5), backend(), folder, every_s=0.0)
+    assert len(written) == 6
 
 
-def test_checkpoints_are_written_when_due() -> None:
-    saved: list[int] = []
-    saver = Saver(lambda _backend, log: saved.append(len(log)), 0.0)
-    feed(Circle(5), backend(), saver, Quiet())
-    assert saved == [1, 2, 3, 4, 5, 5]
+def test_a_checkpoint_that_cannot_be_written_is_told_and_the_run_goes_on(
+    folder: RunFolder, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(*_args: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("slarm_graph.app.checkpoint.write_states", full)
+    with caplog.at_level("WARNING"):
+        log = fed(Circle(), backend(), folder)
+    assert len(log) == 40
+    assert not log.problem
+    assert "could not be written (No space left on device); the run goes on" in caplog.text
+    assert not list(folder.path.glob("checkpoint/*"))
 
 
-def test_a_run_reads_its_recording_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("limits", "why"),
+    [
+        (LimitsConfig(max_time_s=1e-9), "stopped by --max-time 1e-09 after 1 scans"),
+        (LimitsConfig(max_memory_mb=1.0), "stopped by --max-memory 1 after 1 scans"),
+    ],
+)
+def test_limits_stop_reading(folder: RunFolder, limits: LimitsConfig, why: str) -> None:
+    assert memory_mb() > 1.0
+    log = fed(Circle(), backend(), folder, limits=limits)
+    assert log.problem.startswith(why)
+    assert not log.interrupted
+
+
+def test_a_run_reads_its_recording_once(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[Circle] = []
 
     def open_circle(*_paths: object, **_options: object) -> Circle:
@@ -129,7 +165,7 @@ def test_a_run_reads_its_recording_once(tmp_path: Path, monkeypatch: pytest.Monk
 
     monkeypatch.setattr("slarm_graph.app.pipeline.open_source", open_circle)
     job = Job((Path("circle"),), RunConfig(backend="odometry"))
-    done = run(job, create_run_folder(tmp_path, "run"), Quiet())
+    done = run(job, folder, Quiet())
     assert [source.times_read for source in opened] == [1]
     assert len(done.log) == len(done.slam.trajectory) == 40
     assert done.grid.occupied.any()

@@ -5,14 +5,21 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from slarm_graph.app.progress import Quiet
-from slarm_graph.app.run_folder import create_run_folder, open_run_folder, read_record
-from slarm_graph.errors import BadInput
+from slarm_graph.app.run_folder import (
+    RunFolder,
+    create_run_folder,
+    open_run_folder,
+    read_record,
+)
+from slarm_graph.errors import BadInput, RunFailed
 
 
 def test_a_new_folder_is_recorded_as_running_and_is_the_latest(tmp_path: Path) -> None:
@@ -70,15 +77,18 @@ def test_stages_are_timed_even_when_they_fail(tmp_path: Path) -> None:
     assert stages["slam"] >= 0.0
 
 
-def test_a_named_folder_forgets_its_earlier_run_but_never_other_files(tmp_path: Path) -> None:
+def test_results_are_only_replaced_on_wish_and_other_files_never(tmp_path: Path) -> None:
     create_run_folder(tmp_path, "run").write_text("trajectory.tum", "old")
-    folder = create_run_folder(tmp_path, "run")
+    with pytest.raises(BadInput, match=r"already .running.; go on .* --overwrite"):
+        create_run_folder(tmp_path, "run")
+    assert (tmp_path / "run" / "trajectory.tum").read_text() == "old"
+    folder = create_run_folder(tmp_path, "run", overwrite=True)
     assert not (folder.path / "trajectory.tum").exists()
     other = tmp_path / "thesis"
     other.mkdir()
     (other / "chapter.tex").write_text("years")
     with pytest.raises(BadInput, match="not a run"):
-        create_run_folder(tmp_path, "thesis")
+        create_run_folder(tmp_path, "thesis", overwrite=True)
     assert (other / "chapter.tex").read_text() == "years"
 
 
@@ -106,12 +116,53 @@ def test_without_links_latest_is_a_text_file(
 
 
 def test_a_finished_run_is_not_taken_up_again(tmp_path: Path) -> None:
-    folder = create_run_folder(tmp_path, "run")
-    folder.note(wall_s_before=1)
-    assert open_run_folder(folder.path).record()["wall_s_before"] == 1
+    create_run_folder(tmp_path, "run").note(wall_s_before=1)
+    folder = open_run_folder(tmp_path / "run")
+    assert folder.record()["wall_s_before"] == 1
     folder.note(status="ok")
+    del folder
     with pytest.raises(BadInput, match="finished"):
-        open_run_folder(folder.path)
+        open_run_folder(tmp_path / "run")
+
+
+@pytest.mark.parametrize("again", ["create", "open"])
+def test_one_process_at_a_time_works_in_a_folder(tmp_path: Path, again: str) -> None:
+    """Another process is refused while the first lives, and let in once it was killed."""
+    hold = (
+        "import sys, time; from pathlib import Path\n"
+        "from slarm_graph.app.run_folder import create_run_folder\n"
+        "folder = create_run_folder(Path(sys.argv[1]), 'run')\n"
+        "print('here', flush=True); time.sleep(60)"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-c", hold, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "here\n"
+
+    def take() -> RunFolder:
+        if again == "open":
+            return open_run_folder(tmp_path / "run")
+        return create_run_folder(tmp_path, "run", overwrite=True)
+
+    with pytest.raises(BadInput, match="another process is at work in"):
+        take()
+    process.kill()
+    process.communicate()
+    take()
+
+
+@pytest.mark.parametrize("how", ["removed", "renamed", "replaced"])
+def test_a_folder_that_vanishes_under_way_is_told(tmp_path: Path, how: str) -> None:
+    folder = create_run_folder(tmp_path, "run")
+    if how == "removed":
+        shutil.rmtree(folder.path)
+    else:
+        folder.path.rename(tmp_path / "elsewhere")
+    if how == "replaced":
+        folder.path.mkdir()
+    with pytest.raises(RunFailed, match="run was removed under way"):
+        folder.write_text("trajectory.tum", "")
 
 
 def test_a_folder_that_is_no_run_is_refused(tmp_path: Path) -> None:

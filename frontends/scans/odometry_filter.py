@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
@@ -121,6 +122,16 @@ class OdometryFilter:
         self._kalman.x = _FADING * self._kalman.x
         grown = np.diag(self._kalman.P) / _FADING**2
         self._kalman.P = np.diag(np.minimum(grown, _ANYWHERE**2))
+
+    def kept_state(self) -> dict[str, object]:
+        """Return what a snapshot has to hold; of the Kalman filter only what lasts."""
+        return {**vars(self), "_kalman": (self._kalman.x, self._kalman.P)}
+
+    def take_state(self, state: dict[str, Any]) -> None:
+        """Go on from what was kept."""
+        kalman = self._kalman
+        kalman.x, kalman.P = state["_kalman"]
+        vars(self).update(state, _kalman=kalman)
 
     def _motion(self, span: float) -> Prediction:
         """Motion over `span` at the filter's velocity."""

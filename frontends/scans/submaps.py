@@ -116,7 +116,7 @@ class SubmapCache(Generic[Prepared]):
         self._prepare = prepare
         self._kept: OrderedDict[int, Prepared] = OrderedDict()
 
-    def __getstate__(self) -> dict[str, object]:
+    def kept_state(self) -> dict[str, object]:
         """Leave out what can be prepared again."""
         return {**self.__dict__, "_kept": OrderedDict()}
 

@@ -4,60 +4,75 @@
 
 from __future__ import annotations
 
-import json
+import logging
+import shutil
+import time
+from collections.abc import Callable
 from pathlib import Path
-
-import numpy as np
-from numpy.random import Generator
+from typing import Final
 
 from slarm_graph.app.run_folder import CHECKPOINT, RunFolder
-from slarm_graph.backend import SlamBackend
 from slarm_graph.errors import BadInput
-from slarm_graph.reading_log import ReadingLog
+from slarm_graph.files.states import SavedStates, read_states, write_states
+from slarm_graph.snapshots import BadState
 
-_STATE = f"{CHECKPOINT}/state.npz"
+_log = logging.getLogger(__name__)
 
-
-def save_checkpoint(
-    folder: RunFolder, rng: Generator, backend: SlamBackend, log: ReadingLog
-) -> None:
-    """Write the state of backend and random numbers, and which readings they come from."""
-    with folder.replacing(_STATE) as temporary:
-        np.savez(
-            temporary,
-            stamps_ns=log.stamps_ns,
-            random_state=np.array(json.dumps(rng.bit_generator.state)),
-            backend=np.frombuffer(backend.snapshot(), dtype=np.uint8),
-        )
-    folder.note(scans=len(log))
+_STATE: Final = f"{CHECKPOINT}/state.npz"
 
 
-def load_checkpoint(path: Path, backend: SlamBackend, rng: Generator) -> int | None:
-    """Bring backend and random numbers to where the checkpoint was written.
-
-    Returns the stamp of the latest reading that the backend had had by then [ns].
+class Checkpoint:
+    """The checkpoint of a run: written every now and then, read when the run is resumed.
 
     Parameters
     ----------
-    path : Path
-        The run folder. Without a checkpoint in it the run starts from the beginning.
-    backend : SlamBackend
-        Of the same configuration.
-    rng : numpy.random.Generator
-        The one that was handed to the backend.
+    folder : RunFolder
+    every_s : float
+        Least wall time between two times of writing [s].
+    take : callable
+        Returns what to write.
+    """
+
+    def __init__(self, folder: RunFolder, every_s: float, take: Callable[[], SavedStates]) -> None:
+        self._folder, self._every_s, self._take = folder, every_s, take
+        self._written_s = time.monotonic()
+
+    def maybe(self) -> None:
+        """Write when it is due."""
+        if time.monotonic() - self._written_s >= self._every_s:
+            self.write()
+
+    def write(self) -> None:
+        """Write at once; where that fails it is told, and the run goes on."""
+        try:
+            with self._folder.replacing(_STATE) as temporary:
+                write_states(temporary, self._take())
+        except (OSError, TypeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else str(error)
+            _log.warning("the checkpoint could not be written (%s); the run goes on", reason)
+        self._written_s = time.monotonic()
+
+
+def resume_from(path: Path, resume: Callable[[SavedStates], None]) -> None:
+    """Hand the checkpoint in a run folder over; without one the run starts from the beginning.
 
     Raises
     ------
     BadInput
-        When the checkpoint cannot be read.
+        When the checkpoint cannot be used.
     """
     state = path / _STATE
     if not state.is_file():
-        return None
+        return
     try:
-        with np.load(state) as saved:
-            backend.restore(saved["backend"].tobytes())
-            rng.bit_generator.state = json.loads(str(saved["random_state"]))
-            return int(saved["stamps_ns"][-1]) if len(saved["stamps_ns"]) else None
-    except (OSError, ValueError, KeyError, EOFError) as error:
-        raise BadInput(f"{state}: the checkpoint cannot be read ({error})") from None
+        resume(read_states(state))
+    except (BadState, LookupError) as error:
+        raise BadInput(
+            f"{state}: the checkpoint does not fit this program ({str(error)[:120]});"
+            " start the run anew, without --resume"
+        ) from None
+
+
+def remove_checkpoint(path: Path) -> None:
+    """Remove the checkpoint of a run that is done with it."""
+    shutil.rmtree(path / CHECKPOINT, ignore_errors=True)

@@ -18,6 +18,7 @@ import typer
 
 from slarm_graph import __version__, parts
 from slarm_graph.app.cli_run import POINT_OPTIONS
+from slarm_graph.app.ending import end_on_signals
 from slarm_graph.errors import BadInput, RunFailed
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -85,6 +86,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _show_warnings()
     if arguments is None:
         signal.signal(signal.SIGTERM, signal.default_int_handler)
+        end_on_signals()
     try:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):

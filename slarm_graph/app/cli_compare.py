@@ -15,6 +15,7 @@ from slarm_graph.app.cli_run import (
     ConfigFile,
     Name,
     Out,
+    Overwrite,
     Settings,
     access_points,
 )
@@ -31,12 +32,12 @@ _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""
 
 
-def demo_command(out: Out = Path("runs"), name: Name = None) -> int:
+def demo_command(out: Out = Path("runs"), name: Name = None, overwrite: Overwrite = False) -> int:
     """Explore the paper's room with both backends and compare; takes a minute or two."""
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.app.trials import find_sources, trials
 
-    folder = create_run_folder(out, name)
+    folder = create_run_folder(out, name, overwrite=overwrite)
     print("A simulated robot explores the paper's room, once with each SLAM backend ...")
     limit = ("--set", f"explore.mission_time_s={_DEMO_LIMIT_S}")
     room = find_sources(["paper_room"])
@@ -54,6 +55,7 @@ def reproduce_command(
     ] = None,
     out: Out = Path("runs"),
     name: Name = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make the paper's figures and table, and show them beside the paper's."""
     from dataclasses import replace
@@ -65,7 +67,7 @@ def reproduce_command(
 
     plan = QUICK if quick else Plan()
     plan = plan if seeds is None else replace(plan, seeds=seeds)
-    folder = create_run_folder(out, name)
+    folder = create_run_folder(out, name, overwrite=overwrite)
     with early_end_noted(folder):
         rows = reproduce(folder.path, plan, jobs=jobs, tell=print)
     lead = f"{len(rows)} closed loops in the paper's room; resolutions in m, speeds in m/s"
@@ -97,6 +99,7 @@ def compare_command(
     name: Name = None,
     config: ConfigFile = None,
     settings: Settings = None,
+    overwrite: Overwrite = False,
 ) -> int:
     """Run every source with every backend and seed, and compare."""
     from slarm_graph import parts
@@ -111,7 +114,7 @@ def compare_command(
         parts.find("backend", backend)
     access_points(ap or (), load_config(config, settings or ()))
     found = find_sources(sources)
-    folder = create_run_folder(out, name)
+    folder = create_run_folder(out, name, overwrite=overwrite)
     points = [word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())]
     options = [
         *(("--config", str(config.resolve())) if config else ()),

@@ -18,7 +18,7 @@ from slarm_graph.errors import BadInput, brief
 
 if TYPE_CHECKING:
     from slarm_graph.access_points import AccessPoint
-    from slarm_graph.app.job import Job, Run
+    from slarm_graph.app.job import ExploreJob, Job, Run
     from slarm_graph.app.run_folder import RunFolder
     from slarm_graph.config import RunConfig, SourceConfig
     from slarm_graph.world import WorldMap
@@ -58,6 +58,20 @@ StaticTf = Annotated[
 GroundTruth = Annotated[
     Path | None, typer.Option("--ground-truth", help="True trajectory: TUM, KITTI or EuRoC.")
 ]
+Resume = Annotated[
+    Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what an earlier run of that name left.")
+]
+MaxTime = Annotated[
+    float | None,
+    typer.Option(metavar="SECONDS", help="Read no longer than this, then end with what is known."),
+]
+MaxMemory = Annotated[
+    float | None,
+    typer.Option(metavar="MB", help="Never need more memory than this; end with what is known."),
+]
 RelationsFile = Annotated[
     Path | None, typer.Option("--relations", help="True relative poses (Freiburg benchmark).")
 ]
@@ -85,9 +99,10 @@ def run_command(
     seed: Seed = None,
     config: ConfigFile = None,
     settings: Settings = None,
-    resume: Annotated[
-        Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
-    ] = None,
+    resume: Resume = None,
+    overwrite: Overwrite = False,
+    max_time: MaxTime = None,
+    max_memory: MaxMemory = None,
 ) -> int:
     """Turn a recording into a trajectory, maps, a radio map and a report."""
     overrides = [
@@ -95,6 +110,7 @@ def run_command(
         *_set("backend", backend),
         *_set("seed", seed),
         *source_settings(odom, scan, segment, static_tf),
+        *_limit_settings(max_time, max_memory),
     ]
     if resume is not None:
         return _resume(resume, config, overrides)
@@ -109,7 +125,7 @@ def run_command(
     paths = tuple(existing_paths(sources))
     points = access_points(ap or (), resolved) or _of_world(paths)
     job = Job(paths, resolved, points, ground_truth, relations)
-    return _execute(job, create_run_folder(out, name))
+    return _execute(job, create_run_folder(out, name, overwrite=overwrite))
 
 
 def source_settings(
@@ -122,6 +138,10 @@ def source_settings(
         *_set("source.segment", segment),
         *_set("source.static_tf", static_tf or None),
     ]
+
+
+def _limit_settings(max_time: float | None, max_memory: float | None) -> list[str]:
+    return [*_set("limits.max_time_s", max_time), *_set("limits.max_memory_mb", max_memory)]
 
 
 def source_config(
@@ -170,14 +190,14 @@ def _set(key: str, value: object) -> list[str]:
 
 
 def _resume(path: Path, config: Path | None, overrides: Sequence[str]) -> int:
-    from slarm_graph.app.execution import resumed_job
+    from slarm_graph.app.resuming import resumed_job
     from slarm_graph.app.run_folder import open_run_folder
 
     job = resumed_job(path, config, overrides)
     return _execute(job, open_run_folder(path))
 
 
-def _execute(job: Job, folder: RunFolder) -> int:
+def _execute(job: Job | ExploreJob, folder: RunFolder) -> int:
     from slarm_graph.app.execution import execute
     from slarm_graph.app.progress import shown
 
@@ -201,10 +221,13 @@ def explore_command(
     name: Name = None,
     config: ConfigFile = None,
     settings: Settings = None,
+    resume: Resume = None,
+    overwrite: Overwrite = False,
+    max_time: MaxTime = None,
+    max_memory: MaxMemory = None,
 ) -> int:
     """Let a simulated robot explore a world, and measure the maps against the truth."""
-    from slarm_graph.app.execution import execute_exploration
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.job import ExploreJob
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
     from slarm_graph.files.worlds import load_world
@@ -216,13 +239,14 @@ def explore_command(
         *_set("explore.explorer", explorer),
         *_set("explore.resolution_m", resolution),
         *_set("explore.driving.speed_m_s", speed),
+        *_limit_settings(max_time, max_memory),
     ]
+    if resume is not None:
+        return _resume(resume, config, overrides)
     resolved, found = load_config(config, overrides), load_world(world)
     _announce(found)
-    folder = create_run_folder(out, name)
-    with shown() as progress:
-        run = execute_exploration(found, resolved, folder, progress)
-    return _finish(run, folder)
+    job = ExploreJob(found, resolved)
+    return _execute(job, create_run_folder(out, name, overwrite=overwrite))
 
 
 def _announce(world: WorldMap) -> None:
@@ -243,9 +267,10 @@ def _finish(run: Run, folder: RunFolder) -> int:
     _show(run, folder)
     if not run.log.problem:
         return 0
-    print(f"slarm: {run.log.problem}; partial results are in {folder.path}", file=sys.stderr)
-    if (folder.path / "checkpoint").is_dir():
-        print(f"slarm: go on with: slarm run --resume {folder.path}", file=sys.stderr)
+    from slarm_graph.app.execution import partial_lines
+
+    for line in partial_lines(folder.path, run.log.problem):
+        print(f"slarm: {line}", file=sys.stderr)
     return _INTERRUPTED if run.log.interrupted else _FAILED
 
 

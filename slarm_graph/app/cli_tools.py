@@ -16,6 +16,7 @@ from slarm_graph.app.cli_run import (
     Name,
     Odom,
     Out,
+    Overwrite,
     Scan,
     Segment,
     Settings,
@@ -33,6 +34,7 @@ def radio_command(
     name: Name = None,
     config: ConfigFile = None,
     settings: Settings = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Make the radio map over any map_server map, taken as it is."""
     from slarm_graph.app.outputs import save_radio
@@ -49,7 +51,7 @@ def radio_command(
     if not geographic.accessible.any():
         raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
     radio = predicted_radio_map(geographic, points, resolved)
-    folder = create_run_folder(out, name)
+    folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
     save_radio(folder, radio)
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})

@@ -5,30 +5,29 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
+import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 
-from slarm_graph.access_points import AccessPoint
+from slarm_graph.app.checkpoint import remove_checkpoint
+from slarm_graph.app.ending import last_words
 from slarm_graph.app.explore import explore_world
-from slarm_graph.app.job import Job, Run
+from slarm_graph.app.job import ExploreJob, Job, Run
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Progress
-from slarm_graph.app.run_folder import RunFolder, read_record
+from slarm_graph.app.run_folder import CHECKPOINT, RunFolder
 from slarm_graph.config import RunConfig
-from slarm_graph.errors import BadInput
 from slarm_graph.files.config_text import config_yaml
-from slarm_graph.files.configs import config_differences, load_config
 from slarm_graph.files.inputs import input_facts
 from slarm_graph.files.worlds import world_to_yaml
-from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
 _LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
-def execute(job: Job, folder: RunFolder, progress: Progress) -> Run:
+def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run:
     """Run a job to its end and record how it went.
 
     The status becomes `ok`, `partial` when some of the results are there, or `failed`.
@@ -39,18 +38,14 @@ def execute(job: Job, folder: RunFolder, progress: Progress) -> Run:
         When there is nothing to show for it.
     """
     with _recorded(folder, job.config):
-        folder.note(input=input_facts(job.paths), job=_job_facts(job))
-        return _ended(folder, run(job, folder, progress))
-
-
-def execute_exploration(
-    world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress
-) -> Run:
-    """Explore a world to the end and record how it went, as `execute` does."""
-    with _recorded(folder, config):
-        folder.write_text("world.yaml", world_to_yaml(world))
-        folder.note(input={"world": world.name})
-        return _ended(folder, explore_world(world, config, folder, progress))
+        if isinstance(job, ExploreJob):
+            folder.write_text("world.yaml", world_to_yaml(job.world))
+            folder.note(input={"world": job.world.name})
+            done = explore_world(job.world, job.config, folder, progress)
+        else:
+            folder.note(input=input_facts(job.paths), job=_job_facts(job))
+            done = run(job, folder, progress)
+        return _ended(folder, done)
 
 
 def _ended(folder: RunFolder, done: Run) -> Run:
@@ -58,43 +53,9 @@ def _ended(folder: RunFolder, done: Run) -> Run:
         _log.info(notice)
     problem = done.log.problem
     folder.note(status="partial" if problem else "ok", problem=problem)
+    if not problem and not done.config.checkpoint.keep:
+        remove_checkpoint(folder.path)
     return done
-
-
-def resumed_job(path: Path, config_file: Path | None, overrides: Iterable[str]) -> Job:
-    """Rebuild the job of an unfinished run from its folder.
-
-    Parameters
-    ----------
-    path : Path
-        The run folder.
-    config_file, overrides
-        As for `load_config`; only `checkpoint` keys may differ from what the run began with.
-
-    Raises
-    ------
-    BadInput
-        When the recording or the configuration has changed since, listing what.
-    """
-    record = read_record(path)
-    facts, recorded_input = record.get("job"), record.get("input")
-    if not isinstance(facts, dict) or not isinstance(recorded_input, dict):
-        raise BadInput(f"{path}: stopped before anything was read; start it anew")
-    config = load_config(path / "config.yaml")
-    wanted = load_config(config_file or path / "config.yaml", overrides)
-    changed = [d for d in config_differences(config, wanted) if not d.startswith("checkpoint.")]
-    if changed:
-        raise BadInput(f"{path}: cannot resume with another configuration ({'; '.join(changed)})")
-    paths = tuple(Path(p) for p in recorded_input["paths"])
-    if input_facts(paths) != recorded_input:
-        raise BadInput(f"{path}: cannot resume, the recording has changed: {paths[0]}")
-    return Job(
-        paths,
-        wanted,
-        tuple(AccessPoint(**ap) for ap in facts["access_points"]),
-        _path_or_none(facts["ground_truth"]),
-        _path_or_none(facts["relations"]),
-    )
 
 
 def _job_facts(job: Job) -> dict[str, object]:
@@ -105,17 +66,31 @@ def _job_facts(job: Job) -> dict[str, object]:
     }
 
 
-def _path_or_none(text: str | None) -> Path | None:
-    return Path(text) if text else None
-
-
 @contextmanager
 def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     """Record the configuration; on failure why, and whether there are results all the same."""
     folder.write_text("config.yaml", config_yaml(config))
     folder.note(seed=config.seed, backend=config.backend)
-    with _logged(folder), early_end_noted(folder):
+    with (
+        _logged(folder),
+        last_words(lambda why: _record_end(folder, why), config.limits),
+        early_end_noted(folder),
+    ):
         yield
+
+
+def _record_end(folder: RunFolder, why: str) -> None:
+    """Record and tell that the process ends now."""
+    folder.note(status="partial", problem=why)
+    for line in partial_lines(folder.path, why):
+        print(f"slarm: {line}", file=sys.stderr)
+
+
+def partial_lines(path: Path, why: str) -> Iterator[str]:
+    """Say why a run is not whole, where what there is of it lies, and how to go on."""
+    yield f"{why}; partial results are in {path}"
+    if (path / CHECKPOINT).is_dir():
+        yield f"go on with: slarm run --resume {path}"
 
 
 @contextmanager

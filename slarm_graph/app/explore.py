@@ -10,22 +10,24 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.app.feeding import stop_on_signal
+from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.ending import Stop
+from slarm_graph.app.feeding import early_end_logged
 from slarm_graph.app.job import Run
 from slarm_graph.app.live_files import LiveFiles
-from slarm_graph.app.outputs import save_geographic, save_radio, save_slam
+from slarm_graph.app.outputs import save_geographic, save_radio, save_slam, save_trajectory
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
 from slarm_graph.app.truth import accuracy_metrics
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig
-from slarm_graph.errors import BadInput
 from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import References, Subject
 from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
+from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
@@ -64,6 +66,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     with folder.stage("map", progress):
         notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
         slam = replace(drive.slam, trajectory=drive.trajectory, notices=notices)
+        save_trajectory(folder, "trajectory", slam.trajectory)
         cells = {"resolution_m": config.explore.resolution_m}
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
@@ -122,22 +125,27 @@ def _drive(
         mapping=config.mapping,
         log=log,
     )
+
+    def resume(saved: SavedStates) -> None:
+        """Drive to where the checkpoint was written."""
+        loop.restore(saved.states)
+
+    resume_from(folder.path, resume)
+    checkpoint = Checkpoint(
+        folder, config.checkpoint.every_s, lambda: SavedStates(loop.snapshot(), {})
+    )
     live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
-    with stop_on_signal() as stop:
+    stop = Stop(config.limits)
+    with stop.on_signals(), early_end_logged(log):
         try:
-            while loop.step():
+            while loop.finished is None and loop.step():
                 progress.advance()
                 live.maybe()
-                if stop:
-                    log.stop("interrupted", by_user=True)
+                checkpoint.maybe()
+                if why := stop.why():
+                    log.stop(why, by_user=stop.by_user)
                     break
-        except BadInput:
-            raise
-        except Exception as error:
-            if not len(log):
-                raise
-            log.stop("failed", str(error))
-            _log.error(log.problem, exc_info=error)
+            checkpoint.write()
         finally:
             live.write()
     return loop.outcome()

@@ -17,6 +17,7 @@ from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
+from slarm_graph.world import WorldMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +41,14 @@ class Job:
     access_points: tuple[AccessPoint, ...] = ()
     ground_truth: Path | None = None
     relations: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ExploreJob:
+    """A world for a robot to find out."""
+
+    world: WorldMap
+    config: RunConfig
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,8 +43,7 @@ def save_readings(folder: RunFolder, log: ReadingLog) -> None:
 
 
 def save_slam(folder: RunFolder, slam: SlamResult, grid: OccupancyGrid) -> None:
-    """Write trajectory, occupancy map, pose graph and the backend's tables."""
-    save_trajectory(folder, "trajectory", slam.trajectory)
+    """Write occupancy map, pose graph and the backend's tables."""
     save_map(folder, "map", grid.geometry, grid.occupied, grid.free)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:

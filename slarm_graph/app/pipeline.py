@@ -4,24 +4,32 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.app.checkpoint import load_checkpoint, save_checkpoint
-from slarm_graph.app.feeding import Saver, feed
+from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.ending import Stop
+from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
-from slarm_graph.app.outputs import save_geographic, save_radio, save_readings, save_slam
+from slarm_graph.app.outputs import (
+    save_geographic,
+    save_radio,
+    save_readings,
+    save_slam,
+    save_trajectory,
+)
 from slarm_graph.app.placing import placed
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
+from slarm_graph.backend import SlamBackend
 from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.metric_parts import Subject
+from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
+from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover
 
 _ENOUGH_POINTS = 1_000_000
@@ -43,6 +51,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         When there is nothing to show for it.
     """
     config, rng = job.config, np.random.default_rng(job.config.seed)
+    stop = Stop(config.limits)
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
@@ -53,15 +62,20 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         backend = backends.make(config.backend, config, rng, progress.say)
     # readings -> SLAM backend
     with folder.stage("slam", progress):
-        until_ns = load_checkpoint(folder.path, backend, rng)
-        saver = Saver(partial(save_checkpoint, folder, rng), config.checkpoint.every_s)
-        log = feed(source, backend, saver, progress, until_ns)
+        log, had_before = ReadingLog(), _restored(backend, folder)
+        checkpoint = Checkpoint(
+            folder,
+            config.checkpoint.every_s,
+            lambda: SavedStates({"backend": backend.snapshot()}, {"readings": len(log)}),
+        )
+        feed(source, backend, log, checkpoint, progress, stop, had_before=had_before)
         info = source.info()
     with folder.stage("reading", progress):
         save_readings(folder, log)
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
         slam = placed(backend.result(), info.truth)
+        save_trajectory(folder, "trajectory", slam.trajectory)
         progress.say(f"rendering {len(log)} scans")
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid)
@@ -93,3 +107,17 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         done = Run(title, config, info, log, slam, grid, geographic, radio, metrics)
         save_report(folder, done, references)
     return done
+
+
+def _restored(backend: SlamBackend, folder: RunFolder) -> int:
+    """Bring a backend to where a checkpoint was written; return how many readings it has had."""
+    had = 0
+
+    def resume(saved: SavedStates) -> None:
+        """Take the one state that a run has."""
+        nonlocal had
+        backend.restore(saved.states["backend"])
+        had = int(saved.facts["readings"])
+
+    resume_from(folder.path, resume)
+    return had

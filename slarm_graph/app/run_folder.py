@@ -10,6 +10,7 @@ import os
 import resource
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -19,8 +20,9 @@ from pathlib import Path
 from typing import Literal
 
 import slarm_graph
+from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.progress import Progress
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, RunFailed
 
 _log = logging.getLogger(__name__)
 
@@ -43,10 +45,19 @@ class RunFolder:
         An existing folder.
     earlier : mapping, optional
         The record of the interrupted run that is being resumed here.
+    claim : FolderClaim, optional
+        On the folder, where it was claimed before.
     """
 
-    def __init__(self, path: Path, earlier: Mapping[str, object] | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        earlier: Mapping[str, object] | None = None,
+        *,
+        claim: FolderClaim | None = None,
+    ) -> None:
         self.path = path
+        self._claim = claim or FolderClaim(path)
         self._facts: Facts = dict(earlier or {})
         self._stages: dict[str, float] = {}
         self._earlier_s = _seconds(self._facts, "wall_s"), _seconds(self._facts, "cpu_s")
@@ -63,9 +74,13 @@ class RunFolder:
     @contextmanager
     def replacing(self, name: str) -> Iterator[Path]:
         """Give a temporary path to write, which takes the file's name once complete."""
+        if not self._claim.is_at(self.path):
+            raise RunFailed(f"{self.path} was removed under way; nothing can be written there")
         target = self.path / name
         target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = target.with_name(f".{target.stem}.partial{target.suffix}")
+        thread = threading.current_thread()
+        writer = "" if thread is threading.main_thread() else f".{thread.ident}"
+        temporary = target.with_name(f".{target.stem}.partial{writer}{target.suffix}")
         try:
             yield temporary
             temporary.replace(target)
@@ -112,20 +127,22 @@ class RunFolder:
         return dict(self._facts)
 
 
-def create_run_folder(out: Path, name: str | None = None) -> RunFolder:
+def create_run_folder(out: Path, name: str | None = None, *, overwrite: bool = False) -> RunFolder:
     """Make `OUT/<date_time>[_NN]`, or `OUT/NAME`, and point `OUT/latest` to it.
-
-    A folder of that name with an earlier run in it is cleared of that run's files.
 
     Raises
     ------
     BadInput
-        When nothing can be written there, or NAME is a folder with something else in it.
+        When nothing can be written there, another process is at work in it, or NAME is a folder
+        with something in it: with `overwrite`, something else than a run.
     """
     try:
         out.mkdir(parents=True, exist_ok=True)
         path = _fresh(out) if name is None else _named(out, name)
-        folder = RunFolder(path)
+        claim = FolderClaim(path)
+        if name is not None:
+            _make_room(path, overwrite=overwrite)
+        folder = RunFolder(path, claim=claim)
         _point_to(out, path.name)
     except OSError as error:
         raise BadInput(
@@ -142,10 +159,12 @@ def open_run_folder(path: Path) -> RunFolder:
     BadInput
         When it is no run folder, or the run is finished.
     """
+    read_record(path)
+    claim = FolderClaim(path)
     record = read_record(path)
     if record.get("status") == "ok":
         raise BadInput(f"{path}: this run is finished; there is nothing to resume")
-    return RunFolder(path, record)
+    return RunFolder(path, record, claim=claim)
 
 
 def read_record(path: Path) -> Mapping[str, object]:
@@ -158,7 +177,7 @@ def read_record(path: Path) -> Mapping[str, object]:
     """
     try:
         record = json.loads((path / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+    except (OSError, ValueError, RecursionError):
         raise BadInput(f"{path}: not a run folder (no readable {RECORD} in it)") from None
     if not isinstance(record, dict):
         raise BadInput(f"{path}: not a run folder ({RECORD} is damaged)")
@@ -182,11 +201,23 @@ def _named(out: Path, name: str) -> Path:
     if path.parent != out or name in (_LINK, "..", ""):
         raise BadInput(f"--name {name}: expected a plain folder name")
     path.mkdir(exist_ok=True)
-    content = [entry for entry in path.iterdir() if entry.is_file()]
-    if content and not (path / RECORD).is_file():
-        raise BadInput(f"{path} holds something that is not a run; choose another --name")
-    _clear(path)
     return path
+
+
+def _make_room(path: Path, *, overwrite: bool) -> None:
+    """See to it that a folder is empty, but never at the cost of results, unless that is wished."""
+    if not any(entry.is_file() for entry in path.iterdir()):
+        return
+    if not (path / RECORD).is_file():
+        raise BadInput(f"{path} holds something that is not a run; choose another --name")
+    if not overwrite:
+        status = str(read_record(path).get("status"))
+        go_on = "" if status == "ok" else f"go on with it by --resume {path}, "
+        raise BadInput(
+            f"{path} holds a run already ({status[:20]}); {go_on}choose another --name, or"
+            " replace it with --overwrite"
+        )
+    _clear(path)
 
 
 def _clear(path: Path) -> None:

@@ -70,6 +70,17 @@ class CheckpointConfig(Stage):
 
     every_s: float = Field(default=60.0, gt=0)
     """Time between two checkpoints."""
+    keep: bool = False
+    """Whether the last one stays when the run has ended well."""
+
+
+class LimitsConfig(Stage):
+    """When to stop early, with what is known by then."""
+
+    max_time_s: float | None = Field(default=None, gt=0)
+    """Reading stops after this time [s]; null for never."""
+    max_memory_mb: float | None = Field(default=None, gt=0)
+    """The process never keeps more than this [MB, 10^6 bytes]; null for whatever there is."""
 
 
 class RunConfig(Stage):
@@ -92,6 +103,7 @@ class RunConfig(Stage):
     recovery: RecoveryConfig = RecoveryConfig()
     radio: RadioConfig = RadioConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
+    limits: LimitsConfig = LimitsConfig()
     simulation: SimulationConfig = SimulationConfig()
     explore: ExploreConfig = ExploreConfig()
 

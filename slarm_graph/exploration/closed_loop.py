@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -25,11 +26,13 @@ from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.reading_log import ReadingLog
+from slarm_graph.snapshots import State, decode, encode
 from slarm_graph.trajectory import Trajectory
-from slarm_graph.world import World
+from slarm_graph.world import DriveCommand, World
 
 _BEAT_READINGS: Final = 100
 _MAX_ASKS: Final = 50
+_APART: Final = ("_world", "_backend", "_explorer")
 _NO_LEG: Final = Leg(np.empty((0, 2)), more=False)
 
 
@@ -122,7 +125,7 @@ class ClosedLoop:
         mapping: MappingConfig | None = None,
         log: ReadingLog | None = None,
     ) -> None:
-        self._world, self._explorer = world, explorer
+        self._world, self._explorer, self._backend = world, explorer, backend
         self._config, self._start = config, start
         self._survey = Survey(
             backend,
@@ -137,6 +140,7 @@ class ClosedLoop:
         self._leg = _NO_LEG
         self._leg_age_s = 0.0
         self._going_home = False
+        self._commands: list[DriveCommand] = []
         self.finished: Finished | None = None
 
     @property
@@ -172,8 +176,31 @@ class ClosedLoop:
         if self.finished is not None:
             return False
         dt_s = self._survey.dt_s or 0.1
-        self._world.drive(self._controller.command(self.pose, reading.scan, dt_s))
+        self._commands.append(self._controller.command(self.pose, reading.scan, dt_s))
+        self._world.drive(self._commands[-1])
         return True
+
+    def snapshot(self) -> dict[str, State]:
+        """Return the state between two steps, to go on from with a fresh loop and world."""
+        return {
+            "backend": self._backend.snapshot(),
+            "explorer": encode(self._explorer),
+            "loop": encode(self),
+        }
+
+    def restore(self, states: Mapping[str, State]) -> None:
+        """Continue from a snapshot: the world is driven there again by the same commands."""
+        self._backend.restore(states["backend"])
+        decode(states["explorer"], self._explorer)
+        decode(states["loop"], self)
+        for number in range(self._survey.steps):
+            self._survey.log.append(self._world.read())
+            if number < len(self._commands):
+                self._world.drive(self._commands[number])
+
+    def kept_state(self) -> dict[str, object]:
+        """Leave out of a snapshot what has a snapshot of its own, or is driven again."""
+        return {k: v for k, v in vars(self).items() if k not in _APART}
 
     def outcome(self) -> Exploration:
         """Return what has been learnt so far."""

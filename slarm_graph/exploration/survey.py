@@ -70,6 +70,11 @@ class Survey:
         return len(self.log)
 
     @property
+    def steps(self) -> int:
+        """Readings that what is known rests on; those of the log too once it is read again."""
+        return len(self._believed)
+
+    @property
     def truth(self) -> Trajectory:
         """True `world_from_robot`, one pose per reading."""
         return Trajectory(self.log.stamps_ns, np.array(self._truth))
@@ -84,6 +89,10 @@ class Survey:
         """Whether making the map anew might change it by much."""
         old = self._last_rebuild < self.readings - _REBUILD_READINGS
         return self._last_rebuild != self.readings and (self._has_moved or old)
+
+    def kept_state(self) -> dict[str, object]:
+        """Leave out of a snapshot what has a snapshot of its own, or is read again."""
+        return {k: v for k, v in vars(self).items() if k not in ("_backend", "log")}
 
     def take_in(self, reading: Reading, world_from_robot: Pose2) -> None:
         """Localise, and put what is seen into the map; the true pose is only kept."""
