@@ -82,6 +82,7 @@ from slarm_graph.readings import Source as Source
 from slarm_graph.readings import SourceInfo as SourceInfo
 from slarm_graph.recovery.recover import recover as recover
 from slarm_graph.recovery.recover import recover_scans as recover_scans
+from slarm_graph.snapshots import State as State
 from slarm_graph.trajectory import Trajectory as Trajectory
 from slarm_graph.world import Solid as Solid
 from slarm_graph.world import World as World

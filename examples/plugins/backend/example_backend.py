@@ -7,7 +7,6 @@ slarm run your.bag --backend scaled_odometry --set scaled_odometry.scale=1.02
 
 from __future__ import annotations
 
-import json
 from typing import ClassVar
 
 import numpy as np
@@ -22,7 +21,10 @@ from slarm_graph import (
     RunFailed,
     SlamResult,
     Stage,
+    State,
     Trajectory,
+    restore_state,
+    state_of,
 )
 
 
@@ -70,12 +72,10 @@ class ScaledOdometry:
         poses = np.array([pose.as_array() for pose in self._poses])
         return SlamResult(Trajectory(np.array(self._stamps_ns), poses))
 
-    def snapshot(self) -> bytes:
+    def snapshot(self) -> State:
         """Return the whole state, as data."""
-        poses = [pose.as_array().tolist() for pose in (*self._poses, self._last or Pose2())]
-        return json.dumps([self._stamps_ns, poses]).encode()
+        return state_of(self)
 
-    def restore(self, state: bytes) -> None:
+    def restore(self, state: State) -> None:
         """Go on from a snapshot."""
-        self._stamps_ns, poses = json.loads(state)
-        *self._poses, self._last = (Pose2(*pose) for pose in poses)
+        restore_state(state, self)
