@@ -32,7 +32,7 @@ from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
-from slarm_graph.snapshots import State, decode, encode
+from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = (
@@ -139,12 +139,12 @@ class GmappingBackend:
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""
         self._settle()
-        return encode(self)
+        return state_of(self)
 
     def restore(self, state: State) -> None:
         """Continue from a snapshot."""
         self._settle()
-        decode(state, self)
+        restore_state(state, self)
 
     def _settle(self) -> None:
         """Wait for the filter; its errors come up here."""

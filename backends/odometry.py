@@ -14,7 +14,7 @@ from slarm_graph.config import FrontendConfig, Stage
 from slarm_graph.errors import BadInput, RunFailed
 from slarm_graph.geometry import Floats, Pose2, compose, invert
 from slarm_graph.readings import Reading
-from slarm_graph.snapshots import State, decode, encode
+from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
 
@@ -67,11 +67,11 @@ class OdometryBackend:
 
     def snapshot(self) -> State:
         """Return all readings' odometry."""
-        return encode(self)
+        return state_of(self)
 
     def restore(self, state: State) -> None:
         """Continue from a snapshot."""
-        decode(state, self)
+        restore_state(state, self)
 
     def _filled(self) -> tuple[Floats, int]:
         """Return `odom_from_robot` (N, 3) with gaps held, and how many there were."""

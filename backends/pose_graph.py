@@ -19,7 +19,7 @@ from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
-from slarm_graph.snapshots import State, decode, encode
+from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
 _CLOSURE_COLUMNS = (
@@ -100,11 +100,11 @@ class PoseGraphBackend:
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""
-        return encode(self)
+        return state_of(self)
 
     def restore(self, state: State) -> None:
         """Continue from a snapshot of a backend with the same configuration."""
-        decode(state, self)
+        restore_state(state, self)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))

@@ -83,6 +83,8 @@ from slarm_graph.readings import SourceInfo as SourceInfo
 from slarm_graph.recovery.recover import recover as recover
 from slarm_graph.recovery.recover import recover_scans as recover_scans
 from slarm_graph.snapshots import State as State
+from slarm_graph.snapshots import restore_state as restore_state
+from slarm_graph.snapshots import state_of as state_of
 from slarm_graph.trajectory import Trajectory as Trajectory
 from slarm_graph.world import Solid as Solid
 from slarm_graph.world import World as World

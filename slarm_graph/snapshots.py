@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of objects as data: JSON and bytes of arrays, from which no code can be run.
 
-`encode` walks an object of this package (or of the package of a plug-in) and everything it holds:
-numbers, texts, arrays, containers and objects of the same packages. `decode` puts that back into a
-fresh object that was built the same way. Functions, threads and the like are not written; the
-fresh object keeps its own. What is held twice is held twice again. A class that wants less or
-something else written defines `kept_state()`, a dict; and `take_state(dict)` where its
+`state_of` walks an object of this package (or of the package of a plug-in) and everything it
+holds: numbers, texts, arrays, containers and objects of the same packages. `restore_state` puts
+that back into a fresh object that was built the same way. Functions, threads and the like are not
+written; the fresh object keeps its own. What is held twice is held twice again. A class that wants
+less or something else written defines `kept_state()`, a dict; and `take_state(dict)` where its
 keys are no fields.
 """
 
@@ -61,7 +61,7 @@ class BadState(ValueError):
     """A state that does not fit the object it is put into."""
 
 
-def encode(owner: object) -> State:
+def state_of(owner: object) -> State:
     """Return the state of an object.
 
     Raises
@@ -75,7 +75,7 @@ def encode(owner: object) -> State:
     return State(json.dumps(tree, separators=(",", ":")), data)
 
 
-def decode(state: State, owner: object) -> None:
+def restore_state(state: State, owner: object) -> None:
     """Put a state back into a fresh object of the class, and the settings, it was taken from.
 
     Raises

@@ -25,7 +25,7 @@ from slarm_graph.files import states
 from slarm_graph.files.states import SavedStates, read_states, write_states
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import LaserScan, Reading
-from slarm_graph.snapshots import BadState, State, decode, encode
+from slarm_graph.snapshots import BadState, State, restore_state, state_of
 
 
 class Colour(Enum):
@@ -66,7 +66,7 @@ def again(content: object) -> Any:
     """What a fresh holder has after the content went through a snapshot."""
     before, after = Holder(3), Holder(5)
     before.content = content
-    decode(encode(before), after)
+    restore_state(state_of(before), after)
     return after.content
 
 
@@ -126,7 +126,7 @@ def test_random_numbers_go_on_and_functions_are_the_fresh_objects_own() -> None:
     before, after = Holder(3), Holder(5)
     before.rng.random(7)
     lent = after.rng
-    decode(encode(before), after)
+    restore_state(state_of(before), after)
     assert after.rng is lent
     assert after.rng.random() == before.rng.random()
     assert after.prepare.keywords == {"ndigits": 5}
@@ -135,7 +135,7 @@ def test_random_numbers_go_on_and_functions_are_the_fresh_objects_own() -> None:
 def test_a_frozen_value_that_others_hold_too_is_left_alone() -> None:
     before, after, start = Holder(), Holder(), Pose2(1.0, 2.0, 0.0)
     before.content, after.content = Pose2(3.0, 4.0, 0.0), start
-    decode(encode(before), after)
+    restore_state(state_of(before), after)
     assert after.content == Pose2(3.0, 4.0, 0.0)
     assert start == Pose2(1.0, 2.0, 0.0)
 
@@ -143,7 +143,7 @@ def test_a_frozen_value_that_others_hold_too_is_left_alone() -> None:
 def test_a_class_may_say_what_it_keeps() -> None:
     before, after = Careful(), Careful()
     before.number = 123
-    decode(encode(before), after)
+    restore_state(state_of(before), after)
     assert after.number == 123
     assert after.lock is not before.lock
 
@@ -155,7 +155,7 @@ def test_what_is_no_data_is_refused_with_its_place(content: object) -> None:
     holder = Holder()
     holder.content = [content]
     with pytest.raises(TypeError, match="cannot write a"):
-        encode(holder)
+        state_of(holder)
 
 
 @pytest.mark.parametrize(
@@ -180,36 +180,36 @@ def test_what_is_no_data_is_refused_with_its_place(content: object) -> None:
     ],
 )
 def test_a_doctored_state_is_refused_and_nothing_is_called(node: object) -> None:
-    state = encode(Holder())
+    state = state_of(Holder())
     tree = json.loads(state.tree)
     tree[3]["content"] = node
     with pytest.raises(BadState):
-        decode(State(json.dumps(tree), state.data), Holder())
+        restore_state(State(json.dumps(tree), state.data), Holder())
 
 
 def test_a_state_of_something_else_is_refused() -> None:
     with pytest.raises(BadState, match="in the place of"):
-        decode(encode(Part()), Holder())
-    state = encode(Holder())
+        restore_state(state_of(Part()), Holder())
+    state = state_of(Holder())
     tree = json.loads(state.tree)
     del tree[3]["content"]
     with pytest.raises(BadState, match="without content"):
-        decode(State(json.dumps(tree), state.data), Holder())
+        restore_state(State(json.dumps(tree), state.data), Holder())
     with pytest.raises(BadState):
-        decode(State("[" * 100_000, state.data), Holder())
+        restore_state(State("[" * 100_000, state.data), Holder())
 
 
 def saved() -> SavedStates:
     holder = Holder()
     holder.content = np.arange(100.0)
-    return SavedStates({"backend": encode(holder)}, {"readings": 12})
+    return SavedStates({"backend": state_of(holder)}, {"readings": 12})
 
 
 def test_a_file_of_states_comes_back(tmp_path: Path) -> None:
     write_states(tmp_path / "state.npz", saved())
     found, after = read_states(tmp_path / "state.npz"), Holder()
     assert found.facts == {"readings": 12}
-    decode(found.states["backend"], after)
+    restore_state(found.states["backend"], after)
     assert after.content.tolist() == list(range(100))
 
 

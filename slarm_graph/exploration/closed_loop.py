@@ -26,7 +26,7 @@ from slarm_graph.geographic import Coverage
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.reading_log import ReadingLog
-from slarm_graph.snapshots import State, decode, encode
+from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import DriveCommand, World
 
@@ -184,15 +184,15 @@ class ClosedLoop:
         """Return the state between two steps, to go on from with a fresh loop and world."""
         return {
             "backend": self._backend.snapshot(),
-            "explorer": encode(self._explorer),
-            "loop": encode(self),
+            "explorer": state_of(self._explorer),
+            "loop": state_of(self),
         }
 
     def restore(self, states: Mapping[str, State]) -> None:
         """Continue from a snapshot: the world is driven there again by the same commands."""
         self._backend.restore(states["backend"])
-        decode(states["explorer"], self._explorer)
-        decode(states["loop"], self)
+        restore_state(states["explorer"], self._explorer)
+        restore_state(states["loop"], self)
         for number in range(self._survey.steps):
             self._survey.log.append(self._world.read())
             if number < len(self._commands):
