@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: install demo test slow bench lint docs clean
+.PHONY: install demo test slow bench gate lint docs clean
 
 install: $(READY)
 
@@ -17,13 +17,16 @@ demo: $(READY)
 	$(BIN)/slarm demo
 
 test: $(READY)
-	$(BIN)/python -m pytest -n auto -p no:benchmark
+	$(BIN)/python -m pytest -n auto -p no:benchmark $(PYTEST)
 
 slow: $(READY)
 	$(BIN)/python -m pytest -n auto -p no:benchmark -m slow
 
 bench: $(READY)
 	$(BIN)/python -m pytest benchmarks --benchmark-only -m ''
+
+gate: $(READY)
+	$(BIN)/python benchmarks/gate.py $(RECORDINGS) $(RECORD)
 
 lint: $(READY)
 	$(BIN)/ruff check .
@@ -32,7 +35,7 @@ lint: $(READY)
 	$(BIN)/mypy examples/*.py examples/plugins/*/*.py
 
 docs: $(READY)
-	$(BIN)/mkdocs build --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet
 
 clean:
 	rm -rf .venv build dist site *.egg-info

@@ -55,6 +55,7 @@ from slarm_graph.files.worlds import save_world as save_world
 from slarm_graph.files.worlds import shipped_worlds as shipped_worlds
 from slarm_graph.frontends.recordings.sources import open_source as open_source
 from slarm_graph.frontends.scans.matcher import ScanMatcher as ScanMatcher
+from slarm_graph.frontends.simulation.random_worlds import random_world as random_world
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld as SourceFromWorld
 from slarm_graph.geographic import CellState as CellState
 from slarm_graph.geographic import GeographicMap as GeographicMap
@@ -71,9 +72,14 @@ from slarm_graph.radio.files import write_radio_csv as write_radio_csv
 from slarm_graph.radio.files import write_radio_netcdf as write_radio_netcdf
 from slarm_graph.radio.files import write_radio_npz as write_radio_npz
 from slarm_graph.radio.path_loss import los_probability as los_probability
+from slarm_graph.radio.path_loss import los_probability_office as los_probability_office
 from slarm_graph.radio.path_loss import path_loss_db as path_loss_db
 from slarm_graph.radio.path_loss import shadow_sigma_db as shadow_sigma_db
 from slarm_graph.radio.pictures import write_radio_png as write_radio_png
+from slarm_graph.radio.propagation.links import Links as Links
+from slarm_graph.radio.propagation.links import PathLoss as PathLoss
+from slarm_graph.radio.propagation.links import PropagationModel as PropagationModel
+from slarm_graph.radio.propagation.over_map import predicted_radio_map as predicted_radio_map
 from slarm_graph.radio.radio_map import radio_map as radio_map
 from slarm_graph.reading_log import ReadingLog as ReadingLog
 from slarm_graph.readings import LaserScan as LaserScan

@@ -6,15 +6,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pydantic.fields import FieldInfo
 
 from slarm_graph import parts
-from slarm_graph.config import RunConfig, Stage
+from slarm_graph.config import RadioConfig, RunConfig, Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import config_differences, load_config
+from slarm_graph.radio.path_loss import SCENARIOS
 
 
 @pytest.mark.parametrize("comments", [True, False])
@@ -115,3 +117,9 @@ def settings(model: type[Stage], prefix: str = "") -> Iterator[tuple[str, FieldI
 )
 def test_units_and_allowed_values_are_listed(line: str) -> None:
     assert line in config_yaml(RunConfig(), comments=True)
+
+
+def test_scenarios_that_can_be_set_are_those_there_are() -> None:
+    assert get_args(RadioConfig.model_fields["scenario"].annotation) == tuple(SCENARIOS)
+    with pytest.raises(BadInput, match=r"radio\.scenario: Input should be .InF-SL."):
+        load_config(overrides=["radio.scenario=foo"])

@@ -18,12 +18,22 @@ import yaml
 from example_parts import PLUGINS, install, on_the_path
 from test_cli import room_bag
 
-from slarm_graph import backends, match_scans, open_source, parts, read_trajectory
+from slarm_graph import (
+    GridGeometry,
+    OccupancyGrid,
+    backends,
+    match_scans,
+    open_source,
+    parts,
+    read_radio_npz,
+    read_trajectory,
+    write_map,
+)
 from slarm_graph.app.cli import main
 from slarm_graph.backend import silent
 from slarm_graph.config import RunConfig, SourceConfig
 
-LATER = {"propagation model", "recording format"}
+LATER = {"recording format"}
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -110,6 +120,20 @@ def test_a_matcher(bag: Path) -> None:
     match = match_scans(scans[4], scans[0], matcher="point_icp", config=config)
     assert match
     assert match.target_from_source.x == pytest.approx(0.2, abs=0.03)
+
+
+def test_a_propagation_model(tmp_path: Path) -> None:
+    occupied = np.zeros((30, 300), dtype=np.bool_)
+    occupied[[0, -1]] = occupied[:, [0, -1]] = True
+    hall = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 30, 300), occupied, ~occupied)
+    write_map(tmp_path / "hall.yaml", hall)
+    chosen = ("--set", "radio.propagation=two_slope", "--set", "two_slope.breakpoint_m=5")
+    where = ("--ap", "1.05", "1.55", "0.5", "--out", str(tmp_path), "--name", "it")
+    assert main(["radio", str(tmp_path / "hall.yaml"), *chosen, *where]) == 0
+    radio = read_radio_npz(tmp_path / "it" / "radio_map.npz")
+    at_1_m, at_5_m, at_25_m = (radio.path_loss_db[0, 15, 10 + 10 * d] for d in (1, 5, 25))
+    assert at_5_m - at_1_m == pytest.approx(20.0 * np.log10(5.0), abs=0.01)
+    assert at_25_m - at_5_m == pytest.approx(40.0 * np.log10(5.0), abs=0.01)
 
 
 def test_an_explorer(tmp_path: Path) -> None:

@@ -5,12 +5,15 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from slarm_graph.config.sections import PartName
 from slarm_graph.config.stage import Reach, Resolution, Stage
+
+Scenario = Literal["InF-SL", "InF-DL", "InF-SH", "InF-DH", "InF-HH", "InH", "free-space"]
+"""Rows of `slarm_graph.radio.path_loss.SCENARIOS`."""
 
 
 class MappingConfig(Stage):
@@ -72,7 +75,7 @@ class RadioConfig(Stage):
 
     propagation: Annotated[str, PartName("propagation model")] = "3gpp"
     """Model of path loss; `3gpp` is the row that `scenario` names."""
-    scenario: str = "InF-SH"
+    scenario: Scenario = "InF-SH"
     """Propagation scenario of 3GPP TR 38.901, or free-space."""
     frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)
     """Carrier frequency of access points that say none of their own."""
