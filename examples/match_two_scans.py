@@ -9,12 +9,12 @@ import sys
 
 import numpy as np
 
-from slarm_graph import SourceConfig, match_scans, open_source
+from slarm_graph import match_scans, open_source
 
 
 def main(recording: str, target: str = "0", source: str = "1") -> None:
     """Print where the source's robot stood, seen from the target's."""
-    scans = [reading.scan for reading in open_source(recording, SourceConfig())]
+    scans = [reading.scan for reading in open_source(recording)]
     for matcher in ("likelihood", "icp", "correlative"):
         match = match_scans(scans[int(source)], scans[int(target)], matcher=matcher)
         if not match:

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from slarm_graph import (
     MappingConfig,
-    SourceConfig,
     open_source,
     render,
     run_backend,
@@ -21,7 +20,7 @@ from slarm_graph import (
 
 def main(recording: str, out: str, backend: str = "pose_graph") -> None:
     """Read, localize, draw, write."""
-    source = open_source(recording, SourceConfig())
+    source = open_source(recording)
     readings = list(source)
     slam = run_backend(readings, backend)
     grid = render([reading.scan for reading in readings], slam.trajectory, MappingConfig())

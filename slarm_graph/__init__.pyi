@@ -53,6 +53,8 @@ from slarm_graph.files.trajectories import write_trajectory as write_trajectory
 from slarm_graph.files.worlds import load_world as load_world
 from slarm_graph.files.worlds import save_world as save_world
 from slarm_graph.files.worlds import shipped_worlds as shipped_worlds
+from slarm_graph.frontends.recordings.findings import Finding as Finding
+from slarm_graph.frontends.recordings.formats import RecordingFormat as RecordingFormat
 from slarm_graph.frontends.recordings.sources import open_source as open_source
 from slarm_graph.frontends.scans.matcher import ScanMatcher as ScanMatcher
 from slarm_graph.frontends.simulation.random_worlds import random_world as random_world
@@ -84,6 +86,7 @@ from slarm_graph.radio.radio_map import radio_map as radio_map
 from slarm_graph.reading_log import ReadingLog as ReadingLog
 from slarm_graph.readings import LaserScan as LaserScan
 from slarm_graph.readings import Reading as Reading
+from slarm_graph.readings import ScanStatus as ScanStatus
 from slarm_graph.readings import Source as Source
 from slarm_graph.readings import SourceInfo as SourceInfo
 from slarm_graph.recovery.recover import recover as recover

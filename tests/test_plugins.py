@@ -31,9 +31,7 @@ from slarm_graph import (
 )
 from slarm_graph.app.cli import main
 from slarm_graph.backend import silent
-from slarm_graph.config import RunConfig, SourceConfig
-
-LATER = {"recording format"}
+from slarm_graph.config import RunConfig
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -50,7 +48,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return room_bag(tmp_path_factory.mktemp("bags") / "room.bag", 30)
 
 
-@pytest.mark.parametrize("kind", [*sorted(parts.KINDS.keys() - LATER)])
+@pytest.mark.parametrize("kind", parts.KINDS)
 def test_every_kind_has_an_example_of_one_file(kind: str) -> None:
     (found,) = [
         project for project in PLUGINS.glob("*/pyproject.toml")
@@ -88,7 +86,7 @@ def test_a_backend_with_settings_and_a_metric(bag: Path, tmp_path: Path) -> None
 
 
 def test_a_backend_goes_on_from_its_checkpoint(bag: Path) -> None:
-    readings = list(open_source(bag, SourceConfig()))
+    readings = list(open_source(bag))
     config, rng = RunConfig(backend="scaled_odometry"), np.random.default_rng(0)
     first, second = (backends.make(config.backend, config, rng, silent) for _ in range(2))
     for reading in readings[:10]:
@@ -115,7 +113,7 @@ def test_settings_of_others_are_listed(capsys: pytest.CaptureFixture[str]) -> No
 
 
 def test_a_matcher(bag: Path) -> None:
-    scans = [reading.scan for reading in open_source(bag, SourceConfig())]
+    scans = [reading.scan for reading in open_source(bag)]
     config = RunConfig(point_icp={"max_distance_m": 0.3})
     match = match_scans(scans[4], scans[0], matcher="point_icp", config=config)
     assert match
@@ -134,6 +132,27 @@ def test_a_propagation_model(tmp_path: Path) -> None:
     at_1_m, at_5_m, at_25_m = (radio.path_loss_db[0, 15, 10 + 10 * d] for d in (1, 5, 25))
     assert at_5_m - at_1_m == pytest.approx(20.0 * np.log10(5.0), abs=0.01)
     assert at_25_m - at_5_m == pytest.approx(40.0 * np.log10(5.0), abs=0.01)
+
+
+def test_a_recording_format(bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "room.scans.csv"
+    assert main(["convert", str(bag), str(path)]) == 0
+    assert "30 scans of ROS 1 bag" in capsys.readouterr().out
+    same = zip(open_source(bag), open_source(path), strict=True)
+    for there, here in same:
+        assert here.stamp_ns == there.stamp_ns
+        np.testing.assert_array_equal(here.scan.ranges_m, there.scan.ranges_m)
+    assert main(["check", str(path), "--set", "csv_scans.range_max_m=3.5"]) == 0
+    assert "lie beyond 3.5 m" in capsys.readouterr().out
+    chosen = ("--backend", "odometry", "--set", "csv_scans.range_max_m=3.5")
+    assert main(["run", str(path), *chosen, "--out", str(tmp_path), "--name", "it"]) == 0
+    config = yaml.safe_load((tmp_path / "it" / "config.yaml").read_text())
+    assert config["csv_scans"] == {"range_max_m": 3.5}
+    assert main(["convert", str(path), str(tmp_path / "back.bag")]) == 0
+    assert len(list(open_source(tmp_path / "back.bag"))) == 30
+    path.write_text(path.read_text() + "1, 2, what\n")
+    assert main(["run", str(path), "--out", str(tmp_path)]) == 2
+    assert f"{path}:32: expected numbers" in capsys.readouterr().err
 
 
 def test_an_explorer(tmp_path: Path) -> None:

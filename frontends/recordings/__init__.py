@@ -1,5 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings to readings: ROS 1 and 2 bags, CARMEN logs; diagnosing and converting them."""
+"""Recordings to readings: ROS 1 and 2 bags, CARMEN logs; diagnosing and converting them.
+
+A recording format of another package is a class with what
+`slarm_graph.frontends.recordings.formats.RecordingFormat` says, the attribute `settings` (a
+`slarm_graph.config.Stage`) and the constructor `(settings,)`.
+"""
 
 BUILT_IN: dict[str, str] = {}

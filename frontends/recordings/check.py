@@ -28,6 +28,7 @@ from slarm_graph.frontends.recordings.findings import (
     TopicFacts,
     step_histogram,
 )
+from slarm_graph.frontends.recordings.formats import Sections, format_of
 from slarm_graph.frontends.recordings.frames import usual_frame
 from slarm_graph.frontends.recordings.messages import (
     ODOMETRY,
@@ -53,7 +54,9 @@ _ORDER = {"error": 0, "warning": 1, "note": 2}
 
 
 def check(
-    paths: Sequence[Path | str] | Path | str, config: SourceConfig | None = None
+    paths: Sequence[Path | str] | Path | str,
+    config: SourceConfig | None = None,
+    section: Sections | None = None,
 ) -> Diagnosis:
     """Diagnose a recording; never raises, whatever the file.
 
@@ -62,6 +65,8 @@ def check(
     paths : path or sequence of paths
     config : SourceConfig, optional
         As the run would use it.
+    section : callable, optional
+        As for `open_source`.
 
     Returns
     -------
@@ -75,8 +80,12 @@ def check(
     readings = 0
     try:
         files = existing_paths(paths)
-        description, topics, findings = _look(files, config)
-        source = open_source(files, config)
+        theirs = format_of(files, section)
+        if theirs is None:
+            description, topics, findings = _look(files, config)
+        else:
+            findings = list(theirs.check(files, config))
+        source = open_source(files, config, section=section)
         readings = len(list(source))
         findings += _as_used(source.info().notices, findings)
     except BadInput as error:

@@ -18,6 +18,7 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.formats import Sections, format_of, format_written_as
 from slarm_graph.frontends.recordings.ros_writing import prepare_destination, remove, write_readings
 from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
 from slarm_graph.frontends.recordings.sources import (
@@ -42,6 +43,7 @@ def convert(
     config: SourceConfig | None = None,
     *,
     overwrite: bool = False,
+    section: Sections | None = None,
 ) -> str:
     """Convert a recording; the destination's ending says into what.
 
@@ -58,6 +60,8 @@ def convert(
     config : SourceConfig, optional
         Choice of topics, where readings are made.
     overwrite : bool
+    section : callable, optional
+        As for `open_source`.
 
     Returns
     -------
@@ -71,18 +75,24 @@ def convert(
     """
     paths, destination = existing_paths(sources), Path(destination)
     prepare_destination(destination, overwrite=overwrite)
+    theirs = format_written_as(destination, section)
+    if theirs is not None:
+        source = open_source(paths, config, section=section)
+        count = theirs.write(destination, source)
+        return f"{destination}: {count} scans of {source.info().description}"
     to_carmen = destination.name.endswith(_CARMEN_ENDINGS)
     world = open_world(paths)
     if world is not None and not to_carmen:
         count = write_readings(destination, world, truth=_truth(world), overwrite=overwrite)
         return f"{destination}: {count} scans of a {world.info().description}, with ground truth"
     loss = ""
-    if not to_carmen and not is_carmen(paths[0]):
+    has_messages = not is_carmen(paths[0]) and format_of(paths, section) is None
+    if not to_carmen and has_messages:
         open_recording(paths)  # tells what is wrong with a file that is none
         loss = _convert_messages(paths, destination)
         if not loss:
             return f"{destination}: every message of {', '.join(path.name for path in paths)}"
-    source = open_source(paths, config or SourceConfig())
+    source = open_source(paths, config, section=section)
     if to_carmen:
         count = write_carmen(destination, source)
     else:

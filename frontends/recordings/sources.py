@@ -15,6 +15,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.carmen import looks_like_carmen, read_carmen
 from slarm_graph.frontends.recordings.carmen_lines import LASERS
 from slarm_graph.frontends.recordings.clock import segment_rows, segments
+from slarm_graph.frontends.recordings.formats import Sections, format_of
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import sorted_path
 from slarm_graph.frontends.recordings.packed import Ints
@@ -29,10 +30,11 @@ if TYPE_CHECKING:
 
 def open_source(
     paths: Sequence[Path | str] | Path | str,
-    config: SourceConfig,
+    config: SourceConfig | None = None,
     simulation: SimulationConfig | None = None,
     *,
     seed: int = 0,
+    section: Sections | None = None,
 ) -> Source:
     """Open one recording; its kind is told from its content.
 
@@ -41,18 +43,23 @@ def open_source(
     paths : path or sequence of paths
         A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, a CARMEN
         log, plain or gzipped, or the YAML file of a world, through which a robot is then driven.
-    config : SourceConfig
+    config : SourceConfig, optional
     simulation : SimulationConfig, optional
         The robot that is driven through a world.
     seed : int
         Of its noise.
+    section : callable, optional
+        Gives the settings of a format by its name, as `RunConfig.section` does.
 
     Raises
     ------
     BadInput
         With one line: what is wrong, where, and how to mend it.
     """
-    files = existing_paths(paths)
+    files, config = existing_paths(paths), config or SourceConfig()
+    theirs = format_of(files, section)
+    if theirs is not None:
+        return theirs.open(files, config)
     logs = [file for file in files if is_carmen(file)]
     if logs and len(files) > 1:
         raise BadInput(f"{logs[0]} is a CARMEN log; only one at a time can be read")

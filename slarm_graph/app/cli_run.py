@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from slarm_graph.access_points import AccessPoint
     from slarm_graph.app.job import ExploreJob, Job, Run
     from slarm_graph.app.run_folder import RunFolder
-    from slarm_graph.config import RunConfig, SourceConfig
+    from slarm_graph.config import RunConfig
     from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
@@ -151,12 +151,12 @@ def source_config(
     static_tf: list[str] | None,
     config: Path | None,
     settings: list[str] | None,
-) -> SourceConfig:
+) -> RunConfig:
     """Return what the options of `check` and `convert` say of how to read a recording."""
     from slarm_graph.files.configs import load_config
 
     chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
-    return load_config(config, chosen).source
+    return load_config(config, chosen)
 
 
 def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:

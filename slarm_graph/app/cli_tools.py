@@ -75,7 +75,8 @@ def check_command(
     """Diagnose a recording before running it; exit code 1 for warnings, 2 when it is unusable."""
     from slarm_graph.frontends.recordings.check import check
 
-    diagnosis = check(sources, source_config(odom, scan, segment, static_tf, config, settings))
+    chosen = source_config(odom, scan, segment, static_tf, config, settings)
+    diagnosis = check(sources, chosen.source, chosen.section)
     print(json.dumps(diagnosis.as_json(), indent=2) if as_json else diagnosis.text())
     return diagnosis.exit_code
 
@@ -102,7 +103,7 @@ def convert_command(
     from slarm_graph.frontends.recordings.convert import convert
 
     chosen = source_config(odom, scan, segment, static_tf, config, settings)
-    print(convert(sources, destination, chosen, overwrite=overwrite))
+    print(convert(sources, destination, chosen.source, overwrite=overwrite, section=chosen.section))
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:

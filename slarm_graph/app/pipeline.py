@@ -56,7 +56,11 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # recording -> readings
     with folder.stage("reading", progress):
         source = open_source(
-            job.paths, config.source_as_used(), config.simulation, seed=config.seed
+            job.paths,
+            config.source_as_used(),
+            config.simulation,
+            seed=config.seed,
+            section=config.section,
         )
     with folder.stage("loading", progress):
         backend = backends.make(config.backend, config, rng, progress.say)
