@@ -36,6 +36,7 @@ from slarm_graph.eval.metrics import metrics_json as metrics_json
 from slarm_graph.eval.relations import read_relations as read_relations
 from slarm_graph.eval.relations import relation_errors as relation_errors
 from slarm_graph.exploration.coverage_grid import CoverageGrid as CoverageGrid
+from slarm_graph.exploration.coverage_grid import known_coverage as known_coverage
 from slarm_graph.exploration.explorer import Explorer as Explorer
 from slarm_graph.exploration.explorer import Finished as Finished
 from slarm_graph.exploration.explorer import Leg as Leg

@@ -20,7 +20,6 @@ from slarm_graph.exploration.paths import drivable, path_between
 from slarm_graph.exploration.searches import (
     distances_between,
     distances_from,
-    path_length,
     path_to_nearest,
     reachable,
     shortest_path,
@@ -29,6 +28,11 @@ from slarm_graph.exploration.visibility import sees
 from slarm_graph.grid import GridGeometry, Mask
 
 seeds = st.integers(0, 2**32 - 1)
+
+
+def path_length(cells: np.ndarray) -> float:
+    """Length of a path (K, 2) [cells]."""
+    return float(np.hypot(*np.diff(cells, axis=0).T).sum()) if len(cells) > 1 else 0.0
 
 
 def random_floor(seed: int, shape: tuple[int, int] = (17, 23), blocked: float = 0.3) -> Mask:

@@ -106,10 +106,6 @@ class MujocoWorld:
         """Return how often the body has run into a solid so far."""
         return self._collisions
 
-    def tilt_rad(self) -> float:
-        """Angle between the robot's axis and the vertical [rad]."""
-        return math.acos(min(1.0, float(self._data.xmat[self._chassis()][8])))
-
     def _settle(self) -> None:
         """Let the wheels take the weight, then put the robot at its start and the clock at 0."""
         steps = round(_SETTLE_S / self._model.opt.timestep)

@@ -92,13 +92,13 @@ def match_scans(
 def optimize_graph(graph: PoseGraph) -> PoseGraph:
     """Move a pose graph's poses to where its constraints fit best; pose 0 stays.
 
-    Loop closures count by a Huber kernel; GTSAM does the work.
+    GTSAM begins from the graph's own poses and from several other starts; the best counts.
 
     Raises
     ------
     RunFailed
         When the constraints do not determine the poses.
     """
-    from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize
+    from slarm_graph.backends.pose_graph_optimizer import optimize_from_anywhere
 
-    return replace(graph, poses=optimize(graph, kernel=Kernel.HUBER).poses)
+    return replace(graph, poses=optimize_from_anywhere(graph).poses)

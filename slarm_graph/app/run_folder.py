@@ -17,7 +17,6 @@ from contextlib import contextmanager
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
 
 import slarm_graph
 from slarm_graph.app.folder_claim import FolderClaim
@@ -26,7 +25,6 @@ from slarm_graph.errors import BadInput, RunFailed
 
 _log = logging.getLogger(__name__)
 
-Status = Literal["running", "ok", "partial", "failed"]
 Facts = dict[str, object]
 
 RECORD = "run.json"

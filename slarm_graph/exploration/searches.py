@@ -78,11 +78,6 @@ def reachable(moves: Moves, start: tuple[int, int]) -> Mask:
     return found
 
 
-def path_length(cells: Cells) -> float:
-    """Length of a path (K, 2) [cells]."""
-    return float(np.hypot(*np.diff(cells, axis=0).T).sum()) if len(cells) > 1 else 0.0
-
-
 def new_labels(size: int) -> Labels:
     """Scratch (size,) of `wavefront`: what it knows of every cell, together in memory."""
     return np.zeros(size, dtype=_LABEL)
