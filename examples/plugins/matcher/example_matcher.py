@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan matcher of one's own: `slarm run your.bag --set frontend.matcher=point_icp`."""
+"""A scan matcher of one's own: `match_scans(source, target, matcher="point_icp")`."""
 
 from __future__ import annotations
 
