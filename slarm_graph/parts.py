@@ -205,6 +205,9 @@ def _section_problem(kind: str, name: str, part: object) -> str:
     model = getattr(part, "settings", Stage)
     if not (isinstance(model, type) and issubclass(model, Stage)):
         return "its `settings` are no class derived from slarm_graph.config.Stage"
+    required = [key for key, field in model.model_fields.items() if field.is_required()]
+    if required:
+        return f"its settings have no default for {', '.join(required)}"
     if "." in name or name in RunConfig.model_fields:
         return "its name cannot be that of a section of the configuration"
     owner = _owner(name)

@@ -41,6 +41,18 @@ class WithoutSettings:
     """A part that has nothing to set."""
 
 
+class Demanding(Stage):
+    """Settings that somebody would have to give."""
+
+    gain: float
+
+
+class WithoutDefaults:
+    """A part that cannot be built by default."""
+
+    settings = Demanding
+
+
 class WrongSettings:
     """A part whose settings are no Stage."""
 
@@ -57,7 +69,7 @@ def hello(name: str) -> int:
 def theirs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Entry points of other packages, as far as this test is concerned."""
     module = types.ModuleType("their_parts")
-    for part in (Mine, WithoutSettings, WrongSettings, hello):
+    for part in (Mine, WithoutSettings, WrongSettings, WithoutDefaults, hello):
         setattr(module, part.__name__, part)
     monkeypatch.setitem(sys.modules, "their_parts", module)
     found = EntryPoints(
@@ -69,6 +81,7 @@ def theirs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
             ("no_such_attribute", "their_parts:Other", "slarm_graph.backends"),
             ("plain", "their_parts:WithoutSettings", "slarm_graph.backends"),
             ("wrong", "their_parts:WrongSettings", "slarm_graph.backends"),
+            ("demanding", "their_parts:WithoutDefaults", "slarm_graph.backends"),
             ("radio", "their_parts:Mine", "slarm_graph.backends"),
             ("mine", "their_parts:Mine", "slarm_graph.explorers"),
             ("run", "their_parts:hello", "slarm_graph.commands"),
@@ -113,6 +126,7 @@ def test_others_add_parts_but_cannot_replace_ours() -> None:
         ("backend", "missing", "needs the Python module no, which is not installed"),
         ("backend", "no_such_attribute", "no attribute 'Other'"),
         ("backend", "wrong", "no class derived from slarm_graph.config.Stage"),
+        ("backend", "demanding", "its settings have no default for gain"),
         ("backend", "radio", "cannot be that of a section"),
         ("explorer", "mine", "there is a backend of the same name"),
     ],
