@@ -33,6 +33,8 @@ FIGURES = {
 }
 TOLERANCE = 0.05
 """Share of a figure by which it may change: rounding moves it a little, faults move it far."""
+FLOOR = 0.001
+"""And at least by so much in its own unit: a millimetre, a thousandth of a dB or of all cells."""
 
 Figures = dict[str, dict[str, float]]
 
@@ -48,8 +50,8 @@ class Difference:
 
     def verdict(self) -> str:
         """Say `worse`, `better` or `same`."""
-        change = (self.now - self.recorded) / max(abs(self.recorded), 1e-9)
-        if abs(change) <= TOLERANCE:
+        change = self.now - self.recorded
+        if abs(change) <= max(TOLERANCE * abs(self.recorded), FLOOR):
             return "same"
         return "better" if (change > 0) == (kind_of(self.name).better == "more") else "worse"
 
@@ -81,7 +83,8 @@ def measured(folder: Path | None) -> Figures:
                 raise SystemExit(f"{run}: {' '.join(slarm)} failed\n{done.stderr}")
             metrics = json.loads((Path(out) / where[-1] / "metrics.json").read_text())
             found[run] = {name: metrics[name]["value"] for name in FIGURES[kind]}
-            print(f"{run}: " + ", ".join(f"{k} {v:.6g}" for k, v in found[run].items()))
+            told = ", ".join(f"{name} {value:.6g}" for name, value in found[run].items())
+            print(f"{run}: {told}", flush=True)
     return found
 
 

@@ -37,10 +37,16 @@ def gate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
         ("accuracy", 0.106, "better"),
         ("accuracy", 0.094, "worse"),
         ("map_entropy_nat", 0.106, "worse"),
+        ("gain_rmse_db", 0.1051, "worse"),
     ],
 )
 def test_verdict(gate: ModuleType, name: str, now: float, verdict: str) -> None:
     assert gate.Difference("run", name, now, 0.1).verdict() == verdict
+
+
+def test_figures_near_zero(gate: ModuleType) -> None:
+    assert gate.Difference("run", "gain_rmse_db", 0.0009, 0.0).verdict() == "same"
+    assert gate.Difference("run", "gain_rmse_db", 0.0011, 0.0).verdict() == "worse"
 
 
 def test_negative_figures(gate: ModuleType) -> None:
@@ -67,3 +73,12 @@ def test_missing_recordings_are_told(
     runs = [run for run, _, _ in gate.commands(tmp_path)]
     assert runs == ["paper_room pose_graph", "paper_room gmapping"]
     assert "skipped: intel" in capsys.readouterr().out
+
+
+def test_recorded_figures_are_those_that_are_compared(gate: ModuleType) -> None:
+    recorded = json.loads((FOLDER / "recorded.json").read_text())
+    names = (*gate.RECORDINGS, *gate.WORLDS)
+    assert recorded.keys() == {f"{name} {backend}" for name in names for backend in gate.BACKENDS}
+    for run, figures in recorded.items():
+        kind = "world" if run.split()[0] in gate.WORLDS else "recording"
+        assert tuple(sorted(figures)) == tuple(sorted(gate.FIGURES[kind]))
