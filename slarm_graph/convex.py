@@ -46,16 +46,16 @@ def _are_convex(corners: Floats) -> Mask:
     return np.asarray((turn >= -1e-12 * scale).all(axis=-1))
 
 
-def convex_plans(polygons_m: Sequence[Floats]) -> list[Floats]:
-    """Cut many simple polygons (K, 2) into convex ones; those of four corners all at once."""
+def convex_plans(polygons_m: Sequence[Floats]) -> list[list[Floats]]:
+    """Cut many simple polygons (K, 2) into convex ones each; those of four corners all at once."""
     quads = [n for n, polygon in enumerate(polygons_m) if len(polygon) == 4]
     whole = np.zeros(len(polygons_m), dtype=np.bool_)
     if quads:
         whole[quads] = _are_convex(np.stack([polygons_m[n] for n in quads]))
-    pieces: list[Floats] = []
-    for polygon, is_whole in zip(polygons_m, whole.tolist(), strict=True):
-        pieces += [polygon] if is_whole else convex_pieces(polygon)
-    return pieces
+    return [
+        [polygon] if is_whole else convex_pieces(polygon)
+        for polygon, is_whole in zip(polygons_m, whole.tolist(), strict=True)
+    ]
 
 
 def convex_pieces(corners_m: ArrayLike) -> list[Floats]:

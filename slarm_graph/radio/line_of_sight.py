@@ -20,11 +20,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from slarm_graph.convex import convex_pieces, nearest_on_outline
+from slarm_graph.convex import convex_plans, nearest_on_outline
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.polygons import contains, counter_clockwise
-from slarm_graph.radio.shadows import boxes_of_cells, hidden_points, shadowed_cells
+from slarm_graph.radio.shadows import boxes_of_cells, hidden_points, next_around, shadowed_cells
 from slarm_graph.world import Solid
 
 _ENDLESS = 1e7
@@ -62,12 +62,35 @@ def line_of_sight_over_cells(
     if mount_radius_m > 0.0:
         heights = _without_mount(geometry, heights, np.array([x, y]), mount_radius_m)
     boxes, tops = boxes_of_cells(heights, min(float(z), antenna_height_m))
+    return _past_boxes(geometry, boxes, np.array([x, y]), _scales(tops, z, antenna_height_m))
+
+
+def line_of_sight_past_cells(
+    geometry: GridGeometry,
+    cells: Mask,
+    access_point_m: ArrayLike,
+    antenna_height_m: float,
+    *,
+    mount_radius_m: float = 0.0,
+) -> Mask:
+    """As `line_of_sight_over_cells`, of cells (rows, cols) that nothing passes at any height."""
+    x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    filled = cells.view(np.uint8)
+    if mount_radius_m > 0.0:
+        filled = _without_mount(geometry, filled, np.array([x, y]), mount_radius_m)
+    boxes, tops = boxes_of_cells(filled, 0.0)
+    endless = np.full(len(tops), np.inf)
+    return _past_boxes(geometry, boxes, np.array([x, y]), _scales(endless, z, antenna_height_m))
+
+
+def _past_boxes(
+    geometry: GridGeometry, boxes: NDArray[np.int64], plan: Floats, scales: Floats
+) -> Mask:
+    """Cells (rows, cols) in no shadow of boxes (N, 4): first and past columns and rows."""
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2).astype(np.float64)
     starts = np.arange(0, len(corners) + 1, 4)
-    eye = _in_cells(geometry, np.array([x, y]))
-    return ~shadowed_cells(
-        geometry.shape, eye, corners, starts, _scales(tops, z, antenna_height_m), 1.0
-    )
+    eye = _in_cells(geometry, plan)
+    return ~shadowed_cells(geometry.shape, eye, corners, starts, scales, 1.0)
 
 
 def line_of_sight_past_solids(
@@ -114,8 +137,8 @@ def line_of_sight_past_solids(
 
 
 def _without_mount(
-    geometry: GridGeometry, heights: Floats, plan: Floats, radius_m: float
-) -> Floats:
+    geometry: GridGeometry, heights: NDArray[Scalar], plan: Floats, radius_m: float
+) -> NDArray[Scalar]:
     """Heights without the cells whose centre is within the radius of a plan point."""
     low = np.maximum(geometry.cell_of(plan - radius_m), 0)
     high = np.minimum(geometry.cell_of(plan + radius_m) + 1, geometry.shape)
@@ -125,7 +148,7 @@ def _without_mount(
     cells = np.moveaxis(np.mgrid[near], 0, -1)
     off = np.linalg.norm(geometry.center_of(cells) - plan, axis=-1)
     heights = heights.copy()
-    heights[near] = np.where(off <= radius_m, 0.0, heights[near])
+    heights[near] = np.where(off <= radius_m, 0, heights[near])
     return heights
 
 
@@ -152,10 +175,14 @@ def line_of_sight_to_points(
     """
     points = np.array(points_m, dtype=np.float64).reshape(-1, 2)
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
-    for solid in solids:
-        for index in np.flatnonzero(contains(solid.corners_m, points)):
-            foot, normal = nearest_on_outline(solid.corners_m, points[index])
+    corners, starts, _ = _end_to_end([(solid.corners_m, solid.height_m) for solid in solids])
+    at = next_around(0, points, corners, starts)
+    while at < len(solids):
+        ring = solids[at].corners_m
+        for index in np.flatnonzero(contains(ring, points)):
+            foot, normal = nearest_on_outline(ring, points[index])
             points[index] = foot + _OFF_WALL_M * normal
+        at = next_around(at + 1, points, corners, starts)
     whole, cut = _plans(solids, None)
     if not solids:
         return np.ones(len(points), dtype=np.bool_)
@@ -170,8 +197,7 @@ def _plans(
     """Convex plans (K, 2) with their tops: of convex solids and walls, and of cut solids."""
     whole: list[tuple[Floats, float]] = []
     cut: list[tuple[Floats, float]] = []
-    for solid in solids:
-        pieces = convex_pieces(solid.corners_m)
+    for solid, pieces in zip(solids, convex_plans([s.corners_m for s in solids]), strict=True):
         (whole if len(pieces) == 1 else cut).extend((piece, solid.height_m) for piece in pieces)
     if boundary_m is not None:
         ends = np.roll(boundary_m, -1, axis=0)
@@ -183,7 +209,7 @@ def _end_to_end(
     plans: Sequence[tuple[Floats, float]],
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Corners of all plans in one array (N, 2) [m], where each starts, and the tops [m]."""
-    corners = np.concatenate([corners for corners, _ in plans])
+    corners = np.concatenate([np.zeros((0, 2)), *(corners for corners, _ in plans)])
     starts = np.cumsum([0, *(len(corners) for corners, _ in plans)])
     return corners, starts, np.array([top for _, top in plans])
 
@@ -192,16 +218,23 @@ def _on_face(
     plan: Floats, z: float, solids: Sequence[Solid], boundary_m: Floats | None, radius_m: float
 ) -> Floats:
     """Move an access point that sits a little inside a wall to the wall's face."""
-    outlines = [(counter_clockwise(s.corners_m), 1.0) for s in solids if s.height_m > z]
-    if boundary_m is not None:
-        outlines.append((counter_clockwise(boundary_m), -1.0))
-    for corners, outward in outlines:
-        if bool(contains(corners, plan)) != (outward > 0.0):
-            continue
-        foot, normal = nearest_on_outline(corners, plan)
-        if np.linalg.norm(foot - plan) <= radius_m:
-            plan = foot + outward * _OFF_WALL_M * normal
+    tall = [(solid.corners_m, solid.height_m) for solid in solids if solid.height_m > z]
+    corners, starts, _ = _end_to_end(tall)
+    at = next_around(0, plan[None], corners, starts)
+    while at < len(tall):
+        plan = _put_on(tall[at][0], plan, 1.0, radius_m)
+        at = next_around(at + 1, plan[None], corners, starts)
+    if boundary_m is not None and not contains(boundary_m, plan):
+        plan = _put_on(boundary_m, plan, -1.0, radius_m)
     return plan
+
+
+def _put_on(corners_m: Floats, plan: Floats, outward: float, radius_m: float) -> Floats:
+    """Move a point to the nearest face of a polygon where that is within a radius."""
+    foot, normal = nearest_on_outline(counter_clockwise(corners_m), plan)
+    if np.linalg.norm(foot - plan) > radius_m:
+        return plan
+    return np.asarray(foot + outward * _OFF_WALL_M * normal)
 
 
 def _in_cells(geometry: GridGeometry, points: Floats) -> Floats:

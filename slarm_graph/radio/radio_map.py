@@ -9,9 +9,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.config import RadioConfig
@@ -22,12 +22,15 @@ from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains
 from slarm_graph.radio.line_of_sight import (
     line_of_sight_over_cells,
+    line_of_sight_past_cells,
     line_of_sight_past_solids,
     line_of_sight_to_points,
 )
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
+from slarm_graph.raster.bands import bands
 from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.patches import joined
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
@@ -91,9 +94,11 @@ def unseen_pockets(states: NDArray[np.uint8]) -> Mask:
     What walls enclose has the walls' height; behind an open border there may be anything.
     """
     free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-    pockets, _ = ndimage.label(states == CellState.UNKNOWN)
-    at_border = pockets[ndimage.binary_dilation(free) & (pockets > 0)]
-    return np.asarray(np.isin(pockets, np.unique(at_border)) & (pockets > 0))
+    unknown = states == CellState.UNKNOWN
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    at_border = cv2.dilate(free.view(np.uint8), cross).view(np.bool_)
+    at_border &= unknown
+    return joined(unknown, at_border) if at_border.any() else at_border
 
 
 def _past_unseen(
@@ -103,7 +108,6 @@ def _past_unseen(
     unseen = unseen_pockets(geographic.states)
     if not unseen.any():
         return np.zeros((len(positions_m), *unseen.shape), dtype=np.bool_)
-    heights_m = np.where(unseen, np.inf, 0.0)
     geometry, height_m, mount_m = (
         geographic.geometry,
         config.antenna_height_m,
@@ -111,7 +115,7 @@ def _past_unseen(
     )
     return ~np.stack(
         [
-            line_of_sight_over_cells(geometry, heights_m, p, height_m, mount_radius_m=mount_m)
+            line_of_sight_past_cells(geometry, unseen, p, height_m, mount_radius_m=mount_m)
             for p in positions_m
         ]
     )
@@ -135,7 +139,7 @@ def _recovered_line_of_sight(
     position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
     clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
     if on_face.any():
-        points = geometry.centers()[on_face]
+        points = geometry.center_of(np.argwhere(on_face))
         clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
     return clear
 
@@ -150,9 +154,12 @@ def _on_room_side(
     it serves.
     """
     geometry, plan = geographic.geometry, position_m[:2]
-    cells = geometry.center_of(np.argwhere(free))
+    reach_m = radius_m + geometry.resolution_m
+    low = np.maximum(geometry.cell_of(plan - reach_m), 0)
+    high = np.maximum(geometry.cell_of(plan + reach_m) + 1, 0)
+    cells = geometry.center_of(np.argwhere(free[low[0] : high[0], low[1] : high[1]]) + low)
     away_m = np.linalg.norm(cells - plan, axis=1)
-    if not len(cells) or away_m.min() > radius_m + geometry.resolution_m:
+    if not len(cells) or away_m.min() > reach_m:
         return position_m
     way = cells[away_m.argmin()] - plan
     steps = math.ceil(float(away_m.min()) / _MOUNT_STEP_M)
@@ -208,11 +215,16 @@ def radio_notices(
         low, high = find_scenario(config.scenario).distance_m
         if low <= abs(ap.z_m - config.antenna_height_m) and _farthest_m(geometry, ap) <= high:
             continue
-        far = outside_range(_distances_m(geometry, ap, config), config.scenario)
-        if far.any():
+        far = sum(
+            np.count_nonzero(outside_range(distances_m, config.scenario))
+            for distances_m in (
+                _distances_m(geometry, ap, config, band.rows) for band in bands(geometry.shape)
+            )
+        )
+        if far:
             notices.append(
-                f"{far.mean():.1%} of the cells are outside the {low:g} to {high:g} m for which"
-                f" {config.scenario} holds (access point {ap.name})"
+                f"{far / (geometry.rows * geometry.cols):.1%} of the cells are outside the"
+                f" {low:g} to {high:g} m for which {config.scenario} holds (access point {ap.name})"
             )
     return tuple(notices)
 
@@ -236,10 +248,12 @@ def _map_of(
     clear = clear & free
     loss_db: NDArray[np.float32] = np.full(clear.shape, np.nan, dtype=np.float32)
     for ap, ap_clear, ap_loss_db in zip(access_points, clear, loss_db, strict=True):
-        distances_m = _distances_m(geometry, ap, config)[free]
-        ap_loss_db[free] = path_loss_db(
-            distances_m, ap.frequency_hz, ap_clear[free], config.scenario
-        )
+        for band in bands(free.shape):
+            here, rows = free[band.rows], band.rows
+            distances_m = _distances_m(geometry, ap, config, rows)[here]
+            ap_loss_db[rows][here] = path_loss_db(
+                distances_m, ap.frequency_hz, ap_clear[rows][here], config.scenario
+            )
     return RadioMap(
         geometry=geometry,
         access_points=tuple(access_points),
@@ -252,9 +266,11 @@ def _map_of(
     )
 
 
-def _distances_m(geometry: GridGeometry, ap: AccessPoint, config: RadioConfig) -> Floats:
-    """3D distance from the access point to the antenna over every cell (rows, cols) [m]."""
+def _distances_m(
+    geometry: GridGeometry, ap: AccessPoint, config: RadioConfig, rows: slice
+) -> Floats:
+    """3D distance from the access point to the antenna over every cell of some rows [m]."""
     x = geometry.origin_x_m + (np.arange(geometry.cols) + 0.5) * geometry.resolution_m
-    y = geometry.origin_y_m + (np.arange(geometry.rows) + 0.5) * geometry.resolution_m
+    y = geometry.origin_y_m + (np.arange(geometry.rows)[rows] + 0.5) * geometry.resolution_m
     flat_sq = (y[:, None] - ap.y_m) ** 2 + (x[None, :] - ap.x_m) ** 2
     return np.sqrt(flat_sq + (ap.z_m - config.antenna_height_m) ** 2)

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.fill import cover_strictly
 
 _GRAZE_CELLS = 1e-9
 
 
 @njit(cache=True, nogil=True)
-def boxes_of_cells(heights: Floats, above: float) -> tuple[NDArray[np.int64], Floats]:
+def boxes_of_cells(heights: NDArray[np.generic], above: float) -> tuple[NDArray[np.int64], Floats]:
     """Cover cells higher than `above` by rectangles of one height, col0, row0, col1, row1."""
     rows, cols = heights.shape
     boxes = np.empty((1024, 4), dtype=np.int64)
@@ -52,7 +53,6 @@ def boxes_of_cells(heights: Floats, above: float) -> tuple[NDArray[np.int64], Fl
     return boxes[:count], tops[:count]
 
 
-@njit(cache=True, nogil=True)
 def shadowed_cells(
     shape: tuple[int, int],
     eye: Floats,
@@ -62,26 +62,59 @@ def shadowed_cells(
     slack: float,
 ) -> Mask:
     """Union of all shadows as a mask; lengths in cells."""
-    rows, cols = shape
-    steps = np.zeros((rows, cols + 1), dtype=np.int32)
-    left, right = np.empty(rows), np.empty(rows)
-    most = 0
+    hulls, hull_starts = _hulls(eye, corners, starts, scales)
+    return by_bands(
+        shape, 0, lambda rows: _filled(rows.start, rows.stop, shape[1], hulls, hull_starts, slack)
+    )
+
+
+@njit(cache=True, nogil=True)
+def _hulls(
+    eye: Floats, corners: Floats, starts: NDArray[np.int64], scales: Floats
+) -> tuple[Floats, NDArray[np.int64]]:
+    """Outlines of the shadows, end to end, and where each starts."""
+    most, total = 0, 0
     for i in range(len(scales)):
-        most = max(most, starts[i + 1] - starts[i])
+        if not math.isnan(scales[i, 0]):
+            most = max(most, starts[i + 1] - starts[i])
+            total += 2 * (starts[i + 1] - starts[i])
     points = np.empty((2 * most, 2))
     hull = np.empty((2 * most + 2, 2))
+    hulls, hull_starts = np.empty((total, 2)), np.zeros(len(scales) + 1, dtype=np.int64)
+    count = 0
     for i in range(len(scales)):
-        if math.isnan(scales[i, 0]):
-            continue
-        size = starts[i + 1] - starts[i]
-        for k in range(size):
-            for axis in range(2):
-                off = corners[starts[i] + k, axis] - eye[axis]
-                points[k, axis] = eye[axis] + scales[i, 0] * off
-                points[size + k, axis] = eye[axis] + scales[i, 1] * off
-        edges = _hull(points[: 2 * size], hull)
-        if edges >= 3:
-            cover_strictly(steps, left, right, hull[:edges], slack * _GRAZE_CELLS)
+        if not math.isnan(scales[i, 0]):
+            size = starts[i + 1] - starts[i]
+            for k in range(size):
+                for axis in range(2):
+                    off = corners[starts[i] + k, axis] - eye[axis]
+                    points[k, axis] = eye[axis] + scales[i, 0] * off
+                    points[size + k, axis] = eye[axis] + scales[i, 1] * off
+            edges = _hull(points[: 2 * size], hull)
+            if edges >= 3:
+                hulls[count : count + edges] = hull[:edges]
+                count += edges
+        hull_starts[i + 1] = count
+    return hulls[:count].copy(), hull_starts
+
+
+@njit(cache=True, nogil=True)
+def _filled(
+    first_row: int,
+    past_row: int,
+    cols: int,
+    hulls: Floats,
+    hull_starts: NDArray[np.int64],
+    slack: float,
+) -> Mask:
+    """Cells of some rows that any outline holds."""
+    rows = past_row - first_row
+    steps = np.zeros((rows, cols + 1), dtype=np.int32)
+    left, right = np.empty(rows), np.empty(rows)
+    for i in range(len(hull_starts) - 1):
+        if hull_starts[i] < hull_starts[i + 1]:
+            hull = hulls[hull_starts[i] : hull_starts[i + 1]]
+            cover_strictly(steps, first_row, left, right, hull, slack * _GRAZE_CELLS)
     mask = np.empty((rows, cols), dtype=np.bool_)
     for row in range(rows):
         covers = 0
@@ -89,6 +122,30 @@ def shadowed_cells(
             covers += steps[row, col]
             mask[row, col] = covers > 0
     return mask
+
+
+@njit(cache=True, nogil=True)
+def next_around(first: int, points: Floats, corners: Floats, starts: NDArray[np.int64]) -> int:
+    """Which polygon, from the first on, is the next that holds any of points (N, 2); or how many.
+
+    Even-odd rule, as `polygons.contains`.
+    """
+    for i in range(first, len(starts) - 1):
+        ring = corners[starts[i] : starts[i + 1]]
+        x_min, x_max = ring[:, 0].min(), ring[:, 0].max()
+        y_min, y_max = ring[:, 1].min(), ring[:, 1].max()
+        for n in range(len(points)):
+            x, y = points[n, 0], points[n, 1]
+            if x < x_min or x > x_max or y < y_min or y > y_max:
+                continue
+            odd = False
+            for k in range(len(ring)):
+                xi, yi, xj, yj = ring[k, 0], ring[k, 1], ring[k - 1, 0], ring[k - 1, 1]
+                if (yi > y) != (yj > y) and x < (xj - xi) * (y - yi) / (yj - yi) + xi:
+                    odd = not odd
+            if odd:
+                return i
+    return len(starts) - 1
 
 
 @njit(cache=True, nogil=True)

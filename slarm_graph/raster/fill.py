@@ -53,7 +53,8 @@ class Polygons:
     @staticmethod
     def of_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Polygons:
         """Lay the plans of solids onto a grid, cut into convex polygons."""
-        return Polygons.on(geometry, convex_plans([solid.corners_m for solid in solids]))
+        cut = convex_plans([solid.corners_m for solid in solids])
+        return Polygons.on(geometry, [piece for pieces in cut for piece in pieces])
 
     def odd(self, rows: slice = EVERYWHERE) -> Mask:
         """Mark cells, of some rows, whose centre lies inside an odd number of the polygons."""
@@ -131,16 +132,24 @@ def _flip(flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: in
 
 @njit(cache=True, nogil=True)
 def cover_strictly(
-    steps: NDArray[np.int32], left: Floats, right: Floats, polygon: Floats, slack: float
+    steps: NDArray[np.int32],
+    first_row: int,
+    left: Floats,
+    right: Floats,
+    polygon: Floats,
+    slack: float,
 ) -> None:
-    """Add one to every cell whose centre lies inside a convex counter-clockwise polygon.
+    """Add one to every cell, of some rows, whose centre lies inside a convex polygon.
 
-    `steps` (rows, cols + 1) holds differences along each row; `left` and `right` are scratch.
+    The polygon is counter-clockwise, the corner of cell (0, 0) its origin. `steps` (rows, cols + 1)
+    holds differences along each row from `first_row` on; `left` and `right` (rows,) are scratch.
     """
-    rows, cols = steps.shape[0], steps.shape[1] - 1
+    rows, cols = first_row + steps.shape[0], steps.shape[1] - 1
     low, high = polygon[:, 1].min() - 0.5, polygon[:, 1].max() - 0.5
-    first = math.floor(min(max(low + slack, -1.0), float(rows))) + 1
+    first = max(first_row, math.floor(min(max(low + slack, -1.0), float(rows))) + 1)
     last = math.ceil(min(max(high - slack, -1.0), float(rows))) - 1
+    if first > last:
+        return
     for k in range(len(polygon)):
         x0, y0 = polygon[k, 0], polygon[k, 1] - 0.5
         x1, y1 = polygon[(k + 1) % len(polygon), 0], polygon[(k + 1) % len(polygon), 1] - 0.5
@@ -153,8 +162,8 @@ def cover_strictly(
         # The nearer end as anchor keeps the far, scaled-up corner's rounding out of the picture.
         anchor_x, anchor_y = (x0, y0) if abs(y0) + abs(x0) < abs(y1) + abs(x1) else (x1, y1)
         for row in range(begin, end + 1):
-            side[row] = anchor_x + (row - anchor_y) * slope
-    for row in range(first, last + 1):
+            side[row - first_row] = anchor_x + (row - anchor_y) * slope
+    for row in range(first - first_row, last + 1 - first_row):
         begin = max(0, math.floor(min(max(left[row] - 0.5 + slack, -1.0), float(cols))) + 1)
         end = min(cols, math.ceil(min(max(right[row] - 0.5 - slack, -1.0), float(cols))))
         if begin < end:
