@@ -69,11 +69,11 @@ from slarm_graph.grid import OccupancyGrid as OccupancyGrid
 from slarm_graph.mapping import render as render
 from slarm_graph.radio.fading import channel_coefficients as channel_coefficients
 from slarm_graph.radio.fading import faded_gain_db as faded_gain_db
-from slarm_graph.radio.files import read_radio_netcdf as read_radio_netcdf
 from slarm_graph.radio.files import read_radio_npz as read_radio_npz
 from slarm_graph.radio.files import write_radio_csv as write_radio_csv
-from slarm_graph.radio.files import write_radio_netcdf as write_radio_netcdf
 from slarm_graph.radio.files import write_radio_npz as write_radio_npz
+from slarm_graph.radio.netcdf import read_radio_netcdf as read_radio_netcdf
+from slarm_graph.radio.netcdf import write_radio_netcdf as write_radio_netcdf
 from slarm_graph.radio.path_loss import los_probability as los_probability
 from slarm_graph.radio.path_loss import los_probability_office as los_probability_office
 from slarm_graph.radio.path_loss import path_loss_db as path_loss_db

@@ -122,7 +122,7 @@ def test_a_thing_goes_on_only_as_far_as_the_other_hides():
 def test_sizes_that_cannot_be_are_refused():
     assert RecoveryConfig(known_sizes=((1.0, 2.0, 3.0),)).known_sizes == ((1.0, 2.0, 3.0, 1.0),)
     for size in ((1.0, 2.0), (1.0, 2.0, 0.0), (1.0, 2.0, 3.0, 0.5, 1.0), (1.0, math.inf, 1.0)):
-        with pytest.raises(ValidationError, match="is not a size"):
+        with pytest.raises(ValidationError, match=r"is not a size|finite number"):
             RecoveryConfig(known_sizes=(size,))
     with pytest.raises(ValidationError, match="at most 1"):
         RecoveryConfig(known_sizes=((1.0, 2.0, 3.0, 1.5),))

@@ -15,12 +15,11 @@ from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.files import (
-    read_radio_netcdf,
     read_radio_npz,
     write_radio_csv,
-    write_radio_netcdf,
     write_radio_npz,
 )
+from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.pictures import write_radio_png
 
 
@@ -64,7 +63,7 @@ def test_netcdf_round_trip(radio, tmp_path):
 
 def test_netcdf_opens_in_xarray_with_units(radio, tmp_path):
     write_radio_netcdf(tmp_path / "r.nc", radio)
-    with xarray.open_dataset(tmp_path / "r.nc", engine="scipy") as data:
+    with xarray.open_dataset(tmp_path / "r.nc", engine="netcdf4") as data:
         assert data.attrs["Conventions"] == "CF-1.8"
         assert data["channel_power_gain_db"].attrs["units"] == "dB"
         assert data["x"].attrs["units"] == "m"

@@ -103,6 +103,7 @@ def run_command(
     overwrite: Overwrite = False,
     max_time: MaxTime = None,
     max_memory: MaxMemory = None,
+    no_csv: Annotated[bool, typer.Option("--no-csv", help="Leave radio_map.csv out.")] = False,
 ) -> int:
     """Turn a recording into a trajectory, maps, a radio map and a report."""
     overrides = [
@@ -111,6 +112,7 @@ def run_command(
         *_set("seed", seed),
         *source_settings(odom, scan, segment, static_tf),
         *_limit_settings(max_time, max_memory),
+        *_set("radio.csv_most_lines", 0 if no_csv else None),
     ]
     if resume is not None:
         return _resume(resume, config, overrides)

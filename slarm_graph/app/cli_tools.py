@@ -53,7 +53,7 @@ def radio_command(
     radio = predicted_radio_map(geographic, points, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
-    save_radio(folder, radio)
+    save_radio(folder, radio, resolved.radio)
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
     low, high = radio.gain_span_db()
     print(

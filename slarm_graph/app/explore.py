@@ -84,7 +84,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # geographic map -> radio map
     with folder.stage("radio map", progress):
         radio = predicted_radio_map(geographic, world.access_points, config)
-        save_radio(folder, radio)
+        save_radio(folder, radio, config.radio)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)

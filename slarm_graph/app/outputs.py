@@ -6,24 +6,34 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+import logging
+import math
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
+from slarm_graph.config import RadioConfig
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
 from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.radio.files import write_radio_csv, write_radio_netcdf, write_radio_npz
+from slarm_graph.radio.files import write_radio_csv, write_radio_npz
+from slarm_graph.radio.netcdf import write_radio_netcdf
 from slarm_graph.radio.pictures import write_radio_png
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
+
+_log = logging.getLogger(__name__)
+
+_MOST_IMAGE_CELLS = 16_384
+"""Side of the largest texture of common graphics chips, in which map viewers hold an image."""
 
 
 def save_trajectory(folder: RunFolder, name: str, trajectory: Trajectory | None) -> None:
@@ -56,6 +66,13 @@ def save_map(
     folder: RunFolder, name: str, geometry: GridGeometry, occupied: Mask, free: Mask
 ) -> None:
     """Write `<name>.pgm` and `<name>.yaml`, map_server's trinary form."""
+    if max(geometry.shape) > _MOST_IMAGE_CELLS:
+        _log.warning(
+            f"{name}.pgm has {geometry.cols} x {geometry.rows} cells, and many programs read at"
+            f" most {_MOST_IMAGE_CELLS} a side; --set mapping.resolution_m="
+            f"{geometry.resolution_m * math.ceil(max(geometry.shape) / _MOST_IMAGE_CELLS):g}"
+            " makes them fewer"
+        )
     folder.write_bytes(f"{name}.pgm", pgm_bytes(trinary_image(occupied, free)))
     folder.write_text(f"{name}.yaml", map_yaml(f"{name}.pgm", geometry))
 
@@ -73,16 +90,24 @@ def save_geographic(folder: RunFolder, geographic: GeographicMap) -> None:
         write_coverage(temporary, geographic)
 
 
-def save_radio(folder: RunFolder, radio: RadioMap | None) -> None:
+def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -> None:
     """Write the radio map in all its forms, where there is one."""
     if radio is None:
         return
-    for name, write in (
+    forms: list[tuple[str, Callable[[Path, RadioMap], None]]] = [
         ("radio_map.npz", write_radio_npz),
         ("radio_map.nc", write_radio_netcdf),
-        ("radio_map.csv", write_radio_csv),
         ("radio_map.png", write_radio_png),
-    ):
+    ]
+    lines = np.count_nonzero(np.isfinite(radio.path_loss_db))
+    if lines <= config.csv_most_lines:
+        forms.insert(2, ("radio_map.csv", write_radio_csv))
+    elif config.csv_most_lines > 0:
+        _log.warning(
+            f"radio_map.csv would have {lines:,} lines and is left out; radio_map.nc has the same"
+            f" values (--set radio.csv_most_lines={lines} writes it)"
+        )
+    for name, write in forms:
         with folder.replacing(name) as temporary:
             write(temporary, radio)
 

@@ -92,7 +92,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     with folder.stage("radio map", progress):
         aps = job.access_points
         radio = predicted_radio_map(geographic, aps, config) if aps else None
-        save_radio(folder, radio)
+        save_radio(folder, radio, config.radio)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         references = references.or_truth(info.truth)

@@ -87,5 +87,7 @@ class RadioConfig(Stage):
     """Transmitted power of access points that say none of their own."""
     mount_radius_m: float = Field(default=0.25, ge=0, le=100)
     """Obstacles this near to an access point carry it and do not hide it."""
+    csv_most_lines: int = Field(default=2_000_000, ge=0)
+    """Above so many lines `radio_map.csv` is left out, which is told; 0 leaves it out always."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)
     """Gains at most this wrong count as right in the accuracy."""

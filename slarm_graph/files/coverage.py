@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files.npz import write_npz
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 
@@ -17,18 +18,20 @@ from slarm_graph.grid import GridGeometry
 def write_coverage(path: Path, geographic: GeographicMap) -> None:
     """Write states, heights and the three coverage layers, all (rows, cols) with row 0 lowest."""
     g, coverage = geographic.geometry, geographic.coverage
-    np.savez_compressed(
+    write_npz(
         path,
-        states=geographic.states,
-        state_names=np.array([state.name.lower() for state in CellState]),
-        heights_m=geographic.heights_m,
-        height_source=np.array(geographic.height_source),
-        observed=coverage.observed,
-        visited=coverage.visited,
-        footprint=coverage.footprint,
-        changed_cells=geographic.changed_cells,
-        resolution_m=g.resolution_m,
-        origin_m=np.array([g.origin_x_m, g.origin_y_m]),
+        (
+            ("states", geographic.states),
+            ("state_names", np.array([state.name.lower() for state in CellState])),
+            ("heights_m", geographic.heights_m),
+            ("height_source", np.array(geographic.height_source)),
+            ("observed", coverage.observed),
+            ("visited", coverage.visited),
+            ("footprint", coverage.footprint),
+            ("changed_cells", geographic.changed_cells),
+            ("resolution_m", g.resolution_m),
+            ("origin_m", np.array([g.origin_x_m, g.origin_y_m])),
+        ),
     )
 
 

@@ -17,6 +17,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping.beams import beams_in_map
+from slarm_graph.raster.bands import bands
 from slarm_graph.raster.lines import next_on_line
 from slarm_graph.readings import LaserScan
 
@@ -153,9 +154,8 @@ class GridMapper:
                 f"map would be {cols} x {rows} cells; raise mapping.resolution_m"
                 " or mapping.max_cells"
             )
-        pad = ((below, above), (left, right))
-        self._hits = np.pad(self._hits, pad)
-        self._visits = np.pad(self._visits, pad)
+        self._hits = _padded(self._hits, (rows, cols), below, left)
+        self._visits = _padded(self._visits, (rows, cols), below, left)
         self._geometry = GridGeometry(
             g.origin_x_m - left * g.resolution_m,
             g.origin_y_m - below * g.resolution_m,
@@ -163,6 +163,21 @@ class GridMapper:
             rows,
             cols,
         )
+
+
+def _padded(
+    counts: NDArray[np.int32], shape: tuple[int, int], below: int, left: int
+) -> NDArray[np.int32]:
+    """Counts in a larger grid; only where there are any, as what stays zero takes no memory."""
+    larger = np.zeros(shape, dtype=np.int32)
+    for band in bands(counts.shape):
+        part = counts[band.rows]
+        cols = np.flatnonzero(part.any(axis=0))
+        if len(cols):
+            seen = slice(int(cols[0]), int(cols[-1]) + 1)
+            rows = slice(below + band.rows.start, below + band.rows.stop)
+            larger[rows, left + seen.start : left + seen.stop] = part[:, seen]
+    return larger
 
 
 @njit(cache=True, nogil=True)

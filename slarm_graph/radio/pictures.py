@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +17,12 @@ from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
 
 from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.grid import GridGeometry
 
 _DPI = 130
 _WIDTH_IN = 7.0
+_PIXELS = 4_000_000
+"""Cells drawn at the most: several to each of the picture's pixels (900 across, 1200 up)."""
 _GROUND = "#d9d9d9"
 _SERVERS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
 """Okabe and Ito's colours, which colour-blind people can tell apart."""
@@ -26,8 +30,26 @@ _SERVERS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#
 
 def write_radio_png(path: Path, radio: RadioMap) -> None:
     """Write the expected gain of every access point, one below the other, and the best server."""
-    figure = radio_figure(radio)
+    figure = radio_figure(_at_most(_PIXELS, radio))
     figure.savefig(path, dpi=_DPI, format="png", metadata={"Software": "slarm-graph"})
+
+
+def _at_most(cells: int, radio: RadioMap) -> RadioMap:
+    """Leave rows and columns out evenly until there are at most so many cells."""
+    g = radio.geometry
+    step = math.ceil(math.sqrt(g.rows * g.cols / cells))
+    if step <= 1:
+        return radio
+    loss_db = radio.path_loss_db[:, ::step, ::step]
+    side_m, shape = g.resolution_m * step, loss_db.shape[1:]
+    return replace(
+        radio,
+        geometry=GridGeometry(g.origin_x_m, g.origin_y_m, side_m, *shape),
+        path_loss_db=loss_db,
+        line_of_sight=radio.line_of_sight[:, ::step, ::step],
+        los_probability=None,
+        los_unknown=None,
+    )
 
 
 def radio_figure(radio: RadioMap) -> Figure:
@@ -141,12 +163,13 @@ def _draw_access_point(axes: Axes, ap: AccessPoint, *, above: bool) -> None:
 
 def _extent_of_values(radio: RadioMap) -> tuple[float, float, float, float]:
     """x_min, x_max, y_min, y_max [m] of the cells with a value, with a margin."""
-    cells = np.argwhere(np.isfinite(radio.path_loss_db).any(axis=0))
-    if not len(cells):
+    valued = np.asarray(np.isfinite(radio.path_loss_db).any(axis=0))
+    rows, cols = np.flatnonzero(valued.any(axis=1)), np.flatnonzero(valued.any(axis=0))
+    if not len(rows):
         return radio.geometry.extent_m
     step = radio.geometry.resolution_m
-    low = radio.geometry.center_of(cells.min(axis=0)) - step / 2
-    high = radio.geometry.center_of(cells.max(axis=0)) + step / 2
+    low = radio.geometry.center_of([rows[0], cols[0]]) - step / 2
+    high = radio.geometry.center_of([rows[-1], cols[-1]]) + step / 2
     margin = 0.04 * float(np.max(high - low))
     return (
         float(low[0]) - margin,

@@ -1,0 +1,49 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What the files of radio maps have in common: names, units, and a map out of named values."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.grid import GridGeometry
+
+AP_FIELDS = {
+    "x_m": "m",
+    "y_m": "m",
+    "z_m": "m",
+    "power_dbm": "dBm",
+    "frequency_hz": "Hz",
+}
+SCALARS = ("antenna_height_m", "rician_factor_db")
+WORDS = ("scenario", "height_source")
+GRID = ("origin_x_m", "origin_y_m", "resolution_m")
+
+
+def column(radio: RadioMap, name: str) -> NDArray[np.float64]:
+    """Field (A,) of all access points."""
+    return np.array([getattr(ap, name) for ap in radio.access_points], dtype=np.float64)
+
+
+def from_values(values: dict[str, NDArray[np.generic]]) -> RadioMap:
+    """Make a radio map of what a file holds under these names."""
+    loss_db = np.asarray(values["path_loss_db"], dtype=np.float32)
+    fields = {name: np.asarray(values[f"access_point_{name}"], np.float64) for name in AP_FIELDS}
+    names = values["access_point"]
+    points = tuple(
+        AccessPoint(str(name), **{key: float(column[i]) for key, column in fields.items()})
+        for i, name in enumerate(names)
+    )
+    origin_x_m, origin_y_m, resolution_m = (float(np.asarray(values[n]).item()) for n in GRID)
+    return RadioMap(
+        geometry=GridGeometry(origin_x_m, origin_y_m, resolution_m, *loss_db.shape[1:]),
+        access_points=points,
+        path_loss_db=loss_db,
+        line_of_sight=np.asarray(values["line_of_sight"]).astype(np.bool_),
+        antenna_height_m=float(np.asarray(values["antenna_height_m"]).item()),
+        scenario=str(values["scenario"]),
+        rician_factor_db=float(np.asarray(values["rician_factor_db"]).item()),
+        height_source=str(values["height_source"]),
+    )

@@ -1,0 +1,123 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Radio maps as NetCDF-4 with CF-1.8 conventions, compressed; units inside."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import netCDF4
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.access_points import RadioMap
+from slarm_graph.errors import BadInput
+from slarm_graph.radio.columns import AP_FIELDS, GRID, SCALARS, WORDS, column, from_values
+
+_CHUNK = (1, 256, 1024)
+"""Cells that are compressed together, 1 MB of a layer: a viewer reads a part without the rest."""
+_LEVEL: Final = 1
+"""Of zlib; higher levels take several times as long for a few per cent."""
+
+
+def write_radio_netcdf(path: Path, radio: RadioMap) -> None:
+    """Write a radio map; row 0 is the lowest y."""
+    with netCDF4.Dataset(path, "w") as file:
+        file.Conventions = "CF-1.8"
+        file.title = "Radio map: expected path loss and channel power gain per access point"
+        file.source = "slarm-graph"
+        for name in WORDS + SCALARS:
+            file.setncattr(name, getattr(radio, name))
+        for name in GRID:
+            file.setncattr(name, getattr(radio.geometry, name))
+        _put_coordinates(file, radio)
+        _put_layers(file, radio)
+
+
+def read_radio_netcdf(path: Path) -> RadioMap:
+    """Read what `write_radio_netcdf` wrote.
+
+    Raises
+    ------
+    BadInput
+        When the file is not such a NetCDF file.
+    """
+    try:
+        with netCDF4.Dataset(path) as file:
+            file.set_auto_mask(False)
+            values = {name: np.asarray(v[:]) for name, v in file.variables.items()}
+            for name in GRID + SCALARS + WORDS:
+                values[name] = np.asarray(file.getncattr(name))
+        return from_values(values)
+    except (TypeError, ValueError, KeyError, AttributeError, IndexError, OSError) as error:
+        raise BadInput(f"{path}: not a radio map written by slarm ({error})") from error
+
+
+def _put_coordinates(file: netCDF4.Dataset, radio: RadioMap) -> None:
+    geometry = radio.geometry
+    x_m = geometry.origin_x_m + (np.arange(geometry.cols) + 0.5) * geometry.resolution_m
+    y_m = geometry.origin_y_m + (np.arange(geometry.rows) + 0.5) * geometry.resolution_m
+    for name, values in (("y", y_m), ("x", x_m)):
+        file.createDimension(name, len(values))
+        axis = file.createVariable(name, "f8", (name,))
+        axis[:] = values
+        axis.units = "m"
+        axis.standard_name = f"projection_{name}_coordinate"
+        axis.long_name = f"{name} of the cell centre in the map"
+        axis.axis = name.upper()
+    names = [ap.name.encode() for ap in radio.access_points]
+    width = max(1, *(len(name) for name in names))
+    file.createDimension("access_point_index", len(names))
+    file.createDimension("name_length", width)
+    label = file.createVariable("access_point", "S1", ("access_point_index", "name_length"))
+    label.long_name = "name of the access point"
+    label._Encoding = "utf-8"
+    label[:] = np.array([ap.name for ap in radio.access_points])
+    for name, unit in AP_FIELDS.items():
+        field = file.createVariable(f"access_point_{name}", "f8", ("access_point_index",))
+        field[:] = column(radio, name)
+        field.units = unit
+
+
+def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
+    power_dbm = column(radio, "power_dbm").astype(np.float32)
+    loss_db = _layer(file, "path_loss_db", "expected path loss", "dB")
+    gain_db = _layer(file, "channel_power_gain_db", "expected gain", "dB")
+    rss_dbm = _layer(file, "rss_dbm", "received signal strength", "dBm")
+    sight = _layer(file, "line_of_sight", "line of sight", "1", "i1")
+    sight.flag_values = np.array([0, 1], dtype=np.int8)
+    sight.flag_meanings = "blocked clear"
+    for index, power in enumerate(power_dbm):
+        for first in range(0, radio.geometry.rows, _CHUNK[1]):
+            part = slice(first, first + _CHUNK[1])
+            values: NDArray[np.float32] = radio.path_loss_db[index, part]
+            loss_db[index, part] = values
+            gain_db[index, part] = -values
+            rss_dbm[index, part] = power - values
+            sight[index, part] = radio.line_of_sight[index, part].view(np.int8)
+
+
+def _layer(
+    file: netCDF4.Dataset, name: str, long_name: str, units: str, kind: Literal["f4", "i1"] = "f4"
+) -> Any:
+    """Make room for a value per access point and cell."""
+    dimensions = ("access_point_index", "y", "x")
+    size = tuple(
+        min(most, len(file.dimensions[d])) for most, d in zip(_CHUNK, dimensions, strict=True)
+    )
+    layer = file.createVariable(
+        name,
+        kind,
+        dimensions,
+        compression="zlib",
+        complevel=_LEVEL,
+        shuffle=True,
+        chunksizes=size,
+        fill_value=math.nan if kind == "f4" else None,
+    )
+    layer.units = units
+    layer.long_name = long_name
+    layer.coordinates = " ".join(["access_point", *(f"access_point_{n}" for n in AP_FIELDS)])
+    return layer
