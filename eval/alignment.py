@@ -17,6 +17,8 @@ from slarm_graph.geometry import Floats, Pose2, between, transform_points, wrap_
 from slarm_graph.spatial import between_in_space
 
 _SHORTEST_PATH_M = 1e-6
+"""A path within a micrometre is a point, to which no direction can be fitted: below it rounding
+decides."""
 
 
 class AlignmentMethod(StrEnum):

@@ -17,8 +17,13 @@ from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.trajectory import Trajectory
 
 _MIN_PAIRS = 3
+"""Two poses fit any rigid motion; three are the fewest whose residuals say anything."""
 _FEW_MATCHED = 0.8
+"""Below this share of the sparser path a warning says so. Half and double change that warning
+only."""
 _MAX_INTERPOLATED_GAP_NS = 1_000_000_000
+"""A second: motion-capture systems drop out for tenths of one, and a robot of 1 m/s that turns at 1
+rad/s strays by about 0.1 m from the chord of a second."""
 
 Stamps = NDArray[np.int64]
 

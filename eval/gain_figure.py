@@ -15,6 +15,7 @@ from slarm_graph.eval.report_figures import height_px, metric_axes, single
 from slarm_graph.grid import GridGeometry, Mask
 
 _MAX_GAIN_CELLS = 90_000
+"""Values under the pointer: 300 x 300, one to some ten pixels of a page of 1000 pixels."""
 
 
 def gain_figure(radio: RadioMap) -> str:

@@ -15,6 +15,8 @@ from slarm_graph.grid import Mask, OccupancyGrid
 from slarm_graph.raster.distance import distance_to
 
 _MEANINGFUL_OVERLAP = 0.3
+"""Below 30 % of the reference shares are of what was easy to see; it only adds a remark to the
+metrics."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
 _UNKNOWN, _FREE, _BOTH, _ESTIMATE, _REFERENCE = range(5)
+"""Codes of the classes, in the order of the legend, which is no more than an order."""
 _LOOKS = {
     _BOTH: ("wall in both", "#000000"),
     _ESTIMATE: ("wall only in EST", "#d55e00"),
@@ -31,6 +32,7 @@ _LOOKS = {
 _CLOSER_SHARE = 0.25
 """Side of the closer look, as a share of the map's longer side."""
 _WIDTH_IN, _DPI = 7.16, 300
+"""Width of a page of two columns in IEEE's journals [in], and the resolution they ask for."""
 
 
 def difference_classes(

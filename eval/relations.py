@@ -18,7 +18,10 @@ from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = "stamp_1 stamp_2 x y z roll pitch yaw"
 _YAW = 7
+"""Column of the yaw in a line of the Freiburg benchmark: two stamps, x y z, roll pitch yaw."""
 _HALF_A_SECOND_NS = 500_000_000
+"""Stamps of the benchmark are rounded to some tenths of a second; so far beyond the ends a pose is
+taken for that end."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
 _MAX_TABLE_ROWS = 300
+"""Rows of a table on the page: more than anybody reads; all of them are in the CSV beside it."""
 
 
 @dataclass(frozen=True, slots=True)

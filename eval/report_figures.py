@@ -19,10 +19,15 @@ from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid
 
 _MAX_MAP_PIXELS = 1_500_000
+"""Pixels of a map's picture: a page of 1000 pixels can be zoomed into, and walls of one cell
+stay."""
 _SHARP_PIXELS = 1_000
 """Browsers blur what they enlarge: pictures of few cells are made this wide or high."""
 _MAX_PATH_POINTS = 4_000
+"""Points of a path: several per pixel of the page's width of 1000 pixels."""
 _FREE, _UNKNOWN, _OCCUPIED = 255, 226, 40
+"""Shades of grey: white, a light and a dark one, far enough apart to be told from each other in
+print."""
 _GROUND = "#e2e2e2"
 _STATES = {
     CellState.ACCESSIBLE: ("accessible", "#ffffff"),
@@ -44,7 +49,9 @@ _STYLES = {
 _MAP_WORDS = "<p>White is free, black occupied, grey unknown.</p>"
 _HEIGHT_WORDS = "<p>Heights that are not written show under the pointer.</p>"
 _PAGE_PX = 1000.0
+"""Width of the column that the page's style gives to figures [px]."""
 _LETTER_PX, _LINE_PX = 8.0, 18.0
+"""Width of a letter and height of a line at the page's font of 13 px [px]."""
 _ROOM_FOR_LABEL = 1.5
 """A label is written where an obstacle is so many times as long, or as wide; else on hovering."""
 

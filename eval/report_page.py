@@ -19,7 +19,9 @@ from slarm_graph.files.maps import png_bytes
 Cell = float | int | str | None
 
 _SHORT = 32
+"""Texts up to here stay on one line: a third of the page's width."""
 _MANY_ROWS = 40
+"""Tables that are longer than a screen get a scroll bar of their own."""
 _COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
 """Okabe and Ito's, which colour-blind people can tell apart."""
 

@@ -14,6 +14,7 @@ _BLOCKS = 20
 """Neighbouring errors resemble each other, so that whole stretches are drawn, this many a path.
 Half as many give unsteady intervals, twice as many too narrow ones where errors drift slowly."""
 _QUANTILES = (0.025, 0.975)
+"""Ends of the central 95 %, the usual confidence interval."""
 
 Interval = tuple[float, float]
 

@@ -15,8 +15,14 @@ from slarm_graph.geometry import Floats
 from slarm_graph.mapping import thinned
 
 _MIN_NEIGHBOURS = 8
+"""A covariance of the plane has three parameters; of fewer points than about twice as many it is
+noise."""
 _LONGER_THAN_WIDE = 2.0
+"""Neighbourhoods that are walls: at 2 the spread across is the wall's, corners and clutter stay
+out."""
 _MAX_POINTS = 250_000
+"""Neighbourhoods are counted in a tree of so many points; their spread is that of some thousand
+samples, which has the same expectation however many points are left out evenly."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 NS_PER_S = 1_000_000_000
+"""Stamps are whole nanoseconds, as in ROS."""
 
 
 def seconds_to_ns(text: str) -> int:

@@ -30,6 +30,7 @@ _REACH_M: Final = 0.05
 """Reachability is found on cells at most this large, so that it hardly depends on the resolution.
 Walls stop it however thin they are; passages narrower than this may be missed."""
 _SHRINK_M: Final = 1e-9
+"""A nanometre: what only touches a cell's side covers none of its area, whatever rounding says."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ from slarm_graph.raster.distance import clearance
 from slarm_graph.world import Solid, WorldMap
 
 _CEILING_M = 3.0
+"""Of an ordinary room; a map in the plane says nothing about it."""
 
 
 def world_from_map(

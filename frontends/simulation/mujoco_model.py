@@ -16,11 +16,20 @@ from slarm_graph.polygons import edges_m
 from slarm_graph.world import Solid, WorldMap
 
 WHEEL_RADIUS_M: Final = 0.05
+"""Wheels and body of a small indoor robot, such as a TurtleBot; results depend on motion, not on
+these."""
 _WHEEL_HALF_WIDTH_M: Final = 0.01
+"""Half the tread of a wheel of a small indoor robot."""
 _BODY_HALF_HEIGHT_M: Final = 0.05
+"""Half the height of the body, which stays below every laser and antenna."""
 _GROUND_CLEARANCE_M: Final = 0.03
+"""Between floor and body, as wheels and casters of this size leave."""
 _CASTER_RADIUS_M: Final = 0.02
+"""Of the two balls that carry what the wheels do not; frictionless, so that only contact depends on
+it."""
 _OUTER_WALL_M: Final = 0.2
+"""Thickness of the boundary, outside the world: much more than a robot moves in a step of the
+physics."""
 
 _TEMPLATE: Final = """
 <mujoco model="slarm">

@@ -28,11 +28,20 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 _CHUNK_S: Final = 0.01
+"""Physics goes on for a hundredth of a second between two looks at the command: ten per scan at 10
+Hz."""
 _SETTLE_S: Final = 0.3
+"""Time for the body to drop the half millimetre onto its wheels and to come to rest before the
+drive."""
 _TICKS_PER_TURN: Final = 4096
+"""Twelve bits, as common magnetic wheel encoders have (AS5600)."""
 _SEEN_GROUPS: Final = np.array([1, 0, 1, 0, 0, 0], dtype=np.uint8)
+"""Which of MuJoCo's six groups of shapes the laser sees: obstacles and boundary, not robot nor
+floor."""
 _ROBOT_GROUP: Final = 1
+"""MuJoCo's groups are free numbers; these only keep robot and floor apart."""
 _FLOOR_GROUP: Final = 2
+"""MuJoCo's groups are free numbers; these only keep robot and floor apart."""
 
 
 class MujocoWorld:

@@ -17,8 +17,11 @@ from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import Solid, WorldMap
 
 _RESOLUTION_M = 0.1
+"""Cells on which free places are looked for: half of the smallest gap a robot of 0.18 m passes."""
 _CEILING_M = 3.0
+"""Of an ordinary room; antennas above all obstacles have links over them."""
 _HEIGHTS_M = (0.4, 2.4)
+"""From a low bench to a full-height rack: above and below any antenna of a robot."""
 
 
 def random_world(

@@ -25,6 +25,8 @@ from slarm_graph.world import DriveCommand, WorldMap
 # Stamps of zero mean "latest" to tf; the simulated clock starts well after.
 START_NS: Final = 1_000 * 10**9
 _SWEEP_STEP_M: Final = 0.005
+"""Collisions are looked for every 5 mm of a step: a corner may be cut by 0.02 mm at a radius of
+0.18 m."""
 
 
 class SimulatedWorld:

@@ -18,8 +18,13 @@ from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 _CLEARANCE_M = 0.06
+"""More than the 0.05 m that the driver of recordings strays from its path, so that it never scrapes
+a wall."""
 _WALL_SHY_M = 0.5
+"""Nearer than this a step costs up to four times as much: people drive in the middle of what is
+wide."""
 _WAYPOINT_EVERY_M = 0.3
+"""Half a robot's width; fewer cut corners, more make the recorded drive stutter."""
 
 
 def tour_waypoints_m(

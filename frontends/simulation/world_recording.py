@@ -20,9 +20,14 @@ from slarm_graph.world import DriveCommand, WorldMap
 Script = Callable[[SimulatedWorld], Iterator[DriveCommand]]
 
 _ARRIVED_M = 0.10
+"""A third of the way between two waypoints; half makes the driver circle around some, double cuts
+corners."""
 _TURN_IN_PLACE_RAD = 0.7
+"""40 degrees off, an arc at 0.6 m/s and 1.5 rad/s is wider than a corridor."""
 _TURN_GAIN_PER_S = 2.5
+"""Time constant of 0.4 s: below the 0.1 s of a command by far, so that it does not oscillate."""
 _STUCK_STEPS = 300
+"""Half a minute at ten commands a second without reaching the next waypoint."""
 
 
 class SourceFromWorld:

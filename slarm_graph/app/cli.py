@@ -22,6 +22,7 @@ from slarm_graph.app.ending import end_on_signals
 from slarm_graph.errors import BadInput, RunFailed
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes as the README tells them; 130 is what shells give for 128 + SIGINT."""
 
 
 def _show_version(wanted: bool) -> None:

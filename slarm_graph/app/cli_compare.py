@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from slarm_graph.eval.comparison import Outcome
 
 _FAILED = 1
+"""Exit code of a comparison in which a trial failed, as the README tells."""
 _DEMO_BACKENDS = ("pose_graph", "gmapping")
 _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""

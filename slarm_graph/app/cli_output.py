@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from slarm_graph.eval.comparison import Outcome
 
 _MAX_PICTURES = 8
+"""Pictures in a gallery: two rows of four on a wide screen."""
 
 
 def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False) -> None:

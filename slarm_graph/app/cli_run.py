@@ -28,6 +28,7 @@ _log = logging.getLogger(__name__)
 POINT_OPTIONS = ("--ap",)
 
 _INTERRUPTED, _FAILED = 130, 1
+"""Exit codes as the README tells them; 130 is what shells give for 128 + SIGINT."""
 
 Backend = Annotated[
     str | None, typer.Option("--backend", "-b", help="SLAM backend; `slarm backends` lists them.")

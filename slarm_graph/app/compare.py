@@ -25,6 +25,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 
 _BEAT_S = 1.0
+"""Progress is shown about once a second while trials run; nothing waits for it."""
 _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 
 

@@ -33,6 +33,8 @@ from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover
 
 _ENOUGH_POINTS = 1_000_000
+"""Returns kept for walls and figures: 16 MB, several to each cell of a wall in kilometres of
+walls."""
 
 
 def run(job: Job, folder: RunFolder, progress: Progress) -> Run:

@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from typing import Protocol, TextIO
 
 LINE_EVERY_S = 10.0
+"""Between two lines in a log, so that an hour's run writes a few hundred."""
 _DRAW_EVERY_S = 0.1
+"""Ten times a second looks smooth and costs nothing that shows."""
 
 
 class Progress(Protocol):

@@ -44,10 +44,14 @@ from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 RESOLUTIONS_M: Final = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25)
+"""Sides of cells of the paper's figures 4 to 6, and finer ones than it has."""
 SPEEDS_M_S: Final = (0.2, 0.6, 1.0)
+"""Speeds of the paper's figure 5 [m/s]."""
 BACKENDS: Final = ("pose_graph", "gmapping")
 FIGURE_RESOLUTIONS_M: Final = (0.05, 0.1, 0.25)
+"""Those of the paper's maps of the channel gain."""
 MISSION_S: Final = 1800.0
+"""The paper gives its robot half an hour."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from slarm_graph.app.reproduce_theory import Complexity
 from slarm_graph.radio.pictures import draw_gain
 
 _DPI: Final = 130
+"""Of pictures on a screen: 130 pixels to the inch make them as wide as the page."""
 _STYLES: Final = ("-", "--", ":", "-.")
 _PANELS: Final = ("ours", "R_e = one cell", "hypothesis")
 _TITLES: Final = {

@@ -32,6 +32,7 @@ CHECKPOINT = "checkpoint"
 _LINK, _LINK_TEXT = "latest", "latest.txt"
 _VERSIONS = ("slarm-graph", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags")
 _MB = 1024.0
+"""Kilobytes of a megabyte, as Linux counts memory; macOS counts bytes."""
 
 
 class RunFolder:

@@ -34,9 +34,12 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import Cells, Mask
 
 _TRACKING_M: Final = 0.01
+"""How far from its lane the robot may be, as for `ggmr+`: tests hold the follower to less."""
 _SWEPT_SHARE: Final = 0.7
 """A tile counts as covered when the body passed over this share of its free cells."""
 _MAX_ATTEMPTS: Final = 4
+"""Times a tile is headed for before it is given up: the map says it is open and the robot finds it
+is not."""
 _NOTHING_LEFT: Final = "no reachable tile is left"
 _HORIZON_TILES: Final = 60
 """Tiles of a sweep that are made into a path at once: over unknown ground the rest will change."""

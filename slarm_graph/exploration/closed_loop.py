@@ -31,9 +31,13 @@ from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import DriveCommand, World
 
 _BEAT_READINGS: Final = 100
+"""Ten seconds of a laser of 10 Hz between two signs of life."""
 _MAX_ASKS: Final = 50
+"""Goals without a path, one after the other, before the drive ends: each is marked tried, so that
+more never helped."""
 _APART: Final = ("_world", "_backend", "_explorer")
 _NO_LEG: Final = Leg(np.empty((0, 2)), more=False)
+"""Stands for a leg where there is none, and has no points."""
 
 
 @dataclass(frozen=True, slots=True)

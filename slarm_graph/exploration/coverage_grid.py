@@ -16,7 +16,9 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
 OPEN: Final = 0
+"""Codes of the paper's coverage grid: any three numbers."""
 VISITED: Final = 1
+"""Codes of the paper's coverage grid: any three numbers."""
 BLOCKED: Final = 2
 """Twice the paper's grid values 0, 0.5 and 1."""
 

@@ -15,7 +15,9 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.trajectory import Trajectory
 
 _TURN_RAD: Final = math.radians(45.0)
+"""A change of heading counts as a turn from the half of a right angle on."""
 _STILL_RAD: Final = math.radians(1.0)
+"""Smaller changes between readings are noise of the heading, not the sense of a turn."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,14 +22,24 @@ from slarm_graph.grid import Cells, Mask
 from slarm_graph.raster.patches import larger_than
 
 _REVIEW_S: Final = 1.0
+"""Time after which a goal is looked at again: ten scans of a laser of 10 Hz, 0.6 m of driving."""
 _MIN_PATCH_CELLS: Final = 3
+"""Fewer unknown cells are gaps between beams, which nobody need go and see."""
 _STRIP_M: Final = 0.2
 _SAME_PLACE_M: Final = 0.3
+"""The rim of the unknown moves by so much from one map to the next without being another place."""
 _ARRIVED_M: Final = 0.1
+"""Half a robot's radius: nearer it sees no more than from here."""
 _NEIGHBOURHOOD_M: Final = 0.5
+"""About a robot's width and a half: what was looked at from there is not seen better from next to
+it."""
 _VAIN_NEIGHBOURHOOD_M: Final = 1.5
+"""Places left unseen spoil a wider one, about that of a shelf: all its sides look into the same
+hollow."""
 _MAX_TRIES: Final = 3
+"""Two tries may fail because the map was about to change; a third one does not."""
 _NEARER_M: Final = 0.1
+"""Less than half a robot's radius is no progress but noise of the path."""
 _MAX_LOOKS: Final = 30
 """A place that comes no nearer for so many looks is let be: paths to it open and close in turn."""
 

@@ -34,8 +34,13 @@ from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wave
 from slarm_graph.geometry import Pose2
 
 _HORIZON_CELLS: Final = 400
+"""Cells planned at once, 100 m at 0.25 m: the map has changed long before the robot comes to their
+end."""
 _MAX_ATTEMPTS: Final = 4
+"""Times a cell is headed for before it is given up: the map says it is open and the robot finds it
+is not."""
 _FIRST_ROOM: Final = 1024
+"""Cells of a path that there is room for at first; it doubles where needed."""
 
 PathCells = NDArray[np.int32]
 Facings = NDArray[np.int8]

@@ -32,12 +32,17 @@ _TRACKING_M: Final = 0.01
 """How far from its lane the robot may be."""
 _LANE_M: Final = 3.0
 _MIN_LANE_M2: Final = 0.01
+"""A square of 0.1 m: what is smaller is a rest between cells, not floor."""
 _PRICE_S_M2: Final = 200.0
 """Time that a square metre is worth: some forty times what it costs on a straight lane."""
 _LEG_M: Final = 4.0
 _NEWS_M2: Final = 0.25
 _MAX_TRIES: Final = 4
+"""Times a lane is driven before it is given up: the map says it is free and the robot finds it is
+not."""
 _SAME_PLACE_M: Final = 0.1
+"""Lanes whose middles share a square of this side are the same on two maps: half the distance
+between lanes and less."""
 
 
 class GgmrPlusConfig(Stage):

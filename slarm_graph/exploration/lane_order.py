@@ -21,9 +21,15 @@ from slarm_graph.grid import Cells
 
 _TILE_M: Final = 0.2
 _MOST_LANES: Final = 250
+"""The nearest ones are put into order at once; the map will have changed before the rest are
+driven."""
 _HEADING_CELLS: Final = 6
+"""Over which the heading at a lane's end is taken, 0.3 m: stairs of single cells say nothing of
+it."""
 _STOP_RAD: Final = math.radians(30.0)
+"""Sharper turns than this the follower takes standing still, see `_LOST_RAD` there."""
 _BESIDE_M: Final = 0.08
+"""Ends nearer than this are one place: the heading between them is noise."""
 _NEAR_M: Final = 6.0
 _DETOUR: Final = 1.5
 """Ways longer than the former are only guessed, by the straight line times the latter."""

@@ -24,7 +24,11 @@ from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
 _EXPLAINED_CELLS: Final = 2
+"""Points of a scan within two cells of what the map shows are the same wall, seen with the laser's
+noise and the pose's."""
 _MAX_DRIVING_CELLS: Final = 1_500_000
+"""Above so many, driving cells are 0.05 m: planning looks at all of them after every scan, and
+finer cells than the map's own would say no more of a large place."""
 
 
 class LiveMap:

@@ -17,17 +17,28 @@ from slarm_graph.world import DriveCommand
 
 _LOOK_AHEAD_M: Final = 1.0
 _STUCK_READINGS: Final = 8
+"""Most of a second at 10 Hz of wanting to go on and not being let."""
 _BACK_OFF_READINGS: Final = 10
+"""A second at 10 Hz: 0.1 m at the speed below, enough to turn in."""
 _BACK_OFF_M_S: Final = -0.1
+"""A crawl, for behind there is only what the laser's back sees."""
 _ROOM_BEHIND_M: Final = 0.05
+"""Half of what is backed off at once has to be free."""
 _STILL_M: Final = 0.05
+"""Moving less than this is standing still: more than poses jitter, less than any lane is long."""
 _STILL_READINGS: Final = 100
+"""Ten seconds at 10 Hz: longer than any turn on the spot takes."""
 _MAX_STILL: Final = 6
+"""A minute of standing still, in which six paths were given up, will not end by itself."""
 _GRAZE_M: Final = 0.01
 """The body passes things at no less than this."""
 _AHEAD_M: Final = 0.06
+"""What is to stay free beyond the next step: the way of braking from 0.6 m/s at 3 m/s^2."""
 _BEARINGS_RAD: Final = np.radians([0, 2, -2, 4, -4, 6, -6, 8, -8, 10, -10])
+"""Small bends first, to either side; beyond ten degrees it is for the planner to find a way
+around."""
 _OUTLIERS: Final = 2
+"""Of a scan's thousand points one or two lie elsewhere by noise; three together are something."""
 
 
 class LocalController:

@@ -19,8 +19,12 @@ from slarm_graph.raster.distance import clearance
 Moves = NDArray[np.uint8]
 
 EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
+"""Directions in eighths of a turn, counter-clockwise from +x; only the straight ones have a
+name."""
 DELTA_ROW = (0, 1, 1, 1, 0, -1, -1, -1)
+"""Rows by which the eight directions lead on, from east counter-clockwise."""
 DELTA_COL = (1, 1, 0, -1, -1, -1, 0, 1)
+"""Columns by which the eight directions lead on, from east counter-clockwise."""
 
 
 def clearance_m(blocked: Mask, resolution_m: float) -> NDArray[np.float32]:

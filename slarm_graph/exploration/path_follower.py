@@ -18,8 +18,13 @@ _SHARP_RAD: Final = math.radians(30.0)
 """Bends sharper than this are turned on the spot, on which a round body needs no room."""
 _ALIGNED_RAD: Final = math.radians(3.0)
 _LOST_RAD: Final = math.radians(50.0)
+"""Further off, an arc back would leave the lane by more than a body's width: it turns on the
+spot."""
 _ARRIVED_M: Final = 0.008
+"""A stop at a sharp corner comes this near to it: less than a cell, more than a step of control at
+the crawl of arrival."""
 _MIN_STEP_M: Final = 0.015
+"""Pieces shorter than this have no direction of their own: below a cell of 0.025 m."""
 _LOOKAHEAD_S: Final = 0.3
 _MIN_LOOKAHEAD_M: Final = 0.12
 

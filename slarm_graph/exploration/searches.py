@@ -23,8 +23,11 @@ _LABEL: Final = np.dtype([("cost", "f8"), ("wave", "i4"), ("came_by", "u1")], al
 _ROOT: Final = 8
 """Stands for the direction by which the start was entered."""
 _NOTHING: Final = -1
+"""No code of a grid is negative, so that this one never ends a search."""
 _SQRT2: Final = math.sqrt(2.0)
+"""Length of a step over a corner between two cells."""
 _TIE: Final = 1e-9
+"""Costs that differ by less are equal: sums of up to 10^6 steps round at about 1e-10."""
 
 
 def shortest_path(moves: Moves, start: tuple[int, int], goal: tuple[int, int]) -> Cells | None:

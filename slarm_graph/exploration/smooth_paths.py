@@ -21,10 +21,12 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
 _STEP_M: Final = 0.02
+"""Points along a path: half of a driving cell and less."""
 _LANE_REACH: Final = round(0.09 / _STEP_M)
 _LINK_REACH: Final = round(0.18 / _STEP_M)
 """Points are averaged over so many steps to either side."""
 _CORNER_REACH: Final = round(0.16 / _STEP_M)
+"""A corner is judged by what leads to it and away over so far, about a robot's radius."""
 _CORNER_RAD: Final = math.radians(60.0)
 """A lane that bends by more within the reach to either side has a corner."""
 

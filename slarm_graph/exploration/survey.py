@@ -20,9 +20,16 @@ from slarm_graph.trajectory import Trajectory
 
 _JUMP_M: Final = 0.06
 _JUMP_RAD: Final = math.radians(2.0)
+"""At 3 m, the distance of what is driven by, two degrees are 0.1 m: two driving cells."""
 _REBUILD_GROWTH: Final = 1.7
+"""A geometric series: redrawing takes at most some two and a half times the drawing of all scans
+once."""
 _REBUILD_READINGS: Final = 150
+"""At least so many readings, 15 s at 10 Hz, between two times: redrawing stops the robot for as
+long as it takes."""
 _MAX_RENDERED_SCANS: Final = 10_000
+"""With more, every second, third ... is drawn: a place is seen in hundreds of scans, one shows its
+walls."""
 
 
 class Survey:

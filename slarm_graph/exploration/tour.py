@@ -20,7 +20,10 @@ from slarm_graph.geometry import Floats
 Ends = NDArray[np.int64]
 
 _MOST_MOVED: Final = 8
+"""Lanes moved together: twice and more the three that are usual (Or 1976), as rows of lanes belong
+together."""
 _LEAST_GAIN_S: Final = 1e-6
+"""Above rounding, so that no two tours of the same time change places for ever."""
 
 
 def ordered(between_s: Floats, from_start_s: Floats) -> Ends:

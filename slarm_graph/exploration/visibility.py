@@ -16,6 +16,8 @@ from slarm_graph.grid import Mask
 from slarm_graph.raster.lines import first_crossing
 
 _TIE: Final = 1e-9
+"""Cells; crossings nearer than this count as a corner, far above rounding and below any map's
+accuracy."""
 
 
 def sees(passable: Mask, start: Floats, end: Floats) -> bool:

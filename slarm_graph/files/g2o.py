@@ -17,6 +17,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
 
 _UPPER = np.triu_indices(3)
+"""Where g2o's six numbers stand in a symmetric 3 x 3 matrix, row by row."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 _BLOCK_BYTES = 1 << 22
+"""4 MB at a time: reading is as fast as with more, and memory stays small."""
 
 
 def input_facts(paths: Sequence[Path]) -> dict[str, object]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 _LEVEL = 1
-"""Of zlib. On the layers of a large site 6, numpy's own, takes three times as long for files a
-tenth smaller."""
+"""Of zlib. On the map of a large site level 6, numpy's own, takes three times as long for a file a
+third smaller."""
 
 
 def write_npz(path: Path, arrays: Iterable[tuple[str, ArrayLike]]) -> None:

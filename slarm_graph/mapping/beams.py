@@ -17,6 +17,8 @@ from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
 _MAX_SCAN_GAP_S: Final = 1.0
+"""Across a longer gap nobody knows the speed within a scan: it is ten scans of a slow laser of 10
+Hz."""
 
 
 def end_points_m(

@@ -18,6 +18,7 @@ from slarm_graph.radio.columns import AP_FIELDS, GRID, SCALARS, WORDS, column, f
 from slarm_graph.raster.bands import bands
 
 _ROWS_AT_A_TIME = 5_000
+"""Lines formatted together: half a megabyte of text at a time, instead of all of it."""
 
 
 def write_radio_npz(path: Path, radio: RadioMap) -> None:

@@ -30,6 +30,8 @@ from slarm_graph.world import Solid
 _ENDLESS = 1e7
 """Scale that takes the nearest obstacle beyond any grid."""
 _OFF_WALL_M = 1e-6
+"""A micrometre before the face: outside the wall for any rounding, and nowhere else for the
+radio."""
 
 
 def line_of_sight_over_cells(

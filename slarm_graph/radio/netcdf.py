@@ -19,7 +19,8 @@ from slarm_graph.radio.columns import AP_FIELDS, GRID, SCALARS, WORDS, column, f
 _CHUNK = (1, 256, 1024)
 """Cells that are compressed together, 1 MB of a layer: a viewer reads a part without the rest."""
 _LEVEL: Final = 1
-"""Of zlib; higher levels take several times as long for a few per cent."""
+"""Of zlib. On the map of a large site level 6 takes three times as long for a file a third
+smaller."""
 
 
 def write_radio_netcdf(path: Path, radio: RadioMap) -> None:

@@ -72,11 +72,17 @@ class Scenario:
 
 
 _INF_LOS = Law(31.84, 21.50, 19.00)
+"""Rows of TR 38.901 (V19), table 7.4.1-1, InF: constant, slope and frequency term [dB]."""
 _INF_SL = Law(33.00, 25.5, 20.0)
+"""Row InF-SL of table 7.4.1-1."""
 _INF_DL = Law(18.60, 35.7, 20.0)
+"""Row InF-DL of table 7.4.1-1."""
 _INF_SH = Law(32.40, 23.0, 20.0)
+"""Row InF-SH of table 7.4.1-1."""
 _INF_DH = Law(33.63, 21.9, 20.0)
+"""Row InF-DH of table 7.4.1-1."""
 _INF_M = (1.0, 600.0)
+"""Distances that the InF rows hold for [m], table 7.4.1-1."""
 _ANY = (0.0, math.inf)
 
 SCENARIOS: dict[str, Scenario] = {

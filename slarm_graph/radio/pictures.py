@@ -20,7 +20,9 @@ from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.grid import GridGeometry
 
 _DPI = 130
+"""Of pictures on a screen: with the width 910 pixels across."""
 _WIDTH_IN = 7.0
+"""Width of a page's text [in]."""
 _PIXELS = 4_000_000
 """Cells drawn at the most: several to each of the picture's pixels (900 across, 1200 up)."""
 _GROUND = "#d9d9d9"

@@ -37,6 +37,7 @@ from slarm_graph.world import WorldMap
 _log = logging.getLogger(__name__)
 
 _MOUNT_STEP_M = 0.001
+"""A millimetre: walls are known to about a centimetre."""
 
 
 def radio_map(

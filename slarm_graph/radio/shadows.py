@@ -16,6 +16,7 @@ from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.fill import cover_strictly
 
 _GRAZE_CELLS = 1e-9
+"""A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
 
 
 @njit(cache=True, nogil=True)

@@ -15,9 +15,10 @@ from slarm_graph.raster.bands import by_bands
 
 Distances = NDArray[np.float32]
 
-_MOST_DILATED_CELLS = 8
-"""Up to here it is faster to dilate by a disc than to measure distances (measured: the two take
-alike at 8 cells on 2000 x 2000; half or double costs under 30 % of this step)."""
+_MOST_DILATED_CELLS = 16
+"""Up to here it is faster to dilate by a disc than to measure distances: on 4 million cells of a
+clinic both take 0.043 s at 16 cells; at 8 dilation takes a third of it, at 24 two and a half
+times."""
 _SLACK_M = 1e-6
 """Far above rounding of metres and far below a cell: what is exactly at a radius is within it."""
 

@@ -18,6 +18,7 @@ Size = tuple[float, ...]
 """Length, width and height [m], and the share of its bounding rectangle that the plan fills."""
 
 _GAP_M = 1e-6
+"""Solids within a micrometre touch: files state corners to less digits than that."""
 _ALIKE_M = 0.01
 """Sizes that agree within this cannot be told apart."""
 

@@ -43,6 +43,7 @@ class Returns:
 
 
 NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
+"""Stands for returns where there are none to look at."""
 
 
 def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
