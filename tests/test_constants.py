@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from test_names import ROOT, modules
 
-UNFINISHED: tuple[str, ...] = ()
+UNFINISHED: tuple[str, ...] = ("backends/", "frontends/scans/", "frontends/recordings/")
 """Rooms whose constants are still to be explained."""
 
 FEWEST_WORDS = 4

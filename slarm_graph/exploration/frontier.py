@@ -26,6 +26,8 @@ _REVIEW_S: Final = 1.0
 _MIN_PATCH_CELLS: Final = 3
 """Fewer unknown cells are gaps between beams, which nobody need go and see."""
 _STRIP_M: Final = 0.2
+"""Gaps between the beams of a laser of 1 degree at 11 m, which close by themselves as the robot
+comes nearer."""
 _SAME_PLACE_M: Final = 0.3
 """The rim of the unknown moves by so much from one map to the next without being another place."""
 _ARRIVED_M: Final = 0.1

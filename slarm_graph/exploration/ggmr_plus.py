@@ -31,12 +31,16 @@ from slarm_graph.raster.distance import distance_to
 _TRACKING_M: Final = 0.01
 """How far from its lane the robot may be."""
 _LANE_M: Final = 3.0
+"""Pieces of lanes that the tour puts into order: of a room's length. The time to order them goes
+with the square of their number."""
 _MIN_LANE_M2: Final = 0.01
 """A square of 0.1 m: what is smaller is a rest between cells, not floor."""
 _PRICE_S_M2: Final = 200.0
 """Time that a square metre is worth: some forty times what it costs on a straight lane."""
 _LEG_M: Final = 4.0
+"""Driven before the tour is asked again: some seconds, in which the map changes little."""
 _NEWS_M2: Final = 0.25
+"""Floor seen since the last plan that makes a new one worth its time: a square of half a metre."""
 _MAX_TRIES: Final = 4
 """Times a lane is driven before it is given up: the map says it is free and the robot finds it is
 not."""

@@ -20,6 +20,7 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells
 
 _TILE_M: Final = 0.2
+"""Distances around obstacles are found on tiles of this side, half of the narrowest passage."""
 _MOST_LANES: Final = 250
 """The nearest ones are put into order at once; the map will have changed before the rest are
 driven."""
@@ -31,6 +32,8 @@ _STOP_RAD: Final = math.radians(30.0)
 _BESIDE_M: Final = 0.08
 """Ends nearer than this are one place: the heading between them is noise."""
 _NEAR_M: Final = 6.0
+"""Farther ends are taken to be a straight line and a detour apart: the tour goes to near ones first
+anyway."""
 _DETOUR: Final = 1.5
 """Ways longer than the former are only guessed, by the straight line times the latter."""
 

@@ -17,6 +17,7 @@ from slarm_graph.world import DriveCommand
 _SHARP_RAD: Final = math.radians(30.0)
 """Bends sharper than this are turned on the spot, on which a round body needs no room."""
 _ALIGNED_RAD: Final = math.radians(3.0)
+"""A turn on the spot ends here; half a lane's width is missed only after 2 m."""
 _LOST_RAD: Final = math.radians(50.0)
 """Further off, an arc back would leave the lane by more than a body's width: it turns on the
 spot."""
@@ -26,7 +27,10 @@ the crawl of arrival."""
 _MIN_STEP_M: Final = 0.015
 """Pieces shorter than this have no direction of their own: below a cell of 0.025 m."""
 _LOOKAHEAD_S: Final = 0.3
+"""Of pure pursuit (Coulter 1992): three commands at 10 Hz; nearer it oscillates, farther it cuts
+corners."""
 _MIN_LOOKAHEAD_M: Final = 0.12
+"""Of pure pursuit at a crawl: less than a body's radius, more than its tracking error by ten."""
 
 
 class PathFollower:

@@ -23,6 +23,8 @@ from slarm_graph.grid import Mask
 _STEP_M: Final = 0.02
 """Points along a path: half of a driving cell and less."""
 _LANE_REACH: Final = round(0.09 / _STEP_M)
+"""Lanes are averaged over a little more than a stair of 0.05 m to either side, links over twice
+that."""
 _LINK_REACH: Final = round(0.18 / _STEP_M)
 """Points are averaged over so many steps to either side."""
 _CORNER_REACH: Final = round(0.16 / _STEP_M)

@@ -19,6 +19,7 @@ from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 _JUMP_M: Final = 0.06
+"""The robot's pose may be corrected by two driving cells before its map is drawn anew."""
 _JUMP_RAD: Final = math.radians(2.0)
 """At 3 m, the distance of what is driven by, two degrees are 0.1 m: two driving cells."""
 _REBUILD_GROWTH: Final = 1.7

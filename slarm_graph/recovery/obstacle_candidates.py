@@ -19,11 +19,19 @@ from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 
 _LEAST_TURN = math.sin(math.radians(20.0))
+"""Corners of outlines of cells bend by rounding; what bends by 20 degrees and more is a corner of
+an obstacle."""
 _MOST_SIDES = 12
+"""Of a run that may be an obstacle: a round one at cells of 0.05 m has eight to twelve."""
 _BAND_M = 0.1
+"""Returns this near to an island are its own: two cells of 0.05 m."""
 _SAME_SHAPE = 0.9
+"""A convex hull less than a ninth larger has the shape of the island; else the island is not
+convex."""
 _LEAST_SEEN = 0.5
+"""Returns of less than half of the plan show one side only."""
 _FRONT_SHARE = 0.25
+"""Corners of the rectangle in the front quarter of its depth were seen into."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,10 +41,15 @@ from slarm_graph.truth_map import NUDGE_M
 from slarm_graph.world import Solid, WorldMap
 
 _COARSEST_M = 0.05
+"""Maps are recovered at this or finer: the resolution of nearly all maps of indoor robots."""
 _MOVED_CELLS = 2.5
+"""Straightening moves an outline by two cells at most, `_BAND_CELLS` of the walls, and half of
+one."""
 _NEAR_HALO, _THIN_HALO = 3, 5
 """Rows around that decide: as far as straightening moves, and one more cell and its corner."""
 _FACE_CELLS, _FACE_M = 0.1, 0.015
+"""A face is known to about a centimetre (walls are fitted to within millimetres, poses to
+centimetres), and to a tenth of a cell where cells are finer."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,20 +21,38 @@ from slarm_graph.raster.outlines import simplified_m
 from slarm_graph.recovery.returns import NO_RETURNS, Returns
 
 _SIMPLIFY_CELLS = 1.5
+"""Outlines of cells have stairs of one cell; this is the least tolerance that takes all of them
+off."""
 _BAND_CELLS = 2.0
+"""A wall's returns lie within a cell of its outline, and its far face beyond two."""
 _END_CELLS = 1.5
+"""Returns next to a corner may be the other wall's: a cell, and half for the corner's own error."""
 _SHORTEST_M = 0.3
+"""Six cells of 0.05 m, the fewest with a direction; shorter stretches stay as cells have them."""
 _INLIER_M = (0.015, 0.04)
+"""From the noise of a good laser (0.015 m) to that of a cheap one (0.04 m)."""
 _COVERED_SHARE = 0.5
+"""A wall is seen along half of its length at least; else its line may be another's."""
 _MAIN_RAD = math.radians(4.0)
+"""Walls that differ by less from the building's direction are meant to be parallel to it: cells of
+0.05 m cannot tell over a metre."""
 _SNAP_CELLS = 0.3
+"""A wall that turning parallel moves by less than a third of a cell at its end is turned."""
 _SAME_RAD = math.radians(3.0)
+"""Two stretches of a wall differ by less: half a cell over half a metre."""
 _SAME_CELLS = 0.6
+"""And lie apart by little more than half a cell, which is what rounding to cells makes of one
+line."""
 _PARALLEL_RAD = math.radians(15.0)
+"""Lines that meet at less have no corner that is known: 1 cm across is 4 cm along."""
 _CORNER_CELLS = 4.0
+"""A corner farther from where cells have it is another's."""
 _JUT_CELLS = 2.5
+"""What juts out by less between two stretches of a wall is a frame or noise, and taken in."""
 _MOST_TAKEN_IN = 5
+"""Stretches between two of the same wall: a frame has three, and both sides of it one each."""
 _LEAST_MAIN_M = 1.0
+"""Less fitted wall than this says nothing of the building's direction."""
 
 
 @dataclass(frozen=True, slots=True)
