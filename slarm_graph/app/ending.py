@@ -32,6 +32,7 @@ _KEEP_SHARE: Final = 0.8
 """Share of the memory from which on no more is read, so that what is known can be written; with
 half of it a limit of 1 GB would end runs that need 500 MB."""
 _MB: Final = 1e6
+"""Bytes of a megabyte (SI), the unit of `--max-memory`."""
 
 LastWords = Callable[[str], None]
 """Records and tells why the process ends now."""
