@@ -1,20 +1,25 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Many runs beside each other: one row per run, one per source and backend, and a page."""
+"""Many runs beside each other: statistics over seeds and sources, and paired differences."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import combinations
 
 import numpy as np
-import plotly.graph_objects as go
 
-from slarm_graph.eval import report_page as html
 from slarm_graph.eval.metric_table import headlines, kind_of
+from slarm_graph.eval.resampling import mean_interval
 
-Columns = tuple[str, ...]
+ALL_SOURCES = "all sources"
+_LOST = "inconsistent"
+"""What a run says of itself when its map contradicts itself throughout."""
+_ALL_PAIRS_UP_TO = 4
+"""Of so many variants every pair is told; of more, each against the first."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,13 +31,17 @@ class Outcome:
     source, backend : str
     seed : int
     status : str
-        `ok`, `partial` or `failed`, as in `run.json`.
+        `ok`, `partial` or `failed`, as in `run.json`; `missing` where it was not started.
     problem : str
         Why it is not `ok`.
     folder : str
         The run's folder, relative to the comparison's.
     figures : mapping of str to float
         Metrics, and time and memory from the run's record.
+    setting : str
+        What sets it apart from the other runs of its backend, as `KEY=VALUE` words.
+    verdict : str
+        What the run says of its own consistency; empty where it does not.
     """
 
     source: str
@@ -42,99 +51,30 @@ class Outcome:
     problem: str = ""
     folder: str = ""
     figures: Mapping[str, float] = field(default_factory=dict)
+    setting: str = ""
+    verdict: str = ""
+
+    @property
+    def variant(self) -> str:
+        """What is compared: the backend and its setting."""
+        return f"{self.backend} {self.setting}".strip()
+
+    @property
+    def lost(self) -> bool:
+        """Whether it ran to its end and says itself that the result is wrong."""
+        return self.status == "ok" and self.verdict == _LOST
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Mean, standard deviation, median and worst of a figure over the runs that have it."""
+    """A figure over the runs that have it: mean, standard deviation, median, worst, interval."""
 
     mean: float
     sd: float
     median: float
     worst: float
     count: int
-
-    def of_mean(self) -> str:
-        """Write mean and standard deviation."""
-        if not self.count:
-            return "-"
-        sd = f"{self.sd:.2g}" if self.sd < 100.0 else f"{self.sd:.0f}"
-        return f"{self.mean:.4g}" + (f" ± {sd}" if self.count > 1 else "")
-
-    def of_median(self) -> str:
-        """Write median and worst."""
-        if not self.count:
-            return "-"
-        return f"{self.median:.4g}" + (f" | {self.worst:.4g}" if self.count > 1 else "")
-
-
-def run_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:
-    """Return columns and one row per run, with every figure that any run has."""
-    names = sorted({name for outcome in outcomes for name in outcome.figures})
-    columns = ("source", "backend", "seed", "status", "problem", "folder", *names)
-    rows: list[tuple[html.Cell, ...]] = [
-        (
-            *(o.source, o.backend, o.seed, o.status, o.problem, o.folder),
-            *(o.figures.get(name) for name in names),
-        )
-        for o in outcomes
-    ]
-    return columns, rows
-
-
-Rows = tuple[Columns, list[tuple[str, ...]]]
-
-
-def summaries(outcomes: Sequence[Outcome]) -> list[tuple[str, Rows]]:
-    """Return titled short tables, one row per source and backend, of as many as are needed.
-
-    Runs that are not ok stay in the count, and out of the figures.
-    """
-    if len({outcome.seed for outcome in outcomes}) < 2:
-        return [("Every source with every backend", _summary(outcomes, Spread.of_median))]
-    return [
-        ("Median | worst over seeds", _summary(outcomes, Spread.of_median)),
-        ("Mean ± standard deviation over seeds", _summary(outcomes, Spread.of_mean)),
-    ]
-
-
-def _summary(outcomes: Sequence[Outcome], written: Callable[[Spread], str]) -> Rows:
-    names = _headlines_of(outcomes)
-    some_failed = bool(_problems_of(outcomes))
-    rows: list[tuple[str, ...]] = []
-    for source, backend, group in _groups(outcomes):
-        good = [o for o in group if o.status == "ok"]
-        cells = (written(_spread_of(good, name)) for name in names)
-        row = (source, backend, f"{len(good)} of {len(group)}", *cells)
-        rows.append((*row, _problems_of(group)) if some_failed else row)
-    columns = ("source", "backend", "ok", *names)
-    return (*columns, "problems") if some_failed else columns, rows
-
-
-def _headlines_of(outcomes: Sequence[Outcome]) -> list[str]:
-    return [k.name for k in headlines() if any(k.name in o.figures for o in outcomes)]
-
-
-def _problems_of(outcomes: Sequence[Outcome]) -> str:
-    return "; ".join(sorted({f"{o.status}: {o.problem}" for o in outcomes if o.status != "ok"}))
-
-
-def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[html.Cell, ...]]]:
-    """Return columns and one row per source, backend and figure of the short tables."""
-    columns = ("source", "backend", "figure", "runs", "median", "worst", "mean", "sd")
-    rows: list[tuple[html.Cell, ...]] = []
-    for source, backend, group in _groups(outcomes):
-        good = [o for o in group if o.status == "ok"]
-        for name in (kind.name for kind in headlines()):
-            s = _spread_of(good, name)
-            if s.count:
-                rows.append((source, backend, name, s.count, s.median, s.worst, s.mean, s.sd))
-    return columns, rows
-
-
-def _spread_of(outcomes: Sequence[Outcome], name: str) -> Spread:
-    values = [o.figures[name] for o in outcomes if name in o.figures]
-    return spread(values, more_is_better=kind_of(name).better == "more")
+    interval: tuple[float, float] = (math.nan, math.nan)
 
 
 def spread(values: Sequence[float], *, more_is_better: bool = False) -> Spread:
@@ -144,71 +84,111 @@ def spread(values: Sequence[float], *, more_is_better: bool = False) -> Spread:
     v = np.array(values, dtype=np.float64)
     sd = float(v.std(ddof=1)) if len(v) > 1 else 0.0
     worst = float(v.min() if more_is_better else v.max())
-    return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v))
+    return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v), mean_interval(v))
 
 
-def comparison_html(
-    outcomes: Sequence[Outcome], lead: str, pictures: Sequence[tuple[str, bytes]] = ()
-) -> str:
-    """Return the comparison as one self-contained page.
+@dataclass(frozen=True, slots=True)
+class Group:
+    """The runs of one variant on one source, or on all.
 
     Parameters
     ----------
-    outcomes : sequence of Outcome
-    lead : str
-        One line below the title.
-    pictures : sequence of (caption, PNG content)
+    source, variant : str
+    runs : int
+    ok, lost, failed : int
+        Ran to their end; of these, those that call themselves wrong; all others.
+    spreads : mapping of str to Spread
+        By metric, over the runs that ran to their end.
+    problems : str
+        Why others did not.
     """
-    all_columns, all_rows = run_rows(outcomes)
-    short = [html.section(title, html.table(*rows)) for title, rows in summaries(outcomes)]
-    figures = [
-        html.section(kind_of(name).title, html.figure(_strip(outcomes, name), 380))
-        for name in _headlines_of(outcomes)
-    ]
-    links = [(o.folder, f"{o.folder}/report.html") for o in outcomes if o.status == "ok"]
-    return html.page(
-        "Backend comparison",
-        [
-            html.heading("Backend comparison", lead),
-            *short,
-            html.section("Radio maps", html.gallery(pictures)),
-            *figures,
-            html.section("Every run", html.table(all_columns, all_rows)),
-            html.section("Reports", html.links(links)),
-        ],
-    )
+
+    source: str
+    variant: str
+    runs: int
+    ok: int
+    lost: int
+    failed: int
+    spreads: Mapping[str, Spread]
+    problems: str
 
 
-def _strip(outcomes: Sequence[Outcome], name: str) -> go.Figure:
-    """Draw every run's figure as a point, sources side by side, backends by colour."""
-    fig = go.Figure()
-    for backend in dict.fromkeys(outcome.backend for outcome in outcomes):
-        mine = [o for o in outcomes if o.backend == backend and name in o.figures]
-        fig.add_box(
-            x=[o.source for o in mine],
-            y=[o.figures[name] for o in mine],
-            text=[f"seed {o.seed}" for o in mine],
-            name=backend,
-            boxpoints="all",
-            pointpos=0,
-            jitter=0.3,
-        )
-    fig.update_layout(boxmode="group")
-    # Room above, where a single run would else lie on the frame.
-    top = 1.1 * max((o.figures[name] for o in outcomes if name in o.figures), default=0.0)
-    fig.update_yaxes(
-        title=kind_of(name).titled(),
-        rangemode="tozero",
-        autorangeoptions_include=top,
-        gridcolor="#dfe4ea",
-    )
-    return fig
+def headlines_of(outcomes: Iterable[Outcome]) -> list[str]:
+    """Return the names of the short tables' figures that any run has."""
+    known = {name for outcome in outcomes for name in outcome.figures}
+    return [kind.name for kind in headlines() if kind.name in known]
 
 
-def _groups(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, str, list[Outcome]]]:
-    for source, backend in dict.fromkeys((o.source, o.backend) for o in outcomes):
-        yield (
-            source,
-            backend,
-            [o for o in outcomes if (o.source, o.backend) == (source, backend)],
-        )
+def groups(outcomes: Sequence[Outcome]) -> list[Group]:
+    """Summarise every variant on every source and, where there are several, on all of them."""
+    found = []
+    sources = list(dict.fromkeys(o.source for o in outcomes))
+    for source in [*sources, *([ALL_SOURCES] if len(sources) > 1 else [])]:
+        mine = [o for o in outcomes if source in (o.source, ALL_SOURCES)]
+        found += [_group(source, variant, runs) for variant, runs in _by_variant(mine)]
+    return found
+
+
+def _by_variant(outcomes: Sequence[Outcome]) -> Iterator[tuple[str, list[Outcome]]]:
+    for variant in dict.fromkeys(o.variant for o in outcomes):
+        yield variant, [o for o in outcomes if o.variant == variant]
+
+
+def _group(source: str, variant: str, outcomes: Sequence[Outcome]) -> Group:
+    good = [o for o in outcomes if o.status == "ok"]
+    spreads = {}
+    for name in headlines_of(good):
+        values = [o.figures[name] for o in good if name in o.figures]
+        spreads[name] = spread(values, more_is_better=kind_of(name).better == "more")
+    counted = Counter(f"{o.status}: {o.problem}" for o in outcomes if o.status != "ok")
+    problems = "; ".join(f"{n} x {p}" if n > 1 else p for p, n in sorted(counted.items()))
+    lost = sum(o.lost for o in outcomes)
+    runs, ok = len(outcomes), len(good)
+    return Group(source, variant, runs, ok, lost, runs - ok, spreads, problems)
+
+
+@dataclass(frozen=True, slots=True)
+class Difference:
+    """How much more a figure is with one variant than with another, source by source and seed.
+
+    Parameters
+    ----------
+    figure, variant, than : str
+    mean : float
+        Of the paired differences, in the figure's unit.
+    interval : (float, float)
+        95 % bootstrap interval of it.
+    pairs : int
+        Runs of the same source and seed that both have the figure.
+    """
+
+    figure: str
+    variant: str
+    than: str
+    mean: float
+    interval: tuple[float, float]
+    pairs: int
+
+
+def differences(outcomes: Sequence[Outcome]) -> list[Difference]:
+    """Compare variants over the runs that they have in common."""
+    good = [o for o in outcomes if o.status == "ok"]
+    variants = list(dict.fromkeys(o.variant for o in outcomes))
+    if len(variants) <= _ALL_PAIRS_UP_TO:
+        couples = list(combinations(variants, 2))
+    else:
+        couples = [(variants[0], other) for other in variants[1:]]
+    found = []
+    for name in headlines_of(good):
+        by_run = {(o.variant, o.source, o.seed): o.figures[name] for o in good if name in o.figures}
+        for than, variant in couples:
+            apart = [
+                value - by_run[than, source, seed]
+                for (mine, source, seed), value in by_run.items()
+                if mine == variant and (than, source, seed) in by_run
+            ]
+            if apart:
+                values = np.array(apart)
+                mean, interval = float(values.mean()), mean_interval(values)
+                found.append(Difference(name, variant, than, mean, interval, len(apart)))
+    return found

@@ -8,7 +8,7 @@ import csv
 from collections.abc import Sequence
 from pathlib import Path
 
-from slarm_graph.eval import report_page as html
+from slarm_graph.eval.page import Cell, Gallery, PageTable, Section, page
 
 
 def gallery_html(
@@ -24,25 +24,25 @@ def gallery_html(
         File names; PNG and CSV.
     """
     shown = [
-        html.section(_title(name), html.gallery([(name, (folder / name).read_bytes())]))
+        Section(_title(name), (Gallery([(name, (folder / name).read_bytes())]),))
         for name in pictures
         if (folder / name).is_file()
     ]
     rows = [
-        html.section(_title(name), _csv_table(folder / name))
+        Section(_title(name), (_csv_table(folder / name),))
         for name in tables
         if (folder / name).is_file()
     ]
-    return html.page(title, [html.heading(title, lead), *shown, *rows])
+    return page(title, lead, (), [*shown, *rows])
 
 
-def _csv_table(path: Path) -> str:
+def _csv_table(path: Path) -> PageTable:
     with path.open(newline="", encoding="utf-8") as file:
         columns, *rows = csv.reader(file)
-    return html.table(columns, [[_number(cell) for cell in row] for row in rows])
+    return PageTable(columns, [[_number(cell) for cell in row] for row in rows])
 
 
-def _number(text: str) -> html.Cell:
+def _number(text: str) -> Cell:
     try:
         return float(text)
     except ValueError:

@@ -21,7 +21,7 @@ from slarm_graph.grid import GridGeometry, OccupancyGrid
 
 _UNKNOWN, _FREE, _BOTH, _ESTIMATE, _REFERENCE = range(5)
 """Codes of the classes, in the order of the legend, which is no more than an order."""
-_LOOKS = {
+LOOKS = {
     _BOTH: ("wall in both", "#000000"),
     _ESTIMATE: ("wall only in EST", "#d55e00"),
     _REFERENCE: ("wall only in REF", "#0072b2"),
@@ -62,9 +62,9 @@ def save_difference(
     for axes in (whole, closer):
         axes.imshow(
             classes,
-            cmap=ListedColormap([_LOOKS[kind][1] for kind in sorted(_LOOKS)]),
+            cmap=ListedColormap([LOOKS[kind][1] for kind in sorted(LOOKS)]),
             vmin=-0.5,
-            vmax=len(_LOOKS) - 0.5,
+            vmax=len(LOOKS) - 0.5,
             origin="lower",
             extent=geometry.extent_m,
             interpolation="none",
@@ -83,7 +83,7 @@ def save_difference(
         _put_scale(axes)
     handles = [
         Patch(facecolor=color, edgecolor="#888888", lw=0.5, label=label)
-        for label, color in _LOOKS.values()
+        for label, color in LOOKS.values()
     ]
     figure.legend(
         handles=handles, loc="outside upper center", ncols=len(handles), fontsize=7, frameon=False

@@ -6,22 +6,41 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.backend import Table
-from slarm_graph.eval import report_page as html
-from slarm_graph.eval.gain_figure import gain_figure
+from slarm_graph.backend import Table as BackendTable
+from slarm_graph.eval.gain_figure import gain_curves, gain_figure
 from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.report_figures import geographic_figure, trajectory_figure
+from slarm_graph.eval.page import (
+    Bars,
+    Block,
+    Code,
+    Facts,
+    Folded,
+    Notices,
+    PageTable,
+    Section,
+    Words,
+    page,
+)
+from slarm_graph.eval.report_figures import (
+    GROUND_TRUTH,
+    HEIGHT_WORDS,
+    MAP_WORDS,
+    Marks,
+    geographic_figure,
+    trajectory_figure,
+)
+from slarm_graph.eval.run_figures import error_figure, path_of, table_figure
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
 _MAX_TABLE_ROWS = 300
-"""Rows of a table on the page: more than anybody reads; all of them are in the CSV beside it."""
+"""Of a backend's table; the CSV beside the page has all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,11 +59,17 @@ class ReportContent:
     record : mapping
         As in `run.json`.
     scans : sequence of ScanStatus
-    tables : sequence of Table
+    tables : sequence of BackendTable
         The backend's own.
     notices : sequence of str
     config_text : str
         The resolved configuration.
+    config_changes : sequence of str
+        What of it is not the default, as `key: default -> value`.
+    marks : Marks
+        Loop closures, contradictions and confidence, for the map.
+    verdict : str
+        What the run says of its own consistency.
     """
 
     title: str
@@ -56,65 +81,88 @@ class ReportContent:
     metrics: Sequence[Metric]
     record: Mapping[str, object]
     scans: Sequence[ScanStatus]
-    tables: Sequence[Table]
+    tables: Sequence[BackendTable]
     notices: Sequence[str]
     config_text: str
+    config_changes: Sequence[str] = ()
+    marks: Marks = field(default_factory=Marks)
+    verdict: str = ""
 
 
 def report_html(content: ReportContent) -> str:
     """Return the report as one self-contained page."""
-    return html.page(
+    paths = {name: path for t in content.tables if (path := path_of(t)) for name in (t.name,)}
+    trajectories = {**content.trajectories, **{n.replace("_", " "): p for n, p in paths.items()}}
+    top: list[Block] = [Facts(_key_facts(content)), Notices(content.notices)]
+    return page(
         content.title,
+        content.lead,
+        top,
         [
-            html.heading(content.title, content.lead),
-            html.facts(_key_facts(content)),
-            html.notices(content.notices),
-            html.section(
-                "Trajectory over the map", trajectory_figure(content.grid, content.trajectories)
+            Section(
+                "Trajectory over the map",
+                (
+                    trajectory_figure(content.grid, trajectories, content.marks),
+                    Words(MAP_WORDS + " Entries of the legend switch on and off."),
+                ),
             ),
-            html.section("Geographic map", _geographic_part(content.geographic)),
-            html.section("Channel power gain", _radio_part(content.radio)),
-            html.section("Metrics", _metric_table(content.metrics)),
-            html.side_by_side(
-                html.section("Time by stage", _stage_bars(content.record)),
-                html.section("Scans", dropped_table(content.scans)),
-            ),
-            *(html.section(_title_of(t.name), backend_table(t)) for t in content.tables),
-            html.section(
-                "Configuration and versions",
-                html.folded("resolved configuration", html.code(content.config_text)),
-                html.folded("run record", _record_table(content.record)),
-            ),
+            Section("Errors along the way", _error_part(content)),
+            Section("Metrics", _metric_table(content.metrics)),
+            Section("Geographic map", _geographic_part(content.geographic)),
+            Section("Radio map", _radio_part(content.radio)),
+            Section("Scans", (scan_table(content.scans),) if content.scans else ()),
+            Section("Time and memory by stage", _stage_bars(content.record)),
+            *(Section(_title_of(t.name), table_blocks(t)) for t in content.tables),
+            Section("Configuration and versions", _configuration(content)),
         ],
     )
 
 
 def count_by_reason(scans: Iterable[ScanStatus]) -> list[tuple[str, int]]:
-    """Return how many scans have each status: the used ones first, then the commonest reasons."""
+    """Return how many scans met each fate: the used ones first, then the commonest reasons."""
     reasons = Counter(scan.reason for scan in scans)
     used = reasons.pop("", 0)
     return [("used", used), *reasons.most_common()]
 
 
-def dropped_table(scans: Sequence[ScanStatus]) -> str:
-    """Return the table of used and dropped scans."""
-    rows = [(reason, count, f"{count / len(scans):.1%}") for reason, count in _counts(scans)]
-    return html.table(("status", "scans", "share"), rows)
+def scan_table(scans: Sequence[ScanStatus]) -> Bars:
+    """Return the used and the dropped scans by reason."""
+    total = max(len(scans), 1)
+    return Bars(
+        [
+            (reason, count, f"{count} ({count / total:.1%})")
+            for reason, count in count_by_reason(scans)
+        ]
+    )
 
 
-def _counts(scans: Sequence[ScanStatus]) -> list[tuple[str, int]]:
-    return count_by_reason(scans) if scans else []
-
-
-def backend_table(table: Table) -> str:
-    """Return a backend's table, cut where it is long."""
+def table_blocks(table: BackendTable) -> tuple[Block, ...]:
+    """Return a backend's table: a figure where it is a series, else rows, cut where it is long."""
+    if not table.rows:
+        return (Words("none"),)
+    figure = table_figure(table)
+    if path_of(table) is not None:
+        return ()
     left_out = len(table.rows) - _MAX_TABLE_ROWS
-    more = f"<p>{left_out} more rows in {table.name}.csv</p>" if left_out > 0 else ""
-    empty = "<p>none</p>" if not table.rows else ""
-    return html.table(table.columns, table.rows[:_MAX_TABLE_ROWS]) + more + empty
+    more = (Words(f"{left_out} more rows in {table.name}.csv"),) if left_out > 0 else ()
+    keep = [i for i, name in enumerate(table.columns) if name != "stamp_ns"]
+    columns = [table.columns[i].replace("_", " ") for i in keep]
+    rows = PageTable(columns, [[row[i] for i in keep] for row in table.rows[:_MAX_TABLE_ROWS]])
+    shown = Folded(f"{len(table.rows)} rows", (rows, *more))
+    return (figure, shown) if figure else (shown,)
 
 
-def _geographic_part(geographic: GeographicMap) -> str:
+def _error_part(content: ReportContent) -> tuple[Block, ...]:
+    truth = content.trajectories.get(GROUND_TRUTH)
+    if truth is None:
+        return ()
+    estimates = {n: t for n, t in content.trajectories.items() if n != GROUND_TRUTH}
+    figure = error_figure(truth, estimates)
+    words = Words("Each trajectory is laid onto the truth by SE(2), without scale.")
+    return (figure, words) if figure else ()
+
+
+def _geographic_part(geographic: GeographicMap) -> tuple[Block, ...]:
     cell_m2 = geographic.geometry.resolution_m**2
     area_m2 = float(geographic.accessible.sum()) * cell_m2
     words = (
@@ -128,23 +176,36 @@ def _geographic_part(geographic: GeographicMap) -> str:
             " that is not there; if heights are known, set recovery.known_sizes or"
             " recovery.default_height_m."
         )
-    return geographic_figure(geographic) + f"<p>{words}</p>"
+    elif geographic.solids:
+        words += f" {HEIGHT_WORDS}"
+    return geographic_figure(geographic), Words(words)
 
 
-def _radio_part(radio: RadioMap | None) -> str:
+def _radio_part(radio: RadioMap | None) -> tuple[Block, ...]:
     if radio is None:
-        return "<p>No access point was given; add <code>--ap X Y Z</code>.</p>"
+        return (Words("No access point was given; add --ap X Y Z."),)
     frequencies = ", ".join(sorted({f"{ap.frequency_hz * 1e-9:g}" for ap in radio.access_points}))
-    return gain_figure(radio) + (
-        f"<p>{radio.scenario} at {frequencies} GHz, antenna {radio.antenna_height_m:g} m above the"
+    words = (
+        f"{radio.scenario} at {frequencies} GHz, antenna {radio.antenna_height_m:g} m above the"
         f" floor, Rician factor {radio.rician_factor_db:g} dB, obstacle heights:"
-        f" {radio.height_source}. Expected gain = minus path loss (3GPP TR 38.901).</p>"
+        f" {radio.height_source}. Expected gain = minus path loss (3GPP TR 38.901); all access"
+        " points on one scale."
     )
+    return gain_figure(radio), Words(words), gain_curves(radio)
 
 
-def _metric_table(metrics: Sequence[Metric]) -> str:
-    rows = [(m.kind.title, m.value, m.unit, m.note, m.name) for m in metrics]
-    return html.table(("metric", "value", "unit", "how", "key"), rows) if rows else ""
+def _metric_table(metrics: Sequence[Metric]) -> tuple[Block, ...]:
+    if not metrics:
+        return ()
+    rows = [(m.kind.title, m.value, m.unit, _interval(m), m.note, m.name) for m in metrics]
+    return (PageTable(("metric", "value", "unit", "95 % interval", "how", "key"), rows),)
+
+
+def _interval(metric: Metric) -> str:
+    if metric.interval is None:
+        return ""
+    low, high = metric.interval
+    return f"{low:.3g} to {high:.3g}"
 
 
 def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
@@ -155,6 +216,8 @@ def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
         (f"{duration_s:.0f} s", "recorded"),
         (f"{estimate.path_length_m():.1f} m", "driven"),
     ]
+    if content.verdict:
+        found.append((content.verdict, "the run of itself"))
     for metric in content.metrics:
         if metric.kind.headline:
             found.append((f"{metric.value:.3g} {metric.unit}".strip(), metric.kind.title))
@@ -166,19 +229,44 @@ def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
     return found
 
 
-def _stage_bars(record: Mapping[str, object]) -> str:
-    stages = record.get("stages")
+def _stage_bars(record: Mapping[str, object]) -> tuple[Block, ...]:
+    stages, peaks = record.get("stages"), record.get("stage_peak_mb")
     if not isinstance(stages, dict):
-        return ""
-    return html.bars([(str(name), float(seconds)) for name, seconds in stages.items()], "s")
+        return ()
+    memory = peaks if isinstance(peaks, dict) else {}
+    rows = []
+    for name, seconds in stages.items():
+        peak = f", {memory[name]:.0f} MB" if name in memory else ""
+        rows.append((str(name), float(seconds), f"{float(seconds):.2f} s{peak}"))
+    words = Words("Memory is the process's peak up to the end of the stage.")
+    return (Bars(rows), words) if memory else (Bars(rows),)
 
 
-def _record_table(record: Mapping[str, object]) -> str:
+def _configuration(content: ReportContent) -> tuple[Block, ...]:
+    changes = content.config_changes
+    rows = [_change(change) for change in changes]
+    table: tuple[Block, ...] = (Words("All settings are the defaults."),)
+    if rows:
+        table = (PageTable(("setting", "default", "here"), rows),)
+    return (
+        *table,
+        Folded("resolved configuration", (Code(content.config_text),)),
+        Folded("run record", (_record_table(content.record),)),
+    )
+
+
+def _change(text: str) -> tuple[str, str, str]:
+    key, _, values = text.partition(": ")
+    before, _, after = values.partition(" -> ")
+    return key, before, after
+
+
+def _record_table(record: Mapping[str, object]) -> PageTable:
     rows: list[tuple[str, str]] = []
     for key, value in record.items():
         nested = value.items() if isinstance(value, dict) else [("", value)]
         rows += [(f"{key}.{name}" if name else key, str(inner)) for name, inner in nested]
-    return html.table(("key", "value"), rows)
+    return PageTable(("key", "value"), rows)
 
 
 def _title_of(name: str) -> str:

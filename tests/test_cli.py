@@ -100,7 +100,7 @@ def test_the_report_is_one_self_contained_page(bag: Path, tmp_path: Path) -> Non
     page = (tmp_path / "r" / "report.html").read_text()
     assert len(page) < 6e6
     assert page.count("plotly.js v") <= 2
-    for part in ("Trajectory over the map", "Channel power gain", "Metrics", "Time by stage"):
+    for part in ("Trajectory over the map", "Radio map", "Metrics", "Time and memory by stage"):
         assert part in page
     assert "<link" not in page
     assert 'src="http' not in page

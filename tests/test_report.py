@@ -9,13 +9,25 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import plotly.graph_objects as go
 import pytest
 
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.backend import Table
-from slarm_graph.eval import report_page as html
+from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval.gain_figure import gain_figure
-from slarm_graph.eval.report import backend_table, count_by_reason, dropped_table
+from slarm_graph.eval.page import (
+    Facts,
+    Figure,
+    Folded,
+    Notices,
+    PageTable,
+    Section,
+    Words,
+    page,
+    plain,
+    shown,
+)
+from slarm_graph.eval.report import count_by_reason, scan_table, table_blocks
 from slarm_graph.eval.report_figures import geographic_figure, map_picture
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -48,39 +60,67 @@ def test_gain_page_stays_small_whatever_the_map(count: int) -> None:
     loss = np.full((count, *geometry.shape), 70.0, dtype=np.float32)
     points = tuple(AccessPoint(f"AP{i}", 1.0 * i, 2.0, 2.5) for i in range(count))
     radio = RadioMap(geometry, points, loss, loss > 0, 0.5, "InF-SH", 7.0, "infinite")
-    page = gain_figure(radio)
-    assert len(page) < 1_000_000
-    assert all(point.name in page for point in points)
+    figure = gain_figure(radio)
+    assert len(figure.json) < 1_000_000
+    assert all(point.name in figure.json for point in points)
+    assert ("best access point" in figure.json) == (count > 1)
 
 
 def test_statuses_add_up_with_the_used_first() -> None:
     reasons = ["", "late", "", "blind", "late", ""]
     scans = [ScanStatus(i, reason) for i, reason in enumerate(reasons)]
     assert count_by_reason(scans) == [("used", 3), ("late", 2), ("blind", 1)]
-    assert "33.3%" in dropped_table(scans)
-    assert dropped_table([]) == html.table(("status", "scans", "share"), [])
+    assert scan_table(scans).rows[1] == ("late", 2, "2 (33.3%)")
 
 
 def test_long_tables_tell_what_is_left_out() -> None:
-    table = Table("loop_closures", ("a", "b"), tuple((i, "x") for i in range(350)))
-    assert "50 more rows in loop_closures.csv" in backend_table(table)
-    assert "none" in backend_table(Table("t", ("a",), ()))
+    table = BackendTable("loop_closures", ("a", "b"), tuple((i, "x") for i in range(350)))
+    (folded,) = table_blocks(table)
+    assert isinstance(folded, Folded)
+    assert folded.blocks[1] == Words("50 more rows in loop_closures.csv")
+    assert table_blocks(BackendTable("t", ("a",), ())) == (Words("none"),)
+
+
+def test_series_become_curves_and_paths_go_to_the_map() -> None:
+    rows = tuple((i * 10**9, 5.0 + i, i % 2, "x") for i in range(20))
+    figure, _ = table_blocks(BackendTable("particles", ("stamp_ns", "n_eff", "flag", "w"), rows))
+    assert isinstance(figure, Figure)
+    (curve,) = figure.content.data
+    assert list(curve.x) == list(range(20))
+    assert list(curve.y) == [5.0 + i for i in range(20)]
+    path = tuple((i, 0.0, 1.0, 2.0) for i in range(20))
+    assert table_blocks(BackendTable("p", ("stamp_ns", "x_m", "y_m", "theta_rad"), path)) == ()
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
     [(None, "-"), (float("nan"), "-"), (3.0, "3"), (0.123456, "0.1235"), ("a", "a"), (7, "7")],
 )
-def test_values_are_written_for_people(value: html.Cell, text: str) -> None:
-    assert html.shown(value) == text
+def test_values_are_written_for_people(value: float | int | str | None, text: str) -> None:
+    assert shown(value) == text
 
 
-def test_text_is_escaped() -> None:
-    page = html.section("<t>", html.table(("<c>",), [("<v>",)]), html.notices(["<n>"]))
-    assert "<t>" not in page
-    assert "&lt;c&gt;" in page
-    assert "&lt;v&gt;" in page
-    assert "&lt;n&gt;" in page
+def test_text_is_escaped_wherever_it_stands() -> None:
+    evil = "<script>alert(1)</script>"
+    figure = go.Figure(go.Scatter(x=[1], y=[2], name=plain(evil), text=[evil]))
+    blocks = [
+        Facts([(evil, evil)]),
+        Notices([evil]),
+        PageTable((evil,), [(evil,)]),
+        Folded(evil, (Words(evil),)),
+        Figure(figure, evil),
+    ]
+    whole = page(evil, evil, blocks, [Section(evil, blocks)])
+    body = whole[whole.index("</title>") :]
+    assert evil not in body[body.index("<body>") :]
+    assert body.count("&lt;script&gt;alert(1)") >= 12
+
+
+def test_parts_of_the_page_have_names_of_their_own() -> None:
+    figure = Figure(go.Figure(), "nothing")
+    whole = page("t", "l", [figure, figure], [])
+    assert 'id="figure-0-data"' in whole
+    assert 'id="figure-1-data"' in whole
 
 
 def test_few_cells_are_drawn_sharply() -> None:
@@ -101,12 +141,11 @@ def test_the_geographic_map_tells_states_and_heights() -> None:
     p[5, :] = 1.0
     box = Solid("box", np.array([[0.1, 0.2], [0.3, 0.2], [0.3, 0.4], [0.1, 0.4]]), 1.25)
     grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.05, 20, 30), p)
-    page = geographic_figure(replace(as_geographic(grid), solids=(box,)))
+    page = geographic_figure(replace(as_geographic(grid), solids=(box,))).content.to_json()
     assert "1.25 m" in page
     assert "accessible" in page
     assert "obstacle" in page
     assert "out of reach" not in page
-    assert "under the pointer" not in page
 
 
 def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
@@ -114,8 +153,7 @@ def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
     ring = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
     pillar, hall = Solid("pillar", 2.0 + 0.3 * ring, 6.5), Solid("hall", 10.0 + 9.0 * ring, 4.5)
     grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 400, 600), p)
-    page = geographic_figure(replace(as_geographic(grid), solids=(pillar, hall)))
+    page = geographic_figure(replace(as_geographic(grid), solids=(pillar, hall))).content.to_json()
     assert "pillar 6.5 m" in page
-    assert "under the pointer" in page
     assert ">6.5 m<" not in page.encode().decode("unicode_escape")
     assert ">4.5 m<" in page.encode().decode("unicode_escape")

@@ -78,7 +78,7 @@ def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not given:
         raise BadInput("no recording given")
-    files = [Path(path) for path in given]
+    files = [_world_or_path(path) for path in given]
     for file in files:
         if not file.exists():
             raise BadInput(f"no such file: {file}")
@@ -91,6 +91,14 @@ def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
         except OSError as error:
             raise BadInput(f"cannot read {file}: {error.strerror}") from None
     return files
+
+
+def _world_or_path(given: Path | str) -> Path:
+    """Return a path, or the file of the world that comes along by that name."""
+    from slarm_graph.files.worlds import shipped_worlds, world_path
+
+    path = Path(given)
+    return world_path(str(given)) if not path.exists() and str(given) in shipped_worlds() else path
 
 
 def open_world(

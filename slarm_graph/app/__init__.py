@@ -16,6 +16,8 @@ BUILT_IN = {
     "radio": "slarm_graph.app.cli_tools:radio_command",
     "check": "slarm_graph.app.cli_tools:check_command",
     "convert": "slarm_graph.app.cli_tools:convert_command",
+    "export": "slarm_graph.app.cli_export:export_command",
+    "worlds": "slarm_graph.app.cli_worlds:worlds_command",
     "config": "slarm_graph.app.cli_tools:config_command",
     "backends": "slarm_graph.app.cli_tools:backends_command",
     "doctor": "slarm_graph.app.cli_tools:doctor_command",

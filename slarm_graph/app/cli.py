@@ -19,6 +19,7 @@ import typer
 from slarm_graph import __version__, parts
 from slarm_graph.app.cli_run import POINT_OPTIONS
 from slarm_graph.app.ending import end_on_signals
+from slarm_graph.app.tied import die_with_starter
 from slarm_graph.errors import BadInput, RunFailed
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -86,6 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in given
     _show_warnings()
     if arguments is None:
+        die_with_starter()
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         end_on_signals()
     try:

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,12 +24,13 @@ from slarm_graph.app.cli_run import (
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
+    from slarm_graph.app.external import External
     from slarm_graph.app.run_folder import RunFolder
     from slarm_graph.app.trials import Trial
     from slarm_graph.eval.comparison import Outcome
 
 _FAILED = 1
-"""Exit code of a comparison in which a trial failed, as the README tells."""
+"""Exit code where a run failed, as the README tells."""
 _DEMO_BACKENDS = ("pose_graph", "gmapping")
 _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""
@@ -35,15 +38,15 @@ _DEMO_LIMIT_S = 1200
 
 def demo_command(out: Out = Path("runs"), name: Name = None, overwrite: Overwrite = False) -> int:
     """Explore the paper's room with both backends and compare; takes a minute or two."""
-    from slarm_graph.app.run_folder import create_run_folder
-    from slarm_graph.app.trials import find_sources, trials
+    from slarm_graph.app.comparison_folder import open_comparison
+    from slarm_graph.app.trials import ComparisonPlan, find_sources
 
-    folder = create_run_folder(out, name, overwrite=overwrite)
+    folder = open_comparison(out, name, overwrite=overwrite)
     print("A simulated robot explores the paper's room, once with each SLAM backend ...")
-    limit = ("--set", f"explore.mission_time_s={_DEMO_LIMIT_S}")
-    room = find_sources(["paper_room"])
-    planned = trials(room, _DEMO_BACKENDS, 1, folder.path, options=limit)
-    return _compare(planned, folder, "The paper's room, explored in closed loop")
+    limit = (f"explore.mission_time_s={_DEMO_LIMIT_S}",)
+    plan = ComparisonPlan(find_sources(["paper_room"]), _DEMO_BACKENDS, 1, settings=limit)
+    what = "The paper's room, explored in closed loop"
+    return _compare(plan.trials(folder.path), folder, what)
 
 
 def reproduce_command(
@@ -89,8 +92,35 @@ def compare_command(
         str, typer.Option(metavar="A,B", help="Backends, with commas between them.")
     ] = "odometry,gmapping,pose_graph",
     seeds: Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")] = 1,
+    sweep: Annotated[
+        list[str] | None,
+        typer.Option(metavar="KEY=V1,V2", help="Run with every value of a setting; repeatable."),
+    ] = None,
+    external: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=TUM[,MAP]",
+            help="Another system's result, in the same tables; of several sources NAME@SOURCE=...",
+        ),
+    ] = None,
+    ground_truth: Annotated[
+        list[Path] | None,
+        typer.Option(help="True trajectory: one for all sources or one each; none for none."),
+    ] = None,
+    relations: Annotated[
+        list[Path] | None,
+        typer.Option(help="True relative poses: one for all sources or one each; none for none."),
+    ] = None,
     scheduler: Annotated[
         str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
+    ] = None,
+    upload: Annotated[
+        bool,
+        typer.Option("--upload", help="Send sources to workers that do not share this folder."),
+    ] = False,
+    budget: Annotated[
+        float | None,
+        typer.Option(metavar="MINUTES", help="Start no further run after that long."),
     ] = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
@@ -102,41 +132,71 @@ def compare_command(
     settings: Settings = None,
     overwrite: Overwrite = False,
 ) -> int:
-    """Run every source with every backend and seed, and compare."""
-    from slarm_graph import parts
-    from slarm_graph.app.run_folder import create_run_folder
-    from slarm_graph.app.trials import find_sources, trials
+    """Run every source with every backend, setting and seed, and compare.
+
+    The same command again with the same --name finishes only what is missing.
+    """
+    from slarm_graph.app.cli_output import show_notices
+    from slarm_graph.app.comparison_folder import open_comparison
+    from slarm_graph.app.external import find_externals
+    from slarm_graph.app.trials import ComparisonPlan, find_sources
     from slarm_graph.files.configs import load_config
+
+    access_points(ap or (), load_config(config, settings or ()))
+    found = find_sources(sources, ground_truth, relations)
+    show_notices(text for source in found for text in source.truth.found)
+    points = [word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())]
+    plan = ComparisonPlan(
+        found,
+        _chosen(backends),
+        seeds,
+        config,
+        tuple(settings or ()),
+        tuple(sweep or ()),
+        tuple(points),
+    )
+    others = find_externals(external or (), found)
+    plan.trials(out)  # what is wrong with it is told before there is a folder
+    folder = open_comparison(out, name, overwrite=overwrite)
+    what = f"{len(found)} sources, {len(plan.backends)} backends, {seeds} seeds"
+    return _compare(
+        plan.trials(folder.path),
+        folder,
+        what,
+        jobs=jobs,
+        scheduler=scheduler,
+        upload=upload,
+        budget_s=None if budget is None else 60.0 * budget,
+        others=others,
+    )
+
+
+def _chosen(backends: str) -> tuple[str, ...]:
+    from slarm_graph import parts
 
     chosen = [word.strip() for word in backends.split(",") if word.strip()]
     if not chosen:
         raise BadInput(f"--backends names none; there are {', '.join(parts.registered('backend'))}")
     for backend in chosen:
         parts.find("backend", backend)
-    access_points(ap or (), load_config(config, settings or ()))
-    found = find_sources(sources)
-    folder = create_run_folder(out, name, overwrite=overwrite)
-    points = [word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())]
-    options = [
-        *(("--config", str(config.resolve())) if config else ()),
-        *(word for setting in settings or () for word in ("--set", setting)),
-    ]
-    planned = trials(found, chosen, seeds, folder.path, options=options, for_recordings=points)
-    what = f"{len(found)} sources, {len(chosen)} backends, {seeds} seeds"
-    return _compare(planned, folder, what, jobs, scheduler)
+    return tuple(chosen)
 
 
 def _compare(
     planned: Sequence[Trial],
     folder: RunFolder,
     what: str,
+    *,
     jobs: int | None = None,
     scheduler: str | None = None,
+    upload: bool = False,
+    budget_s: float | None = None,
+    others: Sequence[External] = (),
 ) -> int:
     """Carry trials out, show and write the comparison; 1 when one of them failed."""
-    from slarm_graph.app.cli_output import show_comparison
     from slarm_graph.app.compare import compare
     from slarm_graph.app.execution import early_end_noted
+    from slarm_graph.app.external import measure
     from slarm_graph.app.progress import shown
 
     done: list[Outcome] = []
@@ -146,20 +206,58 @@ def _compare(
         done.append(outcome)
         _tell_outcome(outcome)
 
+    _tell_found(planned)
     with early_end_noted(folder):
+        measured = [measure(other, folder.path, planned) for other in others]
         try:
             with shown() as progress:
                 outcomes = compare(
-                    planned, workers=jobs, scheduler=scheduler, tell=tell, progress=progress
+                    planned,
+                    workers=jobs,
+                    scheduler=scheduler,
+                    upload=upload,
+                    budget_s=budget_s,
+                    tell=tell,
+                    progress=progress,
                 )
         except KeyboardInterrupt:
             if done:
-                show_comparison(folder, done, f"{what}, interrupted")
+                _show(folder, [*done, *measured], f"{what}, interrupted")
+            _tell_how_to_go_on(folder)
             raise
-        show_comparison(folder, outcomes, what)
+        # Only now is known where the laser sits.
+        measured = [measure(other, folder.path, planned) for other in others]
+        _show(folder, [*outcomes, *measured], what)
+    if any(outcome.status == "missing" for outcome in outcomes):
+        _tell_how_to_go_on(folder)
     return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
+
+
+def _tell_found(planned: Sequence[Trial]) -> None:
+    there = sum(trial.is_done() for trial in planned)
+    if there:
+        left = len(planned) - there
+        print(f"{there} of {len(planned)} runs are done already, {left} left", file=sys.stderr)
+
+
+def _tell_how_to_go_on(folder: RunFolder) -> None:
+    """Print the command that finishes what is missing."""
+    words = list(sys.argv[1:])
+    if "--name" not in words:
+        words += ["--name", folder.path.name]
+    print(f"slarm: go on with: slarm {shlex.join(words)}", file=sys.stderr)
+
+
+def _show(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
+    from slarm_graph.app.cli_output import show_text_table
+    from slarm_graph.app.comparison_folder import write_comparison
+
+    for table in write_comparison(folder, outcomes, what):
+        show_text_table(table)
+    good = sum(outcome.status == "ok" for outcome in outcomes)
+    print(f"{what}; {good} of {len(outcomes)} runs ok -> {folder.path}/report.html")
 
 
 def _tell_outcome(outcome: Outcome) -> None:
     about = outcome.problem or f"{outcome.figures.get('wall_s', 0.0):.1f} s"
-    print(f"{outcome.source} {outcome.backend} seed {outcome.seed}: {outcome.status} ({about})")
+    print(f"{outcome.source} {outcome.variant} seed {outcome.seed}: {outcome.status} ({about})")

@@ -16,11 +16,7 @@ from slarm_graph.eval.metrics import Metric, best_of, metrics_json
 from slarm_graph.readings import ScanStatus
 
 if TYPE_CHECKING:
-    from slarm_graph.app.run_folder import RunFolder
-    from slarm_graph.eval.comparison import Outcome
-
-_MAX_PICTURES = 8
-"""Pictures in a gallery: two rows of four on a wide screen."""
+    from slarm_graph.eval.comparison_tables import TextTable
 
 
 def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False) -> None:
@@ -53,14 +49,31 @@ def show_table(
     *,
     title: str = "",
     right: Sequence[int] = (),
+    markup: bool = False,
 ) -> None:
     """Print a table; it is never cut when standard output is not a terminal."""
     table = Table(title=title or None, title_justify="left", box=None, pad_edge=False)
     for index, column in enumerate(columns):
-        table.add_column(column, justify="right" if index in right else "left")
+        # Folded and not cut: two keys that begin alike must not come out as one.
+        table.add_column(column, justify="right" if index in right else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(table)
+    Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=markup).print(table)
+
+
+def show_text_table(table: TextTable) -> None:
+    """Print a table, the best of its kind in bold or, where that cannot be seen, with a star."""
+    bold = ("[bold]", "[/bold]") if sys.stdout.isatty() else ("*", "")
+    rows = [
+        [
+            f"{bold[0]}{cell}{bold[1]}" if (r, c) in table.best else cell
+            for c, cell in enumerate(row)
+        ]
+        for r, row in enumerate(table.rows)
+    ]
+    right = range(table.words, len(table.columns))
+    show_table(table.columns, rows, title=table.title, right=right, markup=sys.stdout.isatty())
+    print()
 
 
 def show_notices(notices: Iterable[str]) -> None:
@@ -78,37 +91,3 @@ def show_scans(scans: Sequence[ScanStatus]) -> None:
         total = sum(count for _, count in dropped)
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped)
         print(f"note: {total} of {len(scans)} scans not used: {reasons}", file=sys.stderr)
-
-
-def show_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
-    """Print and write a comparison: tables, as CSV by run and by backend, and `report.html`."""
-    from slarm_graph.app.outputs import csv_text
-    from slarm_graph.eval.comparison import (
-        comparison_html,
-        run_rows,
-        summaries,
-        summary_rows,
-    )
-
-    for title, (columns, rows) in summaries(outcomes):
-        show_table(columns, rows, title=title)
-    folder.write_text("comparison.csv", csv_text(*run_rows(outcomes)))
-    folder.write_text("summary.csv", csv_text(*summary_rows(outcomes)))
-    good = sum(outcome.status == "ok" for outcome in outcomes)
-    lead = f"{what}; {good} of {len(outcomes)} runs ok"
-    page = comparison_html(outcomes, lead, _pictures(folder, outcomes))
-    folder.write_text("report.html", page)
-    folder.note(status="ok" if good == len(outcomes) else "partial", runs=len(outcomes))
-    print(f"{lead} -> {folder.path}/report.html")
-
-
-def _pictures(folder: RunFolder, outcomes: Sequence[Outcome]) -> list[tuple[str, bytes]]:
-    """Return the radio map of every source and backend at its first seed, with a caption."""
-    first = {(o.source, o.backend): o for o in reversed(outcomes) if o.status == "ok"}
-    found = [
-        (f"{o.source}, {o.backend}", folder.path / o.folder / "radio_map.png")
-        for o in outcomes
-        if first.get((o.source, o.backend)) is o
-    ]
-    pictures = [(caption, path.read_bytes()) for caption, path in found if path.is_file()]
-    return pictures[:_MAX_PICTURES]

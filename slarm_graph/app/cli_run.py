@@ -8,6 +8,7 @@ import json
 import logging
 import math
 import sys
+import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, cast
@@ -57,7 +58,8 @@ StaticTf = Annotated[
     typer.Option(metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."),
 ]
 GroundTruth = Annotated[
-    Path | None, typer.Option("--ground-truth", help="True trajectory: TUM, KITTI or EuRoC.")
+    Path | None,
+    typer.Option("--ground-truth", help="True trajectory (TUM, EuRoC ...), or none."),
 ]
 Resume = Annotated[
     Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
@@ -74,7 +76,8 @@ MaxMemory = Annotated[
     typer.Option(metavar="MB", help="Never need more memory than this; end with what is known."),
 ]
 RelationsFile = Annotated[
-    Path | None, typer.Option("--relations", help="True relative poses (Freiburg benchmark).")
+    Path | None,
+    typer.Option("--relations", help="True relative poses (Freiburg benchmark), or none."),
 ]
 
 
@@ -84,7 +87,7 @@ def run_command(
         typer.Argument(
             metavar="SOURCE...",
             help="A recording: .bag (several count as one), ROS 2 folder, metadata.yaml, .mcap,"
-            " .db3, or CARMEN .clf/.log[.gz]; or a world's YAML, to be driven through.",
+            " .db3, or CARMEN .clf/.log[.gz]; or a world (YAML or name), to be driven through.",
         ),
     ] = None,
     backend: Backend = None,
@@ -105,6 +108,9 @@ def run_command(
     max_time: MaxTime = None,
     max_memory: MaxMemory = None,
     no_csv: Annotated[bool, typer.Option("--no-csv", help="Leave radio_map.csv out.")] = False,
+    show: Annotated[
+        bool, typer.Option("--open", help="Show the report in the browser when it is done.")
+    ] = False,
 ) -> int:
     """Turn a recording into a trajectory, maps, a radio map and a report."""
     overrides = [
@@ -116,10 +122,12 @@ def run_command(
         *_set("radio.csv_most_lines", 0 if no_csv else None),
     ]
     if resume is not None:
-        return _resume(resume, config, overrides)
+        return _resume(resume, config, overrides, show)
     if not sources:
         raise BadInput("no recording given: slarm run SOURCE, or slarm demo for a simulated one")
+    from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.job import Job
+    from slarm_graph.app.known_truth import known_truth
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
     from slarm_graph.frontends.recordings.sources import existing_paths
@@ -127,8 +135,10 @@ def run_command(
     resolved = load_config(config, overrides)
     paths = tuple(existing_paths(sources))
     points = access_points(ap or (), resolved) or _of_world(paths)
-    job = Job(paths, resolved, points, ground_truth, relations)
-    return _execute(job, create_run_folder(out, name, overwrite=overwrite))
+    truth = known_truth(paths[0], ground_truth, relations)
+    show_notices(truth.found)
+    job = Job(paths, resolved, points, truth.ground_truth, truth.relations)
+    return _execute(job, create_run_folder(out, name, overwrite=overwrite), show)
 
 
 def source_settings(
@@ -192,20 +202,22 @@ def _set(key: str, value: object) -> list[str]:
     return [] if value is None else [f"{key}={json.dumps(value)}"]
 
 
-def _resume(path: Path, config: Path | None, overrides: Sequence[str]) -> int:
+def _resume(path: Path, config: Path | None, overrides: Sequence[str], show: bool = False) -> int:
     from slarm_graph.app.resuming import resumed_job
     from slarm_graph.app.run_folder import open_run_folder
 
     job = resumed_job(path, config, overrides)
-    return _execute(job, open_run_folder(path))
+    return _execute(job, open_run_folder(path), show)
 
 
-def _execute(job: Job | ExploreJob, folder: RunFolder) -> int:
+def _execute(job: Job | ExploreJob, folder: RunFolder, show: bool = False) -> int:
     from slarm_graph.app.execution import execute
     from slarm_graph.app.progress import shown
 
     with shown() as progress:
         run = execute(job, folder, progress)
+    if show:
+        webbrowser.open((folder.path / "report.html").resolve().as_uri())
     return _finish(run, folder)
 
 

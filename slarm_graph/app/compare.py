@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Backend comparison: every source with every backend and seed, each in a process of its own.
+"""The runs of a comparison, each in a process of its own, here or on a dask cluster.
 
-A run that fails, even one that takes its process down, leaves the others alone. The same trials
-run on a cluster when a dask scheduler is given; the folder must be visible from all its workers.
+A run that fails, even one that takes its process down, leaves the others alone. One that is
+already finished is read and not computed again, one that was interrupted goes on. A process dies
+with the worker that started it, so that two never write into one folder.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ import json
 import os
 import signal
 import subprocess
+import time
+import uuid
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from contextlib import closing
@@ -20,34 +23,42 @@ from threading import Event, Lock
 
 from slarm_graph.app.progress import Progress, Quiet
 from slarm_graph.app.run_folder import RECORD
+from slarm_graph.app.tied import started_tied
 from slarm_graph.app.trials import Trial
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 
 _BEAT_S = 1.0
-"""Progress is shown about once a second while trials run; nothing waits for it."""
+"""Between two looks at what runs; a run that ends in between is noticed at once all the same."""
 _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
+_RETRIES = 3
+"""How often a run is given to another worker when one dies over it."""
 
 
-def carry_out(trial: Trial) -> Outcome:
-    """Run a trial in a process of its own and read what it left."""
-    return _waited_for(trial, _started(trial))
+def carry_out(trial: Trial, stop: Callable[[], bool] = lambda: False) -> Outcome:
+    """Run a trial in a process of its own, if it is not done yet, and read what it left."""
+    if trial.is_done():
+        return read_outcome(trial)
+    return _waited_for(trial, _started(trial), stop)
 
 
 def _started(trial: Trial) -> subprocess.Popen[str]:
-    """Start a trial's process, in a session of its own: Ctrl-C does not reach it by itself."""
-    return subprocess.Popen(
-        trial.command(),
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1"},
-        start_new_session=True,
-    )
+    command = trial.command()
+    trial.take_folder()
+    return started_tied(command)
 
 
-def _waited_for(trial: Trial, process: subprocess.Popen[str]) -> Outcome:
-    _, errors = process.communicate()
+def _waited_for(
+    trial: Trial, process: subprocess.Popen[str], stop: Callable[[], bool] = lambda: False
+) -> Outcome:
+    while True:
+        try:
+            _, errors = process.communicate(timeout=_BEAT_S)
+        except subprocess.TimeoutExpired:
+            if stop():
+                process.send_signal(signal.SIGINT)
+            continue
+        break
     said = errors.strip().splitlines()
     problem = said[-1].removeprefix("slarm: ") if said and process.returncode else ""
     return read_outcome(trial, problem or f"exit code {process.returncode}")
@@ -76,6 +87,8 @@ def read_outcome(trial: Trial, problem: str = "") -> Outcome:
         "" if status == "ok" else record.get("problem") or problem,
         trial.folder.name,
         figures | _metrics(trial.folder / "metrics.json"),
+        trial.setting,
+        _verdict(trial.folder / "consistency.json"),
     )
 
 
@@ -84,7 +97,15 @@ def _metrics(path: Path) -> dict[str, float]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
-    return {name: m["value"] for name, m in content.items() if m["value"] is not None}
+    return {n: m["value"] for n, m in content.items() if m["value"] is not None}
+
+
+def _verdict(path: Path) -> str:
+    """Return what a run says of itself."""
+    try:
+        return str(json.loads(path.read_text(encoding="utf-8"))["verdict"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def compare(
@@ -92,51 +113,84 @@ def compare(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    tell: Callable[[Outcome], None] = lambda _outcome: None,
+    upload: bool = False,
+    budget_s: float | None = None,
+    tell: Callable[[Outcome], None] = lambda _: None,
     progress: Progress | None = None,
 ) -> tuple[Outcome, ...]:
-    """Carry out all trials and return their outcomes in the order of the plan.
+    """Carry all trials out and return their outcomes, in the order of the plan.
 
     Parameters
     ----------
     planned : sequence of Trial
     workers : int, optional
-        Processes at a time; the number of cores when left out.
+        Processes at a time on this machine; as many as it has processors when left out.
     scheduler : str, optional
         Address of a dask scheduler, such as `tcp://host:8786`; local processes when left out.
+    upload : bool
+        Send sources to the cluster's workers and take the run folders back, where they share no
+        files with this machine.
+    budget_s : float, optional
+        After that long no further trial is started [s]; those left are outcomes, too.
     tell : callable
         Told every outcome as it comes in.
     progress : Progress, optional
     """
-    workers = workers or os.cpu_count() or 1
-    run = _on_cluster(scheduler) if scheduler else _locally(workers, progress or Quiet())
-    outcomes: dict[Trial, Outcome] = {}
-    with closing(run(planned)) as coming:
-        for trial, outcome in coming:
-            outcomes[trial] = outcome
-            tell(outcome)
-    return tuple(outcomes[trial] for trial in planned)
+    done = {trial: read_outcome(trial) for trial in planned if trial.is_done()}
+    for outcome in done.values():
+        tell(outcome)
+    left = [trial for trial in planned if trial not in done]
+    runner = (
+        _on_cluster(scheduler, upload) if scheduler else _locally(workers or os.cpu_count() or 1)
+    )
+    outcomes = dict(done)
+    if left:
+        with closing(runner(left, progress or Quiet(), budget_s)) as coming:
+            for trial, outcome in coming:
+                outcomes[trial] = outcome
+                tell(outcome)
+    return tuple(outcomes.get(trial) or _not_started(trial) for trial in planned)
+
+
+def _not_started(trial: Trial) -> Outcome:
+    place, why = Path(trial.source.place).name, "not started within the budget"
+    return Outcome(place, trial.backend, trial.seed, "missing", why, setting=trial.setting)
 
 
 Outcomes = Generator[tuple[Trial, Outcome]]
-Runner = Callable[[Sequence[Trial]], Outcomes]
+Runner = Callable[[Sequence[Trial], Progress, float | None], Outcomes]
+Submit = Callable[[Trial], "Future[Outcome]"]
 
 
 def _as_they_end(
-    futures: dict[Future[Outcome], Trial], progress: Progress
+    planned: Sequence[Trial],
+    submit: Submit,
+    at_once: int,
+    progress: Progress,
+    budget_s: float | None,
 ) -> Iterator[tuple[Trial, Outcome]]:
     """Yield outcomes as trials end, with a sign of life in between."""
-    progress.start("runs", len(futures))
-    waiting = set(futures)
-    while waiting:
-        ended, waiting = wait(waiting, _BEAT_S, FIRST_COMPLETED)
+    progress.start("runs", len(planned))
+    ends_s = None if budget_s is None else time.monotonic() + budget_s
+    left = list(reversed(planned))
+    running: dict[Future[Outcome], Trial] = {}
+    while left or running:
+        in_time = ends_s is None or time.monotonic() < ends_s
+        while left and in_time and len(running) < at_once:
+            trial = left.pop()
+            running[submit(trial)] = trial
+        if not running:
+            return
+        ended, _ = wait(running, _BEAT_S, FIRST_COMPLETED)
         progress.say("")
         for future in ended:
             progress.advance()
-            yield futures[future], future.result()
+            trial = running.pop(future)
+            failure = future.exception()
+            yield trial, (read_outcome(trial, str(failure)) if failure else future.result())
 
 
-def _locally(workers: int, progress: Progress) -> Runner:
+def _locally(workers: int) -> Runner:
     """Run trials on this machine; Ctrl-C stops those that run after their present scan."""
     running: set[subprocess.Popen[str]] = set()
     lock, stopping = Lock(), Event()
@@ -161,37 +215,54 @@ def _locally(workers: int, progress: Progress) -> Runner:
             for process in running:
                 process.send_signal(signal.SIGINT)
 
-    def run(planned: Sequence[Trial]) -> Outcomes:
+    def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
         """Yield outcomes as trials end."""
         with ThreadPoolExecutor(workers) as pool:
-            futures = {pool.submit(carry_out_here, trial): trial for trial in planned}
+
+            def submit(trial: Trial) -> Future[Outcome]:
+                """Hand a trial to a thread."""
+                return pool.submit(carry_out_here, trial)
+
             try:
-                yield from _as_they_end(futures, progress)
+                yield from _as_they_end(planned, submit, workers, progress, budget_s)
             except BaseException:  # Ctrl-C may strike in whoever takes the outcomes, too
-                pool.shutdown(wait=False, cancel_futures=True)
                 stop()
+                pool.shutdown(wait=True, cancel_futures=True)
                 raise
 
     return run
 
 
-def _on_cluster(address: str) -> Runner:
-    """Run trials on a dask cluster."""
+def _on_cluster(address: str, upload: bool) -> Runner:
+    """Run trials on a dask cluster; Ctrl-C stops those that run there, too."""
 
-    def run(planned: Sequence[Trial]) -> Outcomes:
+    def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
         """Yield outcomes as trials end."""
-        from distributed import Client
-        from distributed import as_completed as as_completed_on_cluster
+        import distributed
+
+        from slarm_graph.app.elsewhere import Elsewhere, carry_out_on_worker
 
         try:
-            client = Client(address, timeout="10s")  # type: ignore[no-untyped-call]
+            client = distributed.Client(address, timeout="10s")
         except (OSError, ValueError) as error:
             raise BadInput(f"--scheduler {address}: no dask scheduler answers ({error})") from None
         with client:
-            futures = {client.submit(carry_out, t, pure=False): t for t in planned}
-            for future in as_completed_on_cluster(futures):  # type: ignore[no-untyped-call]
-                trial = futures[future]
-                failure = future.exception()
-                yield trial, (read_outcome(trial, str(failure)) if failure else future.result())
+            stop = distributed.Event(f"slarm-stop-{uuid.uuid4().hex}", client=client)
+            pool = client.get_executor(pure=False, retries=_RETRIES)
+            elsewhere = Elsewhere(client) if upload else None
+
+            def submit(trial: Trial) -> Future[Outcome]:
+                """Hand a trial to the scheduler."""
+                if elsewhere is not None:
+                    return elsewhere.submit(pool, trial, stop.name)
+                future: Future[Outcome] = pool.submit(carry_out_on_worker, trial, stop.name)
+                return future
+
+            at_once = max(1, sum(client.nthreads().values()))
+            try:
+                yield from _as_they_end(planned, submit, at_once, progress, budget_s)
+            except BaseException:
+                stop.set()
+                raise
 
     return run

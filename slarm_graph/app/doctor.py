@@ -12,7 +12,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 _PACKAGES = ("numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags", "matplotlib")
-_OPTIONAL = ("mujoco", "rerun-sdk", "sionna-rt")
+_OPTIONAL = ("mujoco", "sionna-rt")
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -59,6 +60,7 @@ class RunFolder:
         self._claim = claim or FolderClaim(path)
         self._facts: Facts = dict(earlier or {})
         self._stages: dict[str, float] = {}
+        self._peaks_mb: dict[str, float] = {}
         self._earlier_s = _seconds(self._facts, "wall_s"), _seconds(self._facts, "cpu_s")
         self._started_s = time.monotonic()
         self._cpu_started_s = time.process_time()
@@ -66,7 +68,7 @@ class RunFolder:
         self.note(
             status="running",
             versions=_versions(),
-            git_revision=_git_revision(),
+            git_revision=git_revision(),
             argv=list(sys.argv),
         )
 
@@ -105,6 +107,7 @@ class RunFolder:
         finally:
             spent_s = time.monotonic() - started_s
             self._stages[name] = round(self._stages.get(name, 0.0) + spent_s, 3)
+            self._peaks_mb[name] = round(_peak_memory_mb(), 1)
             _log.info("%s took %.2f s", name, spent_s)
             self.note()
 
@@ -118,6 +121,7 @@ class RunFolder:
             "cpu_s": round(cpu_s, 3),
             "peak_memory_mb": round(_peak_memory_mb(), 1),
             "stages": dict(self._stages),
+            "stage_peak_mb": dict(self._peaks_mb),
         }
         self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
 
@@ -259,7 +263,8 @@ def _versions() -> Facts:
     return found
 
 
-def _git_revision() -> str | None:
+@cache
+def git_revision() -> str | None:
     """Return the revision of the checkout this code runs from, marked when files differ."""
     here = Path(slarm_graph.__file__).resolve().parent
     if not (here.parent / ".git").exists():

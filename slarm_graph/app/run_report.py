@@ -4,15 +4,25 @@
 
 from __future__ import annotations
 
+import csv
+import json
+from collections.abc import Iterator
+
+import numpy as np
+
 from slarm_graph.app.job import Run
 from slarm_graph.app.outputs import save_trajectory
 from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.backend import Table
+from slarm_graph.config import RunConfig
+from slarm_graph.constraint import ConstraintKind
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
-from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY
+from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.files.config_text import config_yaml
+from slarm_graph.files.configs import config_differences
 from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
 
@@ -42,7 +52,62 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         tables=run.slam.tables,
         notices=run.notices(),
         config_text=config_yaml(run.config),
+        config_changes=config_differences(RunConfig(), run.config),
+        marks=_marks(folder, run),
+        verdict=_verdict(folder),
     )
+
+
+def _marks(folder: RunFolder, run: Run) -> Marks:
+    """Return loop closures, contradictions and confidence, as far as the run knows them."""
+    path, graph = run.slam.trajectory, run.slam.pose_graph
+    closures = np.zeros((0, 2, 2))
+    if graph is not None:
+        kind = ConstraintKind.LOOP_CLOSURE
+        pairs = [(c.i, c.j) for c in graph.constraints if c.kind is kind]
+        closures = graph.poses[np.array(pairs, dtype=np.int64).reshape(-1, 2), :2]
+    rejected = [
+        (float(x), float(y), reason)
+        for table in run.slam.tables
+        if {"stamp_s", "verdict"} <= set(table.columns)
+        for stamp_s, reason in _not_accepted(table)
+        for x, y, _ in path.at([round(stamp_s * 1e9)])
+    ]
+    return Marks(closures, rejected, _conflicts(folder), run.slam.covariances)
+
+
+def _not_accepted(table: Table) -> Iterator[tuple[float, str]]:
+    stamp, verdict = table.columns.index("stamp_s"), table.columns.index("verdict")
+    for row in table.rows:
+        if row[verdict] != "accepted":
+            yield float(row[stamp]), str(row[verdict])
+
+
+def _conflicts(folder: RunFolder) -> list[tuple[float, float, str]]:
+    """Read where the map contradicts itself, if the run has looked for it."""
+    path = folder.path / "conflicts.csv"
+    if not path.is_file():
+        return []
+    with path.open(newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    if not rows or not {"x_m", "y_m"} <= set(rows[0]):
+        return []
+    return [
+        (
+            float(row["x_m"]),
+            float(row["y_m"]),
+            ", ".join(f"{k} {v}" for k, v in row.items() if k not in ("x_m", "y_m")),
+        )
+        for row in rows
+    ]
+
+
+def _verdict(folder: RunFolder) -> str:
+    try:
+        content = json.loads((folder.path / "consistency.json").read_text(encoding="utf-8"))
+        return str(content["verdict"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def _scans_per_s(folder: RunFolder, run: Run) -> float:

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 from slarm_graph.stamps import NS_PER_S, seconds_to_ns
 
 _TUM, _MATRIX_3X4, _MATRIX_4X4 = 8, 12, 16
-"""Numbers of a line: stamp, position and quaternion; a 3 x 4 or a 4 x 4 matrix, row by row
-(KITTI)."""
+"""Numbers in a line: stamp, position and quaternion; the rows of a pose's matrix."""
 _UNIT_TOLERANCE = 0.1
 """Of a quaternion's length; files with few digits stay within a thousandth, 0.1 catches columns
 taken for what they are not."""

@@ -37,6 +37,11 @@ def shipped_worlds() -> tuple[str, ...]:
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml")))
 
 
+def world_path(name: str) -> Path:
+    """Return the file of a world that comes with the package."""
+    return Path(str(resources.files("slarm_graph") / "worlds" / f"{name}.yaml"))
+
+
 def load_world(name_or_path: str | Path) -> WorldMap:
     """Read a world from a YAML file, or one that comes with the package by its name.
 

@@ -1,0 +1,97 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Do runs of one recording agree? What can be said without truth: between seeds, and backends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.alignment import align
+from slarm_graph.eval.association import associate
+from slarm_graph.eval.map_accuracy import map_accuracy
+from slarm_graph.eval.trajectory_accuracy import absolute_errors, statistics
+from slarm_graph.grid import OccupancyGrid
+from slarm_graph.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """What a run came to."""
+
+    trajectory: Trajectory
+    grid: OccupancyGrid
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How far runs of one source agree, the mean over their pairs.
+
+    Parameters
+    ----------
+    source, between : str
+        `between` tells which: the seeds of one variant, or two variants.
+    runs : int
+    end_spread_m : float
+        Distance between the last positions [m].
+    path_rms_m : float
+        Root mean square distance of the paths, one laid onto the other [m].
+    walls_iou, free_iou : float
+        Intersection over union of the maps' occupied and free cells.
+    """
+
+    source: str
+    between: str
+    runs: int
+    end_spread_m: float
+    path_rms_m: float
+    walls_iou: float
+    free_iou: float
+
+
+def agreement(source: str, between: str, estimates: Sequence[Estimate]) -> Agreement | None:
+    """Compare every pair of runs of one source; None where there is no pair."""
+    found = [_pair(a, b) for a, b in combinations(estimates, 2)]
+    if not found:
+        return None
+    means = np.nanmean(np.array(found), axis=0)
+    return Agreement(source, between, len(estimates), *map(float, means))
+
+
+def _pair(a: Estimate, b: Estimate) -> tuple[float, float, float, float]:
+    ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
+    try:
+        pairs = associate(a.trajectory, b.trajectory)
+        path_m = statistics(absolute_errors(pairs, align(pairs))).rmse
+        maps = map_accuracy(a.grid, b.grid)
+    except BadInput:
+        return ends_m, np.nan, np.nan, np.nan
+    return ends_m, path_m, maps.iou, maps.iou_free
+
+
+def agreements(
+    estimates: Mapping[tuple[str, str, int], Estimate],
+) -> list[Agreement]:
+    """Compare the seeds of every variant, and the variants at their first common seed.
+
+    Parameters
+    ----------
+    estimates : mapping of (source, variant, seed) to Estimate
+    """
+    found: list[Agreement | None] = []
+    for source in dict.fromkeys(key[0] for key in estimates):
+        variants = dict.fromkeys(key[1] for key in estimates if key[0] == source)
+        by_seed = {
+            v: {k[2]: e for k, e in estimates.items() if k[:2] == (source, v)} for v in variants
+        }
+        found += [agreement(source, f"seeds of {v}", list(by_seed[v].values())) for v in variants]
+        for a, b in combinations(variants, 2):
+            common = sorted(by_seed[a].keys() & by_seed[b].keys())
+            if common:
+                both = [by_seed[a][common[0]], by_seed[b][common[0]]]
+                found.append(agreement(source, f"{a} and {b}", both))
+    return [one for one in found if one is not None]

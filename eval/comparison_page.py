@@ -1,0 +1,163 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A comparison as a page: tables, all backends over one map, every run as a point, links."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import plotly.graph_objects as go
+
+from slarm_graph.eval.agreement import Agreement, Estimate
+from slarm_graph.eval.comparison import Outcome, headlines_of
+from slarm_graph.eval.comparison_tables import (
+    TextTable,
+    agreement_table,
+    difference_table,
+    run_rows,
+    summary_tables,
+)
+from slarm_graph.eval.map_difference import LOOKS, difference_classes
+from slarm_graph.eval.metric_table import kind_of
+from slarm_graph.eval.page import (
+    Block,
+    Figure,
+    Folded,
+    Gallery,
+    LinkList,
+    PageTable,
+    Section,
+    Words,
+    page,
+    plain,
+)
+from slarm_graph.eval.report_figures import (
+    GROUND_TRUTH,
+    MAP_WORDS,
+    difference_figure,
+    trajectory_figure,
+)
+from slarm_graph.eval.run_figures import error_figure
+from slarm_graph.trajectory import Trajectory
+
+_FLATTENED = 20.0
+"""Where the largest figure is so many times the smallest, linear axes would flatten the rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceView:
+    """What is shown of one source.
+
+    Parameters
+    ----------
+    name : str
+    estimates : mapping of str to Estimate
+        One run of every variant, the map of the first below all.
+    truth : Trajectory, optional
+        In the frame of the first estimate's map.
+    """
+
+    name: str
+    estimates: Mapping[str, Estimate]
+    truth: Trajectory | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ComparisonContent:
+    """Everything the page shows.
+
+    Parameters
+    ----------
+    title, lead : str
+    outcomes : sequence of Outcome
+    agreements : sequence of Agreement
+    views : sequence of SourceView
+    pictures : sequence of (caption, PNG content)
+        Radio maps.
+    """
+
+    title: str
+    lead: str
+    outcomes: Sequence[Outcome]
+    agreements: Sequence[Agreement] = ()
+    views: Sequence[SourceView] = ()
+    pictures: Sequence[tuple[str, bytes]] = field(default=())
+
+
+def comparison_html(content: ComparisonContent) -> str:
+    """Return the comparison as one self-contained page."""
+    outcomes = content.outcomes
+    tables = [*summary_tables(outcomes), difference_table(outcomes),
+              agreement_table(content.agreements)]  # fmt: skip
+    figures = [
+        Section(kind_of(name).title, (_strip(outcomes, name),)) for name in headlines_of(outcomes)
+    ]
+    columns, rows = run_rows(outcomes)
+    titles = [kind_of(name).titled() if "_" in name else name for name in columns]
+    links = [(o.folder, f"{o.folder}/report.html") for o in outcomes if o.status == "ok"]
+    return page(
+        content.title,
+        content.lead,
+        (),
+        [
+            *(Section(t.title, (as_block(t),)) for t in tables if t is not None),
+            *(Section(f"{v.name}: map and trajectories", _view(v)) for v in content.views),
+            Section("Radio maps", (Gallery(content.pictures),) if content.pictures else ()),
+            *figures,
+            Section("Every run", (Folded(f"{len(rows)} runs", (PageTable(titles, rows),)),)),
+            Section("Reports", (LinkList(links),) if links else ()),
+        ],
+    )
+
+
+def as_block(table: TextTable) -> PageTable:
+    """Return a table for the page."""
+    return PageTable(table.columns, table.rows, table.best, right_from=table.words)
+
+
+def _view(view: SourceView) -> tuple[Block, ...]:
+    (_, first), *others = view.estimates.items()
+    paths = {name: estimate.trajectory for name, estimate in view.estimates.items()}
+    with_truth = paths | ({GROUND_TRUTH: view.truth} if view.truth is not None else {})
+    blocks: list[Block] = [trajectory_figure(first.grid, with_truth), Words(MAP_WORDS)]
+    if view.truth is not None:
+        figure = error_figure(view.truth, paths)
+        blocks += [figure] if figure else []
+    reference = next(iter(view.estimates))
+    for name, other in others[:1]:
+        names = {"wall only in EST": f"wall only in {name}"}
+        names["wall only in REF"] = f"wall only in {reference}"
+        looks = {k: (names.get(label, label), color) for k, (label, color) in LOOKS.items()}
+        classes = difference_classes(first.grid, other.grid)
+        difference = difference_figure(classes, first.grid.geometry, looks)
+        blocks.append(Folded(f"difference of the maps: {reference}, {name}", (difference,)))
+    return tuple(blocks)
+
+
+def _strip(outcomes: Sequence[Outcome], name: str) -> Figure:
+    """Draw every run's figure as a point, sources side by side, variants by colour."""
+    fig = go.Figure()
+    kind = kind_of(name)
+    for variant in dict.fromkeys(outcome.variant for outcome in outcomes):
+        mine = [o for o in outcomes if o.variant == variant and name in o.figures]
+        fig.add_box(
+            x=[plain(o.source) for o in mine],
+            y=[o.figures[name] for o in mine],
+            text=[f"seed {o.seed}" for o in mine],
+            name=plain(variant),
+            boxpoints="all",
+            pointpos=0,
+            jitter=0.3,
+            marker={"size": 7},
+            hovertemplate=f"%{{text}}: %{{y:.4g}} {kind.unit}<extra>{plain(variant)}</extra>",
+        )
+    values = [o.figures[name] for o in outcomes if name in o.figures]
+    fig.update_layout(boxmode="group")
+    if min(values) > 0.0 and max(values) > _FLATTENED * min(values):
+        fig.update_yaxes(title=kind.titled(), type="log")
+    else:
+        # Room above, where a single run would else lie on the frame.
+        top = {"autorangeoptions_include": 1.1 * max(values)}
+        fig.update_yaxes(title=kind.titled(), rangemode="tozero", **top)
+    return Figure(fig, f"{kind.title} of every run", height_px=400)

@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of a comparison, for the terminal, CSV, Markdown and LaTeX (booktabs)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from slarm_graph.eval.agreement import Agreement
+from slarm_graph.eval.comparison import (
+    Difference,
+    Group,
+    Outcome,
+    Spread,
+    differences,
+    groups,
+    headlines_of,
+)
+from slarm_graph.eval.metric_table import kind_of
+from slarm_graph.eval.metrics import best_of
+
+Cell = float | int | str | None
+
+_LATEX = str.maketrans(
+    {
+        "\\": r"\textbackslash{}",
+        "&": r"\&",
+        "%": r"\%",
+        "$": r"\$",
+        "#": r"\#",
+        "_": r"\_",
+        "{": r"\{",
+        "}": r"\}",
+        "~": r"\textasciitilde{}",
+        "^": r"\textasciicircum{}",
+        "±": r"$\pm$",
+        "²": r"$^2$",
+        "<": r"\textless{}",
+        ">": r"\textgreater{}",
+        "|": r"\textbar{}",
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class TextTable:
+    """A table as people read it.
+
+    Parameters
+    ----------
+    title : str
+    columns : tuple of str
+        With units.
+    rows : tuple of tuple of str
+    best : frozenset of (int, int)
+        Row and column of the cells that are the best of their kind.
+    words : int
+        Columns at the left that are set as words.
+    """
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    best: frozenset[tuple[int, int]] = frozenset()
+    words: int = 2
+
+    def markdown(self) -> str:
+        """Return it as Markdown, the best in bold."""
+        lines = [f"**{self.title}**", "", _markdown_row(self.columns)]
+        lines.append(
+            _markdown_row(["---"] * self.words + ["---:"] * (len(self.columns) - self.words))
+        )
+        for r, row in enumerate(self.rows):
+            cells = [f"**{c}**" if (r, i) in self.best else c for i, c in enumerate(row)]
+            lines.append(_markdown_row(cells))
+        return "\n".join(lines) + "\n"
+
+    def latex(self) -> str:
+        """Return it as LaTeX for the package booktabs, the best in bold."""
+        form = "l" * self.words + "r" * (len(self.columns) - self.words)
+        lines = [
+            r"\begin{table}",
+            r"\centering",
+            rf"\caption{{{self.title.translate(_LATEX)}}}",
+            rf"\begin{{tabular}}{{{form}}}",
+            r"\toprule",
+            _latex_row(self.columns),
+            r"\midrule",
+        ]
+        for r, row in enumerate(self.rows):
+            if r and row[0] != self.rows[r - 1][0] and self.words > 1:
+                lines.append(r"\addlinespace")
+            lines.append(_latex_row(row, {i for i in range(len(row)) if (r, i) in self.best}))
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
+
+
+def _markdown_row(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
+
+
+def _latex_row(cells: Sequence[str], bold: set[int] | None = None) -> str:
+    plain = [cell.translate(_LATEX) for cell in cells]
+    shown = [rf"\textbf{{{c}}}" if i in (bold or ()) else c for i, c in enumerate(plain)]
+    return " & ".join(shown) + r" \\"
+
+
+def number(value: float) -> str:
+    """Write a number for people."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+
+
+def _mean(s: Spread) -> str:
+    return number(s.mean) + (f" ± {s.sd:.2g}" if s.count > 1 else "")
+
+
+def _median(s: Spread) -> str:
+    return number(s.median) + (f" | {number(s.worst)}" if s.count > 1 else "")
+
+
+def summary_tables(outcomes: Sequence[Outcome]) -> list[TextTable]:
+    """Return short tables, a row per source and variant; the best of a source is marked.
+
+    Runs that are not ok stay in the count, and out of the figures.
+    """
+    found = groups(outcomes)
+    if all(s.count < 2 for group in found for s in group.spreads.values()):
+        return [_summary("Every source with every backend", outcomes, found, _median, "median")]
+    return [
+        _summary("Median | worst", outcomes, found, _median, "median"),
+        _summary("Mean ± standard deviation", outcomes, found, _mean, "mean"),
+    ]
+
+
+def _summary(
+    title: str,
+    outcomes: Sequence[Outcome],
+    found: Sequence[Group],
+    written: Callable[[Spread], str],
+    by: str,
+) -> TextTable:
+    names = headlines_of(o for o in outcomes if o.status == "ok")
+    told = any(group.problems for group in found)
+    some_lost = any(group.lost for group in found)
+    rows = []
+    for g in found:
+        counts = (str(g.runs), str(g.ok), *([str(g.lost)] if some_lost else []))
+        cells = (written(g.spreads[n]) if n in g.spreads else "-" for n in names)
+        rows.append((g.source, g.variant, *counts, *cells, *([g.problems] if told else [])))
+    columns = ("source", "backend", "n", "ok", *(["lost"] if some_lost else []))
+    titles = tuple(kind_of(name).titled() for name in names)
+    problems = ("problems",) if told else ()
+    best = _best(found, names, len(columns), by)
+    return TextTable(title, (*columns, *titles, *problems), tuple(rows), best)
+
+
+def _best(
+    found: Sequence[Group], names: Sequence[str], offset: int, by: str
+) -> frozenset[tuple[int, int]]:
+    best = set()
+    for source in dict.fromkeys(g.source for g in found):
+        rows = [index for index, g in enumerate(found) if g.source == source]
+        for column, name in enumerate(names):
+            values = [
+                float(getattr(found[r].spreads[name], by)) if name in found[r].spreads else math.nan
+                for r in rows
+            ]
+            index = best_of(values, kind_of(name).better)
+            if index is not None:
+                best.add((rows[index], offset + column))
+    return frozenset(best)
+
+
+def difference_table(outcomes: Sequence[Outcome]) -> TextTable | None:
+    """Return the paired differences of variants, those beyond chance marked."""
+    found = differences(outcomes)
+    if not found:
+        return None
+    rows, clear = [], set()
+    for index, d in enumerate(found):
+        interval = " to ".join(number(end) for end in d.interval)
+        what = (kind_of(d.figure).titled(), f"{d.variant} - {d.than}")
+        rows.append((*what, number(d.mean), interval, str(d.pairs)))
+        if _is_clear(d):
+            clear.add((index, 2))
+    columns = ("figure", "difference", "mean", "95 % interval", "n")
+    title = "Paired differences over sources and seeds (bold: the interval leaves out 0)"
+    return TextTable(title, columns, tuple(rows), frozenset(clear))
+
+
+def _is_clear(d: Difference) -> bool:
+    low, high = d.interval
+    return low > 0.0 or high < 0.0
+
+
+def agreement_table(found: Sequence[Agreement]) -> TextTable | None:
+    """Return how far seeds and backends agree."""
+    if not found:
+        return None
+    columns = ("source", "between", "n", "end pose apart [m]", "paths apart [m]", "walls, IoU",
+               "free space, IoU")  # fmt: skip
+    rows = tuple(
+        (a.source, a.between, str(a.runs), number(a.end_spread_m), number(a.path_rms_m),
+         number(a.walls_iou), number(a.free_iou))
+        for a in found
+    )  # fmt: skip
+    return TextTable("Agreement without truth", columns, rows)
+
+
+Columns = tuple[str, ...]
+
+
+def run_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[Cell, ...]]]:
+    """Return columns and one row per run, with every figure that any run has, for a CSV."""
+    names = sorted({name for outcome in outcomes for name in outcome.figures})
+    columns = ("source", "backend", "setting", "seed", "status", "problem", "verdict", "folder")
+    rows: list[tuple[Cell, ...]] = [
+        (
+            *(o.source, o.backend, o.setting, o.seed, o.status, o.problem, o.verdict, o.folder),
+            *(o.figures.get(name) for name in names),
+        )
+        for o in outcomes
+    ]
+    return (*columns, *names), rows
+
+
+def summary_rows(outcomes: Sequence[Outcome]) -> tuple[Columns, list[tuple[Cell, ...]]]:
+    """Return columns and one row per source, variant and figure, for a CSV."""
+    columns = ("source", "backend", "figure", "unit", "runs", "ok", "lost", "n", "median", "worst",
+               "mean", "sd", "mean_low_95", "mean_high_95")  # fmt: skip
+    rows: list[tuple[Cell, ...]] = [
+        (
+            *(g.source, g.variant, name, kind_of(name).unit, g.runs, g.ok, g.lost, s.count),
+            *(s.median, s.worst, s.mean, s.sd, *s.interval),
+        )
+        for g in groups(outcomes)
+        for name, s in g.spreads.items()
+    ]
+    return columns, rows

@@ -1,0 +1,242 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The page: sections of facts, tables and interactive figures, by one template, all in one file."""
+
+from __future__ import annotations
+
+import base64
+import html
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cache
+from itertools import count
+from pathlib import Path
+from typing import Any, ClassVar
+
+import jinja2
+import numpy as np
+import plotly.graph_objects as go
+from markupsafe import Markup
+from numpy.typing import NDArray
+from plotly.offline import get_plotlyjs
+
+from slarm_graph.files.maps import png_bytes
+
+Cell = float | int | str | None
+
+COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#777777")
+"""Okabe and Ito's, which colour-blind people can tell apart; grey for their black, which would be
+lost on a dark page."""
+
+
+_PLOTLYS = str.maketrans({c: f"&#{ord(c)};" for c in "%{$"})
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """Key figures: (value, words)."""
+
+    kind: ClassVar[str] = "facts"
+    pairs: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Notices:
+    """What a user should know."""
+
+    kind: ClassVar[str] = "notices"
+    texts: Sequence[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """A paragraph."""
+
+    kind: ClassVar[str] = "words"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Code:
+    """Text as it is."""
+
+    kind: ClassVar[str] = "code"
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class PageTable:
+    """A table; columns that hold only numbers are set to the right.
+
+    Parameters
+    ----------
+    columns : sequence of str
+    rows : sequence of sequence of float, int, str or None
+    best : frozenset of (int, int)
+        Row and column of the cells in bold.
+    right_from : int, optional
+        Set all columns from there to the right.
+    """
+
+    kind: ClassVar[str] = "table"
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Cell]]
+    best: frozenset[tuple[int, int]] = frozenset()
+    right_from: int | None = None
+
+    @property
+    def shown(self) -> list[list[str]]:
+        """The cells as people read them."""
+        return [[shown(value) for value in row] for row in self.rows]
+
+    @property
+    def right(self) -> list[bool]:
+        """Which columns are set to the right."""
+        if self.right_from is not None:
+            return [index >= self.right_from for index in range(len(self.columns))]
+        return [
+            any(isinstance(row[i], (int, float)) for row in self.rows)
+            and all(isinstance(row[i], (int, float)) or row[i] is None for row in self.rows)
+            for i in range(len(self.columns))
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class Bars:
+    """Amounts with bars: (name, amount, text)."""
+
+    kind: ClassVar[str] = "bars"
+    rows: Sequence[tuple[str, float, str]]
+
+    @property
+    def shown(self) -> list[tuple[str, str, str]]:
+        """Names, widths in percent of the largest, texts."""
+        largest = max((amount for _, amount, _ in self.rows), default=0.0) or 1.0
+        return [(name, f"{100.0 * amount / largest:.1f}", text) for name, amount, text in self.rows]
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """An interactive figure.
+
+    Parameters
+    ----------
+    content : plotly Figure
+    words : str
+        What it shows, for those who cannot see it.
+    height_px : int
+        Of figures without aspect.
+    aspect : float
+        Height over width of what a map shows; 0 where it is no map.
+    """
+
+    kind: ClassVar[str] = "figure"
+    content: go.Figure
+    words: str
+    height_px: int = 380
+    aspect: float = 0.0
+
+    @property
+    def json(self) -> Markup:
+        """The figure as JSON that cannot end the element it stands in."""
+        self.content.update_layout(colorway=COLORS, template="none")
+        text = str(self.content.to_json())
+        return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """PNG pictures side by side: (caption, content)."""
+
+    kind: ClassVar[str] = "gallery"
+    pictures: Sequence[tuple[str, bytes]]
+
+    @property
+    def shown(self) -> list[tuple[str, str]]:
+        """Captions and data addresses."""
+        return [
+            (caption, "data:image/png;base64," + base64.b64encode(data).decode())
+            for caption, data in self.pictures
+        ]
+
+
+@dataclass(frozen=True, slots=True)
+class LinkList:
+    """LinkList: (name, place relative to the page)."""
+
+    kind: ClassVar[str] = "links"
+    targets: Sequence[tuple[str, str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Folded:
+    """What opens on a click."""
+
+    kind: ClassVar[str] = "folded"
+    title: str
+    blocks: Sequence[Block]
+
+
+Block = Facts | Notices | Words | Code | PageTable | Bars | Figure | Gallery | LinkList | Folded
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A titled part of the page; left out where it has no blocks."""
+
+    title: str
+    blocks: Sequence[Block] = field(default_factory=tuple)
+
+
+def page(title: str, lead: str, blocks: Sequence[Block], sections: Sequence[Section]) -> str:
+    """Return a whole page that needs nothing besides itself.
+
+    Parameters
+    ----------
+    title, lead : str
+    blocks : sequence of Block
+        Above the first section.
+    sections : sequence of Section
+    """
+    return _template().render(
+        title=title,
+        lead=lead,
+        blocks=blocks,
+        sections=sections,
+        plotly_js=Markup(get_plotlyjs()),
+        number=map(str, count()),
+    )
+
+
+@cache
+def _template() -> jinja2.Template:
+    here = jinja2.FileSystemLoader(Path(__file__).parent)
+    return jinja2.Environment(loader=here, autoescape=True).get_template("page.html.j2")
+
+
+def shown(value: Cell) -> str:
+    """Write a value for people: four digits, a dash for what is missing."""
+    if value is None or (isinstance(value, float) and not math.isfinite(value)):
+        return "-"
+    if isinstance(value, float):
+        if value.is_integer() and abs(value) < 1e9:
+            return f"{value:.0f}"
+        # Four digits are enough for a measure, not for a stamp.
+        return f"{value:.3f}" if abs(value) >= 1e4 else f"{value:.4g}"
+    return str(value)
+
+
+def plain(name: str) -> str:
+    """Return a name that plotly takes for text: no tags, no formats, no mathematics."""
+    return html.escape(name).translate(_PLOTLYS)
+
+
+def png_uri(image: NDArray[np.uint8]) -> str:
+    """Return an image (rows, cols) or (rows, cols, 3) RGB, top row first, as a data address."""
+    return "data:image/png;base64," + base64.b64encode(png_bytes(image)).decode()
+
+
+def single(values: NDArray[np.floating[Any]]) -> NDArray[np.float32]:
+    """Halve the page's size: single precision is far below a pixel."""
+    return np.asarray(values, dtype=np.float32)

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The page's curves: errors along the way, and what a backend tells of itself over time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from plotly.subplots import make_subplots
+
+from slarm_graph.backend import Table
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.alignment import align
+from slarm_graph.eval.association import associate
+from slarm_graph.eval.page import COLORS, Figure, plain, single
+from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad
+from slarm_graph.trajectory import Trajectory
+
+_MAX_POINTS = 3_000
+"""Points of a curve: three per pixel of the page's width, so that no peak of a few is lost."""
+_FLATTENED = 20.0
+"""Where one curve is so many times as high as another, linear axes would flatten that one."""
+_TITLES = {
+    "n_eff": "effective sample size N_eff",
+    "distinct_ancestors": "distinct ancestors",
+    "common_update": "updates since all particles had one ancestor",
+}
+_LEAST_ROWS = 8
+"""Of fewer rows a table says more than a curve."""
+_PATH = ("stamp_ns", "x_m", "y_m", "theta_rad")
+
+
+def error_figure(truth: Trajectory, estimates: Mapping[str, Trajectory]) -> Figure | None:
+    """Return position and rotation errors over time and distance, each estimate SE(2)-aligned."""
+    fig = make_subplots(2, 2, shared_yaxes=True, vertical_spacing=0.1, horizontal_spacing=0.05)
+    means = []
+    for index, (name, estimate) in enumerate(estimates.items()):
+        try:
+            pairs = associate(truth, estimate)
+        except BadInput:
+            continue
+        alignment = align(pairs)
+        off_m = absolute_errors(pairs, alignment)
+        turned = np.degrees(absolute_rotations_rad(pairs, alignment))
+        means.append(float(off_m.mean()))
+        steps = np.linalg.norm(np.diff(pairs.reference[:, :2], axis=0), axis=1)
+        seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) * 1e-9
+        metres = np.concatenate([[0.0], np.cumsum(steps)])
+        keep = slice(None, None, max(1, len(off_m) // _MAX_POINTS))
+        for row, (error, unit) in enumerate(((off_m, "m"), (turned, "deg")), start=1):
+            for col, (along, of) in enumerate(((seconds, "s"), (metres, "m")), start=1):
+                fig.add_scatter(
+                    x=single(along[keep]),
+                    y=single(error[keep]),
+                    mode="lines",
+                    name=plain(name),
+                    legendgroup=str(index),
+                    showlegend=(row, col) == (1, 1),
+                    line={"width": 1.4, "color": COLORS[index % len(COLORS)]},
+                    hovertemplate=f"%{{x:.1f}} {of}: %{{y:.3g}} {unit}<extra>{plain(name)}</extra>",
+                    row=row,
+                    col=col,
+                )
+    if not means:
+        return None
+    log = max(means) > _FLATTENED * max(min(means), 1e-9)
+    for row, title in ((1, "position error [m]"), (2, "rotation error [deg]")):
+        fig.update_yaxes(title=title, row=row, col=1)
+        fig.update_yaxes(type="log" if log else "linear", row=row)
+    fig.update_xaxes(title="time [s]", row=2, col=1)
+    fig.update_xaxes(title="distance [m]", row=2, col=2)
+    words = "Errors over time and distance, each estimate laid onto the truth by SE(2)"
+    return Figure(fig, words, height_px=560)
+
+
+def path_of(table: Table) -> Trajectory | None:
+    """Return a table that is a path as one."""
+    if table.columns != _PATH or not table.rows:
+        return None
+    rows = np.array([row[1:] for row in table.rows], dtype=np.float64)
+    return Trajectory(np.array([row[0] for row in table.rows], dtype=np.int64), rows)
+
+
+def table_figure(table: Table) -> Figure | None:
+    """Return a backend's figures over time; None where they are no series of numbers."""
+    stamp = next((c for c in ("stamp_ns", "stamp_s") if c in table.columns), None)
+    if stamp is None or len(table.rows) < _LEAST_ROWS or table.columns == _PATH:
+        return None
+    at = table.columns.index(stamp)
+    stamps = np.array([float(row[at]) for row in table.rows])
+    seconds = (stamps - stamps[0]) * (1e-9 if stamp == "stamp_ns" else 1.0)
+    shown = [c for c in table.columns if _is_series(table, c)]
+    if not shown or np.any(np.diff(seconds) < 0):
+        return None
+    fig = make_subplots(len(shown), 1, shared_xaxes=True, vertical_spacing=0.05)
+    keep = slice(None, None, max(1, len(seconds) // _MAX_POINTS))
+    for row, column in enumerate(shown, start=1):
+        index = table.columns.index(column)
+        values = np.array([float(r[index]) for r in table.rows])
+        title = _TITLES.get(column, column.replace("_", " "))
+        fig.add_scatter(
+            x=single(seconds[keep]),
+            y=single(values[keep]),
+            mode="lines",
+            line={"width": 1.3, "color": COLORS[(row - 1) % len(COLORS)]},
+            hovertemplate="%{x:.1f} s: %{y:.4g}<extra>" + plain(title) + "</extra>",
+            showlegend=False,
+            row=row,
+            col=1,
+        )
+        fig.update_yaxes(title=_wrapped(title), rangemode="tozero", row=row, col=1)
+    fig.update_xaxes(title="time [s]", row=len(shown), col=1)
+    fig.update_layout(showlegend=False)
+    return Figure(fig, f"{table.name} over time", height_px=130 * len(shown) + 120)
+
+
+def _is_series(table: Table, column: str) -> bool:
+    """Whether a column is a measure over time: numbers that change, no pose and no flag."""
+    if column.startswith(("stamp", "mean_")) or column in ("x_m", "y_m", "theta_rad"):
+        return False
+    index = table.columns.index(column)
+    values = [row[index] for row in table.rows]
+    numbers = all(isinstance(v, (int, float)) and math.isfinite(v) for v in values)
+    return numbers and len(set(values)) > 2
+
+
+def _wrapped(title: str) -> str:
+    """Break a title into lines of about 18 letters."""
+    lines = [""]
+    for word in title.split():
+        if len(lines[-1]) + len(word) > 18 and lines[-1]:
+            lines.append("")
+        lines[-1] = f"{lines[-1]} {word}".strip()
+    return "<br>".join(map(plain, lines))

@@ -1,0 +1,116 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Results of other systems in a comparison: measured as ours are, from their files."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from slarm_graph.app.outputs import save_map, save_trajectory
+from slarm_graph.app.run_folder import RunFolder, read_record
+from slarm_graph.app.trials import Trial, TrialSource
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.assessment import assess, read_references
+from slarm_graph.eval.comparison import Outcome
+from slarm_graph.eval.metric_parts import Subject
+from slarm_graph.eval.metrics import metrics_csv, metrics_json
+from slarm_graph.eval.plane_of_motion import level
+from slarm_graph.files.maps import read_map
+from slarm_graph.files.trajectories import read_spatial, trajectory_file
+from slarm_graph.geometry import Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class External:
+    """A result of another system.
+
+    Parameters
+    ----------
+    name : str
+        As it is called in the tables.
+    source : TrialSource
+    trajectory : Path
+    map_file : Path, optional
+    """
+
+    name: str
+    source: TrialSource
+    trajectory: Path
+    map_file: Path | None = None
+
+
+def find_externals(given: Sequence[str], sources: Sequence[TrialSource]) -> tuple[External, ...]:
+    """Read `NAME=FILE[,MAP]`, with several sources `NAME@SOURCE=FILE[,MAP]`.
+
+    Raises
+    ------
+    BadInput
+        When one has another form, or a file is missing.
+    """
+    return tuple(_find(words, sources) for words in given)
+
+
+def _find(words: str, sources: Sequence[TrialSource]) -> External:
+    left, _, files = words.partition("=")
+    name, _, wanted = left.partition("@")
+    fitting = [
+        s for s in sources if wanted in ("", Path(s.place).name, Path(s.place).name.split(".")[0])
+    ]
+    if not name or not files or len(fitting) != 1:
+        names = ", ".join(Path(s.place).name for s in sources)
+        raise BadInput(f"--external {words}: expected NAME=TRAJECTORY[,MAP], with several sources"
+                       f" NAME@SOURCE=TRAJECTORY[,MAP]; sources are {names}")  # fmt: skip
+    paths = [Path(file) for file in files.split(",")]
+    for path in paths:
+        if not path.exists():
+            raise BadInput(f"--external {words}: no such file: {path}")
+    map_file = paths[1] if len(paths) > 1 else None
+    return External(name, fitting[0], trajectory_file(paths[0]), map_file)
+
+
+def measure(external: External, folder: Path, trials: Sequence[Trial]) -> Outcome:
+    """Measure a result against what is known of its source, as a run of the comparison.
+
+    Parameters
+    ----------
+    external : External
+    folder : Path
+        The comparison's.
+    trials : sequence of Trial
+        Finished runs of ours, which tell where the laser sits.
+    """
+    truth = external.source.truth
+    place = Path(external.source.place).name
+    target = folder / f"{place.split('.')[0]}_{external.name}_external"
+    target.mkdir(parents=True, exist_ok=True)
+    run = RunFolder(target)
+    trajectory = level(read_spatial(external.trajectory))
+    references = read_references(truth.ground_truth, truth.relations)
+    laser = _laser(external.source, trials)
+    metrics = assess(Subject(trajectory, references, laser))
+    save_trajectory(run, "trajectory", trajectory)
+    if external.map_file is not None:
+        grid = read_map(external.map_file)
+        save_map(run, "map", grid.geometry, grid.occupied, grid.free)
+    run.write_text("metrics.json", metrics_json(metrics))
+    run.write_text("metrics.csv", metrics_csv(metrics))
+    run.note(status="ok", external=str(external.trajectory.resolve()))
+    figures = {name: m["value"] for name, m in json.loads(metrics_json(metrics)).items()}
+    known = {name: value for name, value in figures.items() if value is not None}
+    return Outcome(place, external.name, 0, "ok", folder=target.name, figures=known)
+
+
+def _laser(source: TrialSource, trials: Sequence[Trial]) -> Pose2:
+    """Return `robot_from_laser` as a run of ours on the same source recorded it."""
+    for trial in trials:
+        if trial.source == source:
+            try:
+                recorded = read_record(trial.folder).get("robot_from_laser")
+            except BadInput:
+                continue
+            if isinstance(recorded, list) and len(recorded) == 3:
+                return Pose2(*recorded)
+    return Pose2()

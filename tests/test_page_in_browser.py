@@ -1,0 +1,158 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The page in headless Chromium: no errors, toggles, pointers with units, phone, desk and print."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.backend import Table as BackendTable
+from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.page import Figure, page
+from slarm_graph.eval.report import ReportContent, report_html
+from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
+from slarm_graph.geographic import as_geographic
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.readings import ScanStatus
+from slarm_graph.trajectory import Trajectory
+
+CHROMIUM = next(
+    filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
+)
+FLAGS = (
+    *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+    *("--hide-scrollbars", "--virtual-time-budget=30000", "--enable-logging=stderr"),
+)
+EVIL = "<img src=x onerror=console.error('struck')>$\\frac{$%{x}"
+PROBE = """
+<script>
+addEventListener("load", () => { const wait = setInterval(() => {
+  if (document.documentElement.dataset.ready !== "1") return;
+  clearInterval(wait);
+  const plots = Array.from(document.querySelectorAll(".plot")), first = plots[0], found = {};
+  found.plots = plots.length;
+  found.drawn = plots.filter((p) => p.querySelector("svg.main-svg")).length;
+  found.width = innerWidth; found.page = document.documentElement.scrollWidth;
+  found.widest = Math.max(...plots.map((p) => p.querySelector("svg.main-svg").clientWidth));
+  found.legend = Array.from(first.querySelectorAll(".legendtext")).map((t) => t.textContent);
+  found.hover = plots.flatMap((p) => p.data.map((t) => t.hovertemplate || "")).filter(Boolean);
+  const index = first.data.findIndex((t) => t.name === "raw odometry");
+  const before = first.data[index].visible;
+  Plotly.restyle(first, { visible: true }, [index]).then(() => {
+    found.toggled = [before, first.data[index].visible];
+    document.getElementById("theme").click();
+    found.theme = document.documentElement.dataset.theme;
+    found.background = getComputedStyle(document.body).backgroundColor;
+    const out = document.createElement("script");
+    out.type = "application/json"; out.id = "found"; out.textContent = JSON.stringify(found);
+    document.body.append(out);
+  });
+}, 50); });
+</script>
+"""
+
+pytestmark = pytest.mark.skipif(not CHROMIUM, reason="no Chromium on this machine")
+
+
+@pytest.fixture(scope="module")
+def report() -> str:
+    stamps = 10**18 + 10**8 * np.arange(200, dtype=np.int64)
+    angle = np.linspace(0.0, 6.0, 200)
+    poses = np.column_stack([2.0 * np.cos(angle), np.sin(angle), angle])
+    path, drifted = Trajectory(stamps, poses), Trajectory(stamps, poses + angle[:, None])
+    cells = np.zeros((60, 90), dtype=np.float32)
+    cells[5, :] = cells[:, 7] = 1.0
+    geometry = GridGeometry(-4.0, -3.0, 0.1, 60, 90)
+    grid = OccupancyGrid(geometry, cells)
+    points = tuple(AccessPoint(name, x, 0.0, 2.5) for name, x in ((EVIL, -1.0), ("AP2", 1.0)))
+    loss = np.stack([60.0 + geometry.centers()[..., 0] ** 2] * 2).astype(np.float32)
+    radio = RadioMap(geometry, points, loss, loss > 61.0, 0.5, "InF-SH", 7.0, "known")
+    rows = tuple((int(s), 20.0 + i % 7, i % 2) for i, s in enumerate(stamps))
+    marks = Marks(poses[:20, :2].reshape(-1, 2, 2), [(0.0, 0.0, EVIL)], [(1.0, 1.0, EVIL)],
+                  np.tile(0.01 * np.eye(3), (200, 1, 1)))  # fmt: skip
+    return report_html(
+        ReportContent(
+            f"{EVIL}.bag, pose_graph", EVIL, grid,
+            {EVIL: path, RAW_ODOMETRY: drifted, GROUND_TRUTH: path},
+            as_geographic(grid), radio,
+            [Metric("ate_rmse_m", 0.1, note=EVIL, interval=(0.05, 0.2))],
+            {"wall_s": 3.0, "stages": {"slam": 2.0}, "stage_peak_mb": {"slam": 300.0}},
+            [ScanStatus(1), ScanStatus(2, EVIL)],
+            (BackendTable("particles", ("stamp_ns", "n_eff", "flag"), rows),),
+            [EVIL], EVIL, (f"backend: a -> {EVIL}",), marks, "consistent",
+        )
+    )  # fmt: skip
+
+
+def chromium(tmp_path: Path, *words: str) -> subprocess.CompletedProcess[str]:
+    profile = f"--user-data-dir={tmp_path / 'profile'}"
+    done = subprocess.run(
+        [CHROMIUM, *FLAGS, profile, *words],
+        capture_output=True,
+        text=True,
+        timeout=400,
+        check=False,
+    )
+    console = [line for line in done.stderr.splitlines() if "CONSOLE" in line]
+    assert not console, console
+    return done
+
+
+def probed(tmp_path: Path, report: str, width: int) -> dict[str, object]:
+    file = tmp_path / "page.html"
+    # A frame of that width, because the window itself has a least width.
+    (tmp_path / "inner.html").write_text(report.replace("</body>", PROBE + "</body>"))
+    file.write_text(
+        f'<!doctype html><link rel="icon" href="data:,"><body style="margin:0"><iframe id="f"'
+        f' src="inner.html" style="border:0;width:{width}px;height:900px"></iframe><script>'
+        "const wait = setInterval(() => { const d = document.getElementById('f').contentDocument;"
+        "const out = d && d.getElementById('found'); if (!out) return; clearInterval(wait);"
+        "document.body.append(document.importNode(out, true)); }, 100);</script>"
+    )
+    done = chromium(tmp_path, "--allow-file-access-from-files", "--dump-dom", file.as_uri())
+    found = re.search(
+        r'<script type="application/json" id="found">(.*?)</script>', done.stdout, re.S
+    )
+    assert found, done.stdout[-2000:]
+    content: dict[str, object] = json.loads(found.group(1))
+    return content
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_the_page_works_at_phone_and_desk_width(tmp_path: Path, report: str, width: int) -> None:
+    found = probed(tmp_path, report, width)
+    assert found["drawn"] == found["plots"] == 6
+    assert found["width"] == width
+    assert found["page"] <= width, "the page scrolls sideways"
+    assert found["widest"] > 0.8 * min(width, 1200)
+    assert found["toggled"] == ["legendonly", True]
+    assert found["theme"] == "dark"
+    assert found["background"] == "rgb(20, 24, 30)"
+    assert any(EVIL in str(name) for name in found["legend"]), "names are text"
+    hover = " ".join(found["hover"])
+    assert " m" in hover
+    assert " dB" in hover
+    assert " s" in hover
+
+
+def test_it_prints(tmp_path: Path, report: str) -> None:
+    (tmp_path / "page.html").write_text(report)
+    target = tmp_path / "page.pdf"
+    chromium(tmp_path, f"--print-to-pdf={target}", (tmp_path / "page.html").as_uri())
+    assert target.stat().st_size > 50_000
+    assert 3 <= target.read_bytes().count(b"/Type /Page\n") <= 14
+
+
+def test_a_page_of_nothing_but_a_figure_is_whole(tmp_path: Path) -> None:
+    (tmp_path / "page.html").write_text(page("t", "l", [Figure(go.Figure(), "nothing")], []))
+    chromium(tmp_path, "--dump-dom", (tmp_path / "page.html").as_uri())
