@@ -28,7 +28,8 @@ from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Quiet
 from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.app.truth import accuracy_metrics
-from slarm_graph.config import RunConfig
+from slarm_graph.config import RunConfig, SimulationConfig
+from slarm_graph.config.driving import WheelConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
@@ -123,7 +124,12 @@ def main() -> None:
     parser.add_argument("--worlds", default="paper_room,cluttered")
     parser.add_argument("--backend", default="odometry")
     given = parser.parse_args()
-    config = RunConfig(backend=given.backend)
+    # Without slip the maps of an exact drive are exact, and show what only the constant does.
+    wheels = WheelConfig(
+        wheel_base_error=0.0, left_slip=0.0, right_slip=0.0, random_slip_m_per_sqrt_m=0.0
+    )
+    exact = SimulationConfig() if given.drive else SimulationConfig(wheels=wheels)
+    config = RunConfig(backend=given.backend, simulation=exact)
     if given.recording:
         job = Job((given.recording,), config, (), None, given.recording.with_suffix(".relations"))
 

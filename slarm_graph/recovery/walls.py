@@ -30,9 +30,11 @@ _END_CELLS = 1.5
 _SHORTEST_M = 0.3
 """Six cells of 0.05 m, the fewest with a direction; shorter stretches stay as cells have them."""
 _INLIER_M = (0.015, 0.04)
-"""From the noise of a good laser (0.015 m) to that of a cheap one (0.04 m)."""
+"""From the noise of a good laser (0.015 m) to that of a cheap one (0.04 m). In the paper's room
+with exact wheels half of it makes gains 0.03 dB wrong, double changes nothing."""
 _COVERED_SHARE = 0.5
-"""A wall is seen along half of its length at least; else its line may be another's."""
+"""A wall is seen along half of its length at least; else its line may be another's. In the paper's
+room with exact wheels half changes nothing, double takes the accuracy from 1 to 0.983."""
 _MAIN_RAD = math.radians(4.0)
 """Walls that differ by less from the building's direction are meant to be parallel to it: cells of
 0.05 m cannot tell over a metre."""
