@@ -28,6 +28,10 @@ _BUILT_IN: Final = (
        " that is recovered as accessible and whose gain is within the tolerance", True),
     _K("accuracy_worst_ap", "", "radio-map accuracy, worst access point", "more", _WORLD, "the"
        " accuracy above is the mean over all access points"),
+    _K("accuracy_with_sizes", "", "radio-map accuracy, all sizes known", "more", _DRIVEN, "of the"
+       " same drive, the length, width and height of every obstacle being known"),
+    _K("accuracy_without_sizes", "", "radio-map accuracy, no size known", "more", _DRIVEN, "of the"
+       " same drive, heights taken from a prior"),
     _K("accuracy_area", "", "radio-map accuracy on a fine lattice", "more", _WORLD, "the same on a"
        " lattice that does not depend on the run's resolution"),
     _K("coverage_observed", "", "observed", "more", _WORLD, "share of the accessible area seen"),

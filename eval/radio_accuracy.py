@@ -83,6 +83,7 @@ def radio_accuracy(
         false_accessible=_false_share(geographic, reference, reference_accessible, extent_m),
         iou=_share(area, both, cells.accessible | reference_accessible),
         tolerance_db=tolerance_db,
+        expansion_radius_m=geographic.expansion_radius_m,
         smallest_gap_db=min(gaps),
     )
 

@@ -58,6 +58,8 @@ class RadioAccuracy:
     iou : float
         Intersection over union of accessible cells.
     tolerance_db : float
+    expansion_radius_m : float
+        The map kept from obstacles (the paper's R_e) [m].
     smallest_gap_db : float
         Smallest loss that blocking adds in a reference-accessible cell [dB].
     """
@@ -70,6 +72,7 @@ class RadioAccuracy:
     false_accessible: float
     iou: float
     tolerance_db: float
+    expansion_radius_m: float
     smallest_gap_db: float
 
     @property
@@ -122,7 +125,7 @@ class RadioAccuracy:
 
     def metrics(self) -> tuple[Metric, ...]:
         """Return the figures under the names of the run folder's contract."""
-        note = f"|gain error| <= {self.tolerance_db:g} dB"
+        note = f"|gain error| <= {self.tolerance_db:g} dB; R_e = {self.expansion_radius_m:g} m"
         each = ", ".join(f"{link.access_point} {link.accuracy:.4f}" for link in self.links)
         mean = f"mean of {len(self.links)} access points" if len(self.links) > 1 else ""
         told = "; ".join(part for part in (note, mean, *self.warnings) if part)

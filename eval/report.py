@@ -168,8 +168,14 @@ def _geographic_part(geographic: GeographicMap) -> tuple[Block, ...]:
     words = (
         f"{area_m2:.1f} m² accessible, in cells of {geographic.geometry.resolution_m:g} m; recovery"
         f" changed {geographic.changed_cells} of {geographic.states.size} cells. Obstacle heights:"
-        f" {geographic.height_source}."
+        f" {geographic.height_source}. Expansion radius R_e = {geographic.expansion_radius_m:g} m."
     )
+    if "prior" in geographic.height_source:
+        words += (
+            " Where nobody said how high an obstacle is, a link has a probability of line of sight"
+            " and the gain is the expected one; if heights are known, set recovery.known_sizes or"
+            " recovery.default_height_m."
+        )
     if "infinite" in geographic.height_source:
         words += (
             " An obstacle of infinite height hides all behind it, which never promises a signal"
@@ -188,8 +194,8 @@ def _radio_part(radio: RadioMap | None) -> tuple[Block, ...]:
     words = (
         f"{radio.scenario} at {frequencies} GHz, antenna {radio.antenna_height_m:g} m above the"
         f" floor, Rician factor {radio.rician_factor_db:g} dB, obstacle heights:"
-        f" {radio.height_source}. Expected gain = minus path loss (3GPP TR 38.901); all access"
-        " points on one scale."
+        f" {radio.height_source}, R_e = {radio.expansion_radius_m:g} m. Expected gain = minus path"
+        " loss (3GPP TR 38.901); all access points on one scale."
     )
     return gain_figure(radio), Words(words), gain_curves(radio)
 

@@ -63,6 +63,8 @@ class RadioMap:
         Probability of line of sight where heights are uncertain; `line_of_sight` is then whether
         it is above one half, and the path loss that of the expected gain. None where heights are
         taken for certain.
+    expansion_radius_m : float
+        Kept from obstacles, rounded up to cells (the paper's R_e) [m].
     los_unknown : (A, rows, cols) bool, optional
         Links that pass cells nobody has seen; `line_of_sight` is false there. None for none.
     """
@@ -77,6 +79,7 @@ class RadioMap:
     height_source: str
     los_probability: NDArray[np.float32] | None = None
     los_unknown: Mask | None = None
+    expansion_radius_m: float = 0.0
 
     @property
     def sight_probability(self) -> NDArray[np.float32]:

@@ -10,6 +10,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.world import Solid
 
@@ -46,6 +47,22 @@ class Coverage:
 
 
 @dataclass(frozen=True, slots=True)
+class HeightGroup:
+    """Solids whose height is uncertain, and low or high together: sides of one outline.
+
+    Parameters
+    ----------
+    solids : tuple of int, length N
+        Numbers of the map's solids.
+    levels_m : (K, N) float64
+        Equally likely heights of each [m], ascending; the k-th of all belong together.
+    """
+
+    solids: tuple[int, ...]
+    levels_m: Floats
+
+
+@dataclass(frozen=True, slots=True)
 class GeographicMap:
     """The recovered map, one state per cell.
 
@@ -57,13 +74,17 @@ class GeographicMap:
     heights_m : (rows, cols) float32
         Top of the obstacle in the cell [m]; 0 where there is none, inf where unbounded.
     height_source : str
-        Where the heights came from: `infinite`, `default`, `matched sizes`, `truth`.
+        Where the heights came from: `infinite`, `default`, `prior`, `matched sizes`, `truth`.
     coverage : Coverage
     changed_cells : int
         Cells whose class recovery changed.
     solids : tuple of Solid
         All obstacles as straight-walled prisms, sharper than the cells; empty where only cells are
         known.
+    height_groups : tuple of HeightGroup
+        Which of them have an uncertain height; that of the solid itself is the median.
+    expansion_radius_m : float
+        Kept from obstacles, rounded up to cells (the paper's R_e) [m].
     """
 
     geometry: GridGeometry
@@ -73,6 +94,8 @@ class GeographicMap:
     coverage: Coverage
     changed_cells: int = 0
     solids: tuple[Solid, ...] = ()
+    height_groups: tuple[HeightGroup, ...] = ()
+    expansion_radius_m: float = 0.0
 
     @property
     def accessible(self) -> Mask:

@@ -13,13 +13,14 @@ from slarm_graph import backends
 from slarm_graph.app.checkpoint import Checkpoint, resume_from
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
+from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import Run
 from slarm_graph.app.live_files import LiveFiles
 from slarm_graph.app.outputs import save_geographic, save_radio, save_slam, save_trajectory
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
-from slarm_graph.app.truth import accuracy_metrics
+from slarm_graph.app.truth import accuracy_metrics, sizes_metrics
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.assessment import assess
@@ -34,7 +35,7 @@ from slarm_graph.mapping import render
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
-from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import recover_scans
 from slarm_graph.world import World, WorldMap
 
 _log = logging.getLogger(__name__)
@@ -55,6 +56,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     BadInput, RunFailed
         When there is nothing to show for it.
     """
+    config = with_prior(world, config)
     for_world, for_backend = np.random.default_rng(config.seed).spawn(2)
     # world -> readings -> SLAM backend -> where to drive next, until everything is known
     with folder.stage("exploration", progress):
@@ -76,7 +78,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
             log.scans,
             slam.trajectory,
             config.mapping,
-            with_sizes_of(world, config.recovery),
+            config.recovery,
             geometry=GridGeometry.covering(*world.extent_m(), config.explore.resolution_m),
             grid=grid,
         )
@@ -97,7 +99,8 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
             drive=drive.report,
         )
         accuracy = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
-        metrics = in_table_order((*accuracy, *assess(subject)))
+        both = sizes_metrics(world, log.scans, slam.trajectory, config)
+        metrics = in_table_order((*accuracy, *both, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
         run = Run(title, config, info, log, slam, grid, geographic, radio, metrics)

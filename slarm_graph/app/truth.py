@@ -4,13 +4,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from slarm_graph.access_points import RadioMap
-from slarm_graph.config import RadioConfig
+from slarm_graph.app.handed_over import with_and_without_sizes
+from slarm_graph.config import RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.radio_accuracy import Extent, radio_accuracy
 from slarm_graph.eval.radio_scores import RadioAccuracy
 from slarm_graph.geographic import GeographicMap
-from slarm_graph.radio.radio_map import theoretical_radio_map
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
+from slarm_graph.readings import LaserScan
+from slarm_graph.recovery.recover import recover_scans
+from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
@@ -30,6 +37,36 @@ def accuracy_metrics(
     fine = accuracy_on(world, geographic, radio, config, FINE_M, area)
     on_fine = Metric("accuracy_area", fine.accuracy, note=f"on a lattice of {FINE_M:g} m")
     return (*same.metrics(), on_fine)
+
+
+def sizes_metrics(
+    world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
+) -> tuple[Metric, Metric]:
+    """Return the accuracy of one drive with the sizes of all obstacles known, and with none."""
+    with_sizes, without = (
+        _recovered_accuracy(world, scans, trajectory, config, recovery)
+        for recovery in with_and_without_sizes(world, config.recovery)
+    )
+    heights = f"line of sight: Brier score {without.los_brier:.4f}"
+    return (
+        Metric("accuracy_with_sizes", with_sizes.accuracy),
+        Metric("accuracy_without_sizes", without.accuracy, note=heights),
+    )
+
+
+def _recovered_accuracy(
+    world: WorldMap,
+    scans: Sequence[LaserScan],
+    trajectory: Trajectory,
+    config: RunConfig,
+    recovery: RecoveryConfig,
+) -> RadioAccuracy:
+    """Accuracy of a drive recovered with other settings."""
+    resolution_m = config.explore.resolution_m
+    geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
+    geographic = recover_scans(scans, trajectory, config.mapping, recovery, geometry=geometry)
+    radio = radio_map(geographic, world.access_points, config.radio)
+    return accuracy_on(world, geographic, radio, config.radio, resolution_m, config.explore.area)
 
 
 def accuracy_on(

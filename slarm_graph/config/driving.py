@@ -96,6 +96,10 @@ class ExploreConfig(Stage):
     resolution_m: Resolution = 0.05
     """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
     driving: DrivingConfig = DrivingConfig()
+    prior: Literal["extent", "extent+sizes"] = "extent+sizes"
+    """What the robot is told of a world before it starts, beside its start and the access points:
+    the rough extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and
+    height of every wall and obstacle, not where they stand. Accuracy is reported for both."""
     slam_rmse_m: float = Field(default=0.0, ge=0)
     """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""
     area: tuple[float, float, float, float] | None = None

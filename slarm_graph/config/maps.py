@@ -38,7 +38,15 @@ class RecoveryConfig(Stage):
     The robot's radius gives what it can drive to.
     """
     default_height_m: float | None = Field(default=None, gt=0)
-    """Height of obstacles with no better information; null means infinitely high."""
+    """Height of obstacles with no better information; null means as `unknown_heights` says."""
+    unknown_heights: Literal["prior", "infinite"] = "prior"
+    """What to make of obstacles whose height nobody has said: `prior` takes it from a distribution
+    per class of plan (from standards), so that links have a probability of line of sight and an
+    expected gain; `infinite` lets nothing pass over them."""
+    ceiling_m: float = Field(default=3.0, gt=0, le=100)
+    """What no obstacle exceeds; 3 m is the room of 3GPP's indoor scenario (TR 38.901, 7.2-2)."""
+    laser_height_m: float = Field(default=0.2, ge=0, le=10)
+    """Every obstacle that the laser sees is at least so high."""
     known_sizes: tuple[tuple[float, ...], ...] = ()
     """Length, width and height [m] of obstacles that are known to stand around.
 

@@ -29,6 +29,7 @@ def write_coverage(path: Path, geographic: GeographicMap) -> None:
             ("visited", coverage.visited),
             ("footprint", coverage.footprint),
             ("changed_cells", geographic.changed_cells),
+            ("expansion_radius_m", geographic.expansion_radius_m),
             ("resolution_m", g.resolution_m),
             ("origin_m", np.array([g.origin_x_m, g.origin_y_m])),
         ),
@@ -54,6 +55,7 @@ def read_coverage(path: Path) -> GeographicMap:
                 str(file["height_source"]),
                 Coverage(file["observed"], file["visited"], file["footprint"]),
                 int(file["changed_cells"]),
+                expansion_radius_m=float(file.get("expansion_radius_m", 0.0)),
             )
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None

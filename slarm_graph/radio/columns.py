@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.grid import GridGeometry
+from slarm_graph.grid import GridGeometry, Scalar
 
 AP_FIELDS = {
     "x_m": "m",
@@ -17,7 +17,9 @@ AP_FIELDS = {
     "power_dbm": "dBm",
     "frequency_hz": "Hz",
 }
-SCALARS = ("antenna_height_m", "rician_factor_db")
+SCALARS = ("antenna_height_m", "rician_factor_db", "expansion_radius_m")
+LAYERS = ("los_probability", "los_unknown")
+"""Only there where heights are uncertain, or cells were not seen."""
 WORDS = ("scenario", "height_source")
 GRID = ("origin_x_m", "origin_y_m", "resolution_m")
 
@@ -25,6 +27,14 @@ GRID = ("origin_x_m", "origin_y_m", "resolution_m")
 def column(radio: RadioMap, name: str) -> NDArray[np.float64]:
     """Field (A,) of all access points."""
     return np.array([getattr(ap, name) for ap in radio.access_points], dtype=np.float64)
+
+
+def three_classes(radio: RadioMap, index: int, rows: slice) -> NDArray[np.int8]:
+    """Line of sight of some rows: 1 clear, 0 blocked, -1 past cells nobody has seen."""
+    classes = radio.line_of_sight[index, rows].astype(np.int8)
+    if radio.los_unknown is not None:
+        classes[radio.los_unknown[index, rows]] = -1
+    return classes
 
 
 def from_values(values: dict[str, NDArray[np.generic]]) -> RadioMap:
@@ -41,9 +51,18 @@ def from_values(values: dict[str, NDArray[np.generic]]) -> RadioMap:
         geometry=GridGeometry(origin_x_m, origin_y_m, resolution_m, *loss_db.shape[1:]),
         access_points=points,
         path_loss_db=loss_db,
-        line_of_sight=np.asarray(values["line_of_sight"]).astype(np.bool_),
+        line_of_sight=np.asarray(values["line_of_sight"]) > 0,
         antenna_height_m=float(np.asarray(values["antenna_height_m"]).item()),
         scenario=str(values["scenario"]),
         rician_factor_db=float(np.asarray(values["rician_factor_db"]).item()),
         height_source=str(values["height_source"]),
+        los_probability=_optional(values, "los_probability", np.float32),
+        los_unknown=_optional(values, "los_unknown", np.bool_),
+        expansion_radius_m=float(np.asarray(values.get("expansion_radius_m", 0.0)).item()),
     )
+
+
+def _optional(
+    values: dict[str, NDArray[np.generic]], name: str, kind: type[Scalar]
+) -> NDArray[Scalar] | None:
+    return np.asarray(values[name], dtype=kind) if name in values else None

@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.files.npz import write_npz
-from slarm_graph.radio.columns import AP_FIELDS, GRID, SCALARS, WORDS, column, from_values
+from slarm_graph.radio.columns import (
+    AP_FIELDS,
+    GRID,
+    LAYERS,
+    SCALARS,
+    WORDS,
+    column,
+    from_values,
+    three_classes,
+)
 from slarm_graph.raster.bands import bands
 
 _ROWS_AT_A_TIME = 5_000
@@ -35,6 +44,7 @@ def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike]]:
     yield from ((f"access_point_{name}", column(radio, name)) for name in AP_FIELDS)
     yield from ((name, getattr(radio.geometry, name)) for name in GRID)
     yield from ((name, getattr(radio, name)) for name in SCALARS + WORDS)
+    yield from ((name, layer) for name in LAYERS if (layer := getattr(radio, name)) is not None)
 
 
 def read_radio_npz(path: Path) -> RadioMap:
@@ -80,7 +90,7 @@ def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
         cells = np.argwhere(np.isfinite(loss_db))
         centers = radio.geometry.center_of(cells + np.array([band.rows.start, 0]))
         values = loss_db[cells[:, 0], cells[:, 1]].astype(np.float64)
-        clear = radio.line_of_sight[index, band.rows][cells[:, 0], cells[:, 1]]
+        clear = three_classes(radio, index, band.rows)[cells[:, 0], cells[:, 1]]
         rows = np.column_stack([centers, values, -values, power_dbm - values, clear])
         for first in range(0, len(rows), _ROWS_AT_A_TIME):
             part = rows[first : first + _ROWS_AT_A_TIME]

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
-from slarm_graph.radio.columns import AP_FIELDS, GRID, SCALARS, WORDS, column, from_values
+from slarm_graph.radio.columns import (
+    AP_FIELDS,
+    GRID,
+    SCALARS,
+    WORDS,
+    column,
+    from_values,
+    three_classes,
+)
 
 _CHUNK = (1, 256, 1024)
 """Cells that are compressed together, 1 MB of a layer: a viewer reads a part without the rest."""
@@ -51,6 +59,8 @@ def read_radio_netcdf(path: Path) -> RadioMap:
             values = {name: np.asarray(v[:]) for name, v in file.variables.items()}
             for name in GRID + SCALARS + WORDS:
                 values[name] = np.asarray(file.getncattr(name))
+        if (np.asarray(values["line_of_sight"]) < 0).any():
+            values["los_unknown"] = np.asarray(values["line_of_sight"]) < 0
         return from_values(values)
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, OSError) as error:
         raise BadInput(f"{path}: not a radio map written by slarm ({error})") from error
@@ -88,8 +98,8 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
     gain_db = _layer(file, "channel_power_gain_db", "expected gain", "dB")
     rss_dbm = _layer(file, "rss_dbm", "received signal strength", "dBm")
     sight = _layer(file, "line_of_sight", "line of sight", "1", "i1")
-    sight.flag_values = np.array([0, 1], dtype=np.int8)
-    sight.flag_meanings = "blocked clear"
+    sight.flag_values = np.array([-1, 0, 1], dtype=np.int8)
+    sight.flag_meanings = "unknown blocked clear"
     for index, power in enumerate(power_dbm):
         for first in range(0, radio.geometry.rows, _CHUNK[1]):
             part = slice(first, first + _CHUNK[1])
@@ -97,7 +107,10 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
             loss_db[index, part] = values
             gain_db[index, part] = -values
             rss_dbm[index, part] = power - values
-            sight[index, part] = radio.line_of_sight[index, part].view(np.int8)
+            sight[index, part] = three_classes(radio, index, part)
+    if radio.los_probability is not None:
+        likely = _layer(file, "los_probability", "probability of line of sight", "1")
+        likely[:] = radio.los_probability
 
 
 def _layer(

@@ -105,7 +105,7 @@ def draw_gain(
     axes.set_title(
         f"{ap.name}: {radio.scenario}, {ap.frequency_hz * 1e-9:g} GHz, antenna at"
         f" {radio.antenna_height_m:g} m\nobstacle heights: {radio.height_source};"
-        f" Rician factor {radio.rician_factor_db:g} dB",
+        f" Rician factor {radio.rician_factor_db:g} dB, R_e {radio.expansion_radius_m:g} m",
         fontsize=9,
         parse_math=False,
     )

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,25 +18,15 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.polygons import contains
-from slarm_graph.radio.line_of_sight import (
-    line_of_sight_over_cells,
-    line_of_sight_past_cells,
-    line_of_sight_past_solids,
-    line_of_sight_to_points,
-)
+from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
+from slarm_graph.radio.recovered_sight import recovered_sight
 from slarm_graph.raster.bands import bands
-from slarm_graph.raster.fill import inside_solids
-from slarm_graph.raster.patches import joined
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
 _log = logging.getLogger(__name__)
-
-_MOUNT_STEP_M = 0.001
-"""A millimetre: walls are known to about a centimetre."""
 
 
 def radio_map(
@@ -68,18 +57,25 @@ def radio_map(
     reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)
     free = reachable | (geographic.states == CellState.ENCLOSED)
 
-    positions = _positions_m(access_points)
-    clear = np.stack([_recovered_line_of_sight(geographic, free, p, config) for p in positions])
-    past = _past_unseen(geographic, positions, config)
+    sights = [
+        recovered_sight(geographic, free, position_m, config)
+        for position_m in _positions_m(access_points)
+    ]
+    unknown = np.stack([sight.unknown for sight in sights])
+    probability = np.where(unknown, 0.0, np.stack([sight.probability for sight in sights]))
     radio = _map_of(
         geographic.geometry,
         reachable,
         access_points,
         config,
-        clear & ~past,
+        probability,
         geographic.height_source,
     )
-    return replace(radio, los_unknown=clear & past & reachable) if past.any() else radio
+    return replace(
+        radio,
+        los_unknown=unknown & reachable if unknown.any() else None,
+        expansion_radius_m=geographic.expansion_radius_m,
+    )
 
 
 def _positions_m(access_points: Sequence[AccessPoint]) -> list[Floats]:
@@ -87,92 +83,6 @@ def _positions_m(access_points: Sequence[AccessPoint]) -> list[Floats]:
     if not access_points:
         raise BadInput("a radio map needs at least one access point: --ap X Y Z")
     return [ap.position_m() for ap in access_points]
-
-
-def unseen_pockets(states: NDArray[np.uint8]) -> Mask:
-    """Cells (rows, cols) nobody has seen, in pockets that no obstacle parts from what is free.
-
-    What walls enclose has the walls' height; behind an open border there may be anything.
-    """
-    free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-    unknown = states == CellState.UNKNOWN
-    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
-    at_border = cv2.dilate(free.view(np.uint8), cross).view(np.bool_)
-    at_border &= unknown
-    return joined(unknown, at_border) if at_border.any() else at_border
-
-
-def _past_unseen(
-    geographic: GeographicMap, positions_m: Sequence[Floats], config: RadioConfig
-) -> Mask:
-    """Links (A, rows, cols) that pass unseen cells at whatever height: nobody knows if clear."""
-    unseen = unseen_pockets(geographic.states)
-    if not unseen.any():
-        return np.zeros((len(positions_m), *unseen.shape), dtype=np.bool_)
-    geometry, height_m, mount_m = (
-        geographic.geometry,
-        config.antenna_height_m,
-        config.mount_radius_m,
-    )
-    return ~np.stack(
-        [
-            line_of_sight_past_cells(geometry, unseen, p, height_m, mount_radius_m=mount_m)
-            for p in positions_m
-        ]
-    )
-
-
-def _recovered_line_of_sight(
-    geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
-) -> Mask:
-    """Line of sight (rows, cols) on the map's solids where it has any, else on its cells."""
-    geometry, height_m = geographic.geometry, config.antenna_height_m
-    if not geographic.solids:
-        return line_of_sight_over_cells(
-            geometry,
-            geographic.heights_m,
-            position_m,
-            height_m,
-            mount_radius_m=config.mount_radius_m,
-        )
-    # The centre of a free cell on a wall's face may come to lie a little inside the wall.
-    on_face = free & inside_solids(geometry, geographic.solids)
-    position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
-    clear = line_of_sight_past_solids(geometry, geographic.solids, position_m, height_m)
-    if on_face.any():
-        points = geometry.center_of(np.argwhere(on_face))
-        clear[on_face] = line_of_sight_to_points(points, geographic.solids, position_m, height_m)
-    return clear
-
-
-def _on_room_side(
-    geographic: GeographicMap, free: Mask, position_m: Floats, radius_m: float
-) -> Floats:
-    """Move an access point that a recovered wall has swallowed to the wall's face in the room.
-
-    Walls are recovered thinner than they are and a few centimetres off, so that a point mounted on
-    one may lie nearer to its back, or behind it. The nearest free cell before it tells the side
-    it serves.
-    """
-    geometry, plan = geographic.geometry, position_m[:2]
-    reach_m = radius_m + geometry.resolution_m
-    low = np.maximum(geometry.cell_of(plan - reach_m), 0)
-    high = np.maximum(geometry.cell_of(plan + reach_m) + 1, 0)
-    cells = geometry.center_of(np.argwhere(free[low[0] : high[0], low[1] : high[1]]) + low)
-    away_m = np.linalg.norm(cells - plan, axis=1)
-    if not len(cells) or away_m.min() > reach_m:
-        return position_m
-    way = cells[away_m.argmin()] - plan
-    steps = math.ceil(float(away_m.min()) / _MOUNT_STEP_M)
-    points = plan + np.linspace(0.0, 1.0, steps + 1)[:, None] * way
-    hidden = np.zeros(len(points), dtype=np.bool_)
-    for solid in geographic.solids:
-        if solid.height_m > position_m[2]:
-            hidden |= contains(solid.corners_m, points)
-    if not hidden.any():
-        return position_m
-    face = points[min(int(np.flatnonzero(hidden)[-1]) + 1, steps)]
-    return np.array([*face, position_m[2]])
 
 
 def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: RadioConfig) -> RadioMap:
@@ -197,7 +107,9 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
         for position_m in _positions_m(world.access_points)
     ]
     free = solid_heights_m(world, geometry) <= 0.0
-    return _map_of(geometry, free, world.access_points, config, np.stack(clear), "truth")
+    return _map_of(
+        geometry, free, world.access_points, config, np.stack(clear).astype(np.float64), "truth"
+    )
 
 
 def radio_notices(
@@ -242,29 +154,63 @@ def _map_of(
     free: Mask,
     access_points: Sequence[AccessPoint],
     config: RadioConfig,
-    clear: Mask,
+    probability: Floats,
     height_source: str,
 ) -> RadioMap:
-    """Path loss and line of sight of every access point, nan where no antenna can be."""
-    clear = clear & free
-    loss_db: NDArray[np.float32] = np.full(clear.shape, np.nan, dtype=np.float32)
-    for ap, ap_clear, ap_loss_db in zip(access_points, clear, loss_db, strict=True):
+    """Expected path loss, eq. (2), and line of sight; nan where no antenna can be."""
+    probability = probability * free
+    loss_db: NDArray[np.float32] = np.full(probability.shape, np.nan, dtype=np.float32)
+    for ap, likely, ap_loss_db in zip(access_points, probability, loss_db, strict=True):
         for band in bands(free.shape):
             here, rows = free[band.rows], band.rows
             distances_m = _distances_m(geometry, ap, config, rows)[here]
-            ap_loss_db[rows][here] = path_loss_db(
-                distances_m, ap.frequency_hz, ap_clear[rows][here], config.scenario
+            ap_loss_db[rows][here] = expected_path_loss_db(
+                distances_m, ap.frequency_hz, likely[rows][here], config.scenario
             )
+    unsure = bool(((probability > 0.0) & (probability < 1.0)).any())
     return RadioMap(
         geometry=geometry,
         access_points=tuple(access_points),
         path_loss_db=loss_db,
-        line_of_sight=clear,
+        line_of_sight=probability > 0.5,
         antenna_height_m=config.antenna_height_m,
         scenario=config.scenario,
         rician_factor_db=config.rician_factor_db,
         height_source=height_source,
+        los_probability=probability.astype(np.float32) if unsure else None,
     )
+
+
+def expected_path_loss_db(
+    distance_m: Floats, frequency_hz: float, probability: Floats, scenario: str
+) -> Floats:
+    """Path loss of the expected power gain, eq. (2), over whether a link is clear.
+
+    E|H|^2 = p 10^(-L_LoS / 10) + (1 - p) 10^(-L_NLoS / 10).
+
+    Parameters
+    ----------
+    distance_m : (N,)
+        3D [m].
+    frequency_hz : float
+    probability : (N,)
+        Of line of sight, 0 to 1.
+    scenario : str
+
+    Returns
+    -------
+    (N,) float64 [dB]
+    """
+    loss_db = path_loss_db(distance_m, frequency_hz, probability >= 1.0, scenario)
+    unsure = (probability > 0.0) & (probability < 1.0)
+    if unsure.any():
+        off_m, p = distance_m[unsure], probability[unsure]
+        clear, blocked = (
+            10.0 ** (-0.1 * path_loss_db(off_m, frequency_hz, is_clear, scenario))
+            for is_clear in (True, False)
+        )
+        loss_db[unsure] = -10.0 * np.log10(p * clear + (1.0 - p) * blocked)
+    return loss_db
 
 
 def _distances_m(

@@ -84,13 +84,28 @@ def matched_blocks(
     return blocks
 
 
+@dataclass(frozen=True, slots=True)
+class Strip:
+    """A thin solid behind a side of an outline, of no known size.
+
+    Parameters
+    ----------
+    solid : Solid
+    outline, side : int
+    """
+
+    solid: Solid
+    outline: int
+    side: int
+
+
 def wall_strips(
     outlines: Sequence[Outline],
     blocks: Sequence[Block],
     geometry: GridGeometry,
     occupied: Mask,
     height_m: float,
-) -> list[Solid]:
+) -> list[Strip]:
     """Return a thin solid behind every side of the outlines that is a wall and in no block."""
     if not outlines:
         return []
@@ -107,7 +122,12 @@ def wall_strips(
     wall = fitted.copy()
     wall[~fitted] = _are_walls(geometry, occupied, starts[~fitted], ends[~fitted], back[~fitted])
     plans = np.stack([starts, starts + back, ends + back, ends], axis=1)[wall]
-    return [Solid(f"wall {n}", corners, height_m) for n, corners in enumerate(plans, start=1)]
+    own = [side for side, is_wanted in zip(sides, wanted, strict=True) if is_wanted]
+    own = [side for side, is_wall in zip(own, wall, strict=True) if is_wall]
+    return [
+        Strip(Solid(f"wall {number}", corners, height_m), *side)
+        for number, (corners, side) in enumerate(zip(plans, own, strict=True), start=1)
+    ]
 
 
 def _ranked(

@@ -17,13 +17,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slarm_graph.config import MappingConfig, RecoveryConfig
-from slarm_graph.geographic import CellState, Coverage, GeographicMap
+from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.distance import within
-from slarm_graph.raster.fill import Polygons, inside_outlines
+from slarm_graph.raster.fill import Polygons, inside_any, inside_outlines
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
@@ -32,6 +32,7 @@ from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     cleaned,
 )
+from slarm_graph.recovery.heights import certain_height_m, uncertain_heights, with_medians
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
 from slarm_graph.recovery.returns import gathered, returns_of_cells
@@ -50,6 +51,7 @@ _NEAR_HALO, _THIN_HALO = 3, 5
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 """A face is known to about a centimetre (walls are fitted to within millimetres, poses to
 centimetres), and to a tenth of a cell where cells are finer."""
+_PRIOR = "prior (standards, by class of plan)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +62,7 @@ class _Shape:
     outlines: list[Outline]
     blocks: list[Solid]
     strips: list[Solid]
+    groups: tuple[HeightGroup, ...] = ()
 
 
 def recover(
@@ -90,14 +93,14 @@ def recover(
     shape = _shape(grid, trajectory, config, end_points)
     laid = _Laid.on(target, shape)
     states = _states(shape.clean, target, _region(shape, laid, target, visited), laid)
-    blocks, strips = shape.blocks, shape.strips
+    blocks, strips, groups = shape.blocks, shape.strips, shape.groups
     # On a large site the layers so far take more memory than the result.
     del shape, laid
     states[_expanded(target, states, config.expansion_radius_m) & ~visited] = CellState.EXPANSION
     accessible = states == CellState.ACCESSIBLE
     states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
     del accessible
-    heights_m, source = _heights(blocks, target, states, config)
+    heights_m, source = _heights(blocks, strips, target, states, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     footprint &= states != CellState.OBSTACLE
     seen = grid.on(target)
@@ -111,6 +114,8 @@ def recover(
         coverage=Coverage(observed, visited, footprint),
         changed_cells=_changed(seen, states),
         solids=(*blocks, *strips),
+        height_groups=groups,
+        expansion_radius_m=_whole_cells_m(target, config.expansion_radius_m),
     )
 
 
@@ -167,9 +172,14 @@ def _shape(
         returns = gathered(end_points, geometry.resolution_m)
     outlines = straightened(outlines_m(geometry, clean.reached), returns, geometry.resolution_m)
     blocks = matched_blocks(outlines, returns, config.known_sizes, config.size_tolerance_m)
-    height_m = math.inf if config.default_height_m is None else config.default_height_m
-    strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m)
-    return _Shape(clean, outlines, [block.solid for block in blocks], strips)
+    height_m = certain_height_m(config)
+    strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m or math.inf)
+    groups: tuple[HeightGroup, ...] = ()
+    if height_m is None:
+        groups = uncertain_heights(outlines, strips, returns, config, len(blocks))
+        strips = with_medians(strips, groups, len(blocks))
+    solids = [block.solid for block in blocks], [strip.solid for strip in strips]
+    return _Shape(clean, outlines, *solids, groups)
 
 
 @dataclass(frozen=True, slots=True)
@@ -277,22 +287,36 @@ def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask
     """Accessible cells within the expansion radius, rounded up to cells, of an obstacle."""
     if radius_m <= 0.0:
         return np.zeros(target.shape, dtype=np.bool_)
-    cells = math.ceil(radius_m / target.resolution_m - 1e-9)
-    near = within(states == CellState.OBSTACLE, cells * target.resolution_m, target.resolution_m)
+    whole_m, cell_m = _whole_cells_m(target, radius_m), target.resolution_m
+    near = within(states == CellState.OBSTACLE, whole_m, cell_m)
     return np.asarray(near & (states == CellState.ACCESSIBLE))
 
 
+def _whole_cells_m(target: GridGeometry, radius_m: float) -> float:
+    """A radius rounded up to cells [m]."""
+    return math.ceil(radius_m / target.resolution_m - 1e-9) * target.resolution_m
+
+
 def _heights(
-    blocks: list[Solid], target: GridGeometry, states: np.ndarray, config: RecoveryConfig
+    blocks: list[Solid],
+    strips: list[Solid],
+    target: GridGeometry,
+    states: np.ndarray,
+    config: RecoveryConfig,
 ) -> tuple[np.ndarray, str]:
     """Top of every obstacle cell (rows, cols) float32 [m], and where the heights came from."""
-    height_m = math.inf if config.default_height_m is None else config.default_height_m
-    source = "infinite" if config.default_height_m is None else "default"
+    height_m, source = certain_height_m(config), "default"
+    if config.default_height_m is None:
+        source = "infinite" if height_m is not None or not strips else _PRIOR
+    obstacle = states == CellState.OBSTACLE
     heights_m = np.zeros(target.shape, dtype=np.float32)
-    heights_m[states == CellState.OBSTACLE] = height_m
+    heights_m[obstacle] = height_m or math.inf
+    if height_m is None:
+        for median_m in sorted({strip.height_m for strip in strips}):
+            plans = [strip.corners_m for strip in strips if strip.height_m == median_m]
+            heights_m[inside_any(target, plans) & obstacle] = median_m
     for block in blocks:
-        inside = inside_outlines(target, [block.corners_m]) & (states == CellState.OBSTACLE)
-        heights_m[inside] = block.height_m
+        heights_m[inside_outlines(target, [block.corners_m]) & obstacle] = block.height_m
     if blocks:
         source = f"matched sizes ({len(blocks)} obstacles), else {source}"
     return heights_m, source

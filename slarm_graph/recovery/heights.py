@@ -1,0 +1,93 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Heights of what no known size tells: which sides of the outlines belong to what, and how high."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slarm_graph.config import RecoveryConfig
+from slarm_graph.geographic import HeightGroup
+from slarm_graph.polygons import signed_area_m2
+from slarm_graph.recovery.height_prior import HeightPrior, PlanKind, height_group, plan_kind
+from slarm_graph.recovery.obstacle_candidates import candidates_on
+from slarm_graph.recovery.obstacles import Strip
+from slarm_graph.recovery.returns import Returns
+from slarm_graph.recovery.walls import Outline
+
+_LONGEST_M = 10.0
+"""What stands before a wall is looked for up to this length: ten metres of shelves are one."""
+
+
+def certain_height_m(config: RecoveryConfig) -> float | None:
+    """Height of obstacles that no known size tells [m]; None where the prior is asked."""
+    if config.default_height_m is not None:
+        return config.default_height_m
+    # Where the sizes of what stands around are known, what has none of them is a wall.
+    certain = config.unknown_heights == "infinite" or config.known_sizes
+    return math.inf if certain else None
+
+
+def uncertain_heights(
+    outlines: Sequence[Outline],
+    strips: Sequence[Strip],
+    returns: Returns,
+    config: RecoveryConfig,
+    first: int,
+) -> tuple[HeightGroup, ...]:
+    """Return how high the sides of every outline may be.
+
+    Parameters
+    ----------
+    outlines : sequence of Outline
+    strips : sequence of Strip
+    returns : Returns
+    config : RecoveryConfig
+    first : int
+        Number of the first strip among the map's solids.
+    """
+    prior = HeightPrior(config.ceiling_m, config.laser_height_m)
+    groups = []
+    for n, outline in enumerate(outlines):
+        mine = [k for k, strip in enumerate(strips) if strip.outline == n]
+        if mine:
+            kinds = side_kinds(outline, returns)
+            own = [kinds[strips[k].side] for k in mine]
+            groups.append(height_group(prior, [first + k for k in mine], own))
+    return tuple(groups)
+
+
+def side_kinds(outline: Outline, returns: Returns) -> list[PlanKind]:
+    """Tell for every side of an outline of the free region what it is likely to belong to.
+
+    An island is one obstacle. Elsewhere the outline is a wall but for what stands before it, the
+    simplest first.
+    """
+    kinds: list[PlanKind] = ["wall"] * len(outline.corners_m)
+    if signed_area_m2(outline.corners_m) < 0.0:
+        island = next(iter(candidates_on(outline, returns, math.inf)))
+        return [plan_kind(island.plan.sides_m, island.plan.area_m2, at_wall=False)] * len(kinds)
+    taken: set[int] = set()
+    for found in sorted(candidates_on(outline, returns, _LONGEST_M), key=lambda c: len(c.sides)):
+        kind = plan_kind(found.plan.sides_m, found.plan.area_m2, at_wall=True)
+        if kind == "wall" or taken.intersection(found.sides):
+            continue
+        taken.update(found.sides)
+        for side in found.sides:
+            kinds[side] = kind
+    return kinds
+
+
+def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: int) -> list[Strip]:
+    """Return the strips, each as high as the median of what it may be."""
+    found = list(strips)
+    for group in groups:
+        for number, median_m in zip(group.solids, np.median(group.levels_m, axis=0), strict=True):
+            strip = found[number - first]
+            solid = replace(strip.solid, height_m=float(median_m))
+            found[number - first] = replace(strip, solid=solid)
+    return found

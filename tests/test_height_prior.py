@@ -1,0 +1,204 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Heights nobody has said: a prior per class of plan, and what links make of it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scanned_rooms import WORLD, scanned_room
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.app.handed_over import with_prior
+from slarm_graph.app.truth import sizes_metrics
+from slarm_graph.config import ExploreConfig, MappingConfig, RadioConfig, RecoveryConfig, RunConfig
+from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.files import (
+    read_radio_netcdf,
+    read_radio_npz,
+    write_radio_netcdf,
+    write_radio_npz,
+)
+from slarm_graph.radio.path_loss import path_loss_db
+from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
+from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, plan_kind
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.world import Solid
+
+CONFIG = RadioConfig()
+GEOMETRY = GridGeometry(0.0, 0.0, 0.1, 40, 60)
+AP = AccessPoint("ap", 0.55, 2.05, 2.5)
+
+
+def box(x_m, y_m, height_m=np.inf):
+    corners = np.array([[x_m, y_m], [x_m + 0.5, y_m], [x_m + 0.5, y_m + 1.0], [x_m, y_m + 1.0]])
+    return Solid("box", corners, height_m)
+
+
+def room(solids, groups=()):
+    x, y = np.moveaxis(GEOMETRY.centers(), -1, 0)
+    inside = np.zeros(GEOMETRY.shape, dtype=bool)
+    for solid in solids:
+        (left, low), (right, high) = solid.corners_m.min(axis=0), solid.corners_m.max(axis=0)
+        inside |= (x > left) & (x < right) & (y > low) & (y < high)
+    states = np.where(inside, CellState.OBSTACLE, CellState.ACCESSIBLE).astype(np.uint8)
+    heights = np.where(inside, np.inf, 0.0).astype(np.float32)
+    layers = Coverage(~inside, ~inside, ~inside)
+    return GeographicMap(
+        GEOMETRY, states, heights, "prior", layers, solids=tuple(solids), height_groups=groups
+    )
+
+
+def test_expected_loss_is_that_of_the_expected_gain():
+    d, p = np.array([2.0, 5.0, 9.0, 9.0]), np.array([0.25, 0.5, 0.0, 1.0])
+    clear, blocked = (10 ** (-0.1 * path_loss_db(d, 3.5e9, los, "InF-SH")) for los in (True, False))
+    want = -10.0 * np.log10(p * clear + (1 - p) * blocked)
+    np.testing.assert_allclose(expected_path_loss_db(d, 3.5e9, p, "InF-SH"), want, rtol=1e-12)
+    # Exactly the certain losses at both ends.
+    certain = path_loss_db(d[2:], 3.5e9, np.array([False, True]), "InF-SH")
+    assert (expected_path_loss_db(d[2:], 3.5e9, p[2:], "InF-SH") == certain).all()
+
+
+def test_probability_is_the_share_of_drawn_heights_that_leave_the_link_clear():
+    """Two obstacles drawn independently, all combinations counted one by one."""
+    rng = np.random.default_rng(3)
+    solids = [box(2.0, 1.5), box(4.0, 1.2)]
+    levels = [np.sort(rng.uniform(0.2, 3.0, (5, 1)), axis=0) for _ in solids]
+    groups = tuple(HeightGroup((n,), level) for n, level in enumerate(levels))
+    found = radio_map(room(solids, groups), [AP], CONFIG)
+    share = np.zeros(GEOMETRY.shape)
+    for first in levels[0][:, 0]:
+        for second in levels[1][:, 0]:
+            drawn = [replace(solids[0], height_m=first), replace(solids[1], height_m=second)]
+            share += radio_map(room(drawn), [AP], CONFIG).line_of_sight[0] / 25.0
+    free = np.isfinite(found.path_loss_db[0])
+    np.testing.assert_allclose(found.sight_probability[0][free], share[free], atol=1e-6)
+    assert 0.1 < np.mean((share > 0) & (share < 1)) < 0.9
+    assert (found.line_of_sight[0][free] == (share[free] > 0.5 + 1e-9)).all()
+
+
+def test_sides_of_one_obstacle_are_low_or_high_together():
+    """Behind both of two walls of one outline the lower probability counts, not the product."""
+    solids = [box(2.0, 1.5), box(2.6, 1.5)]
+    level = np.array([[0.3], [2.6]])
+    together = (HeightGroup((0, 1), np.repeat(level, 2, axis=1)),)
+    apart = tuple(HeightGroup((n,), level) for n in range(2))
+    row, col = GEOMETRY.cell_of([3.4, 2.05])
+    p = [
+        radio_map(room(solids, g), [AP], CONFIG).sight_probability[0, row, col]
+        for g in (together, apart)
+    ]
+    assert p == [0.5, 0.25]
+
+
+@pytest.mark.parametrize("kind", ["wall", "screen", "column", "rack", "furniture"])
+def test_heights_stay_between_laser_and_ceiling(kind):
+    prior = HeightPrior(ceiling_m=2.5, laser_height_m=0.3)
+    levels = prior.levels_m(kind)
+    assert levels.shape == (LEVELS,)
+    assert (np.diff(levels) >= 0).all()
+    assert levels[0] >= 0.3
+    assert levels[-1] <= 2.5
+    # A laser that looks from high up has seen that the obstacle is no lower.
+    assert HeightPrior(2.5, 1.9).levels_m(kind).min() >= 1.9
+
+
+def test_furniture_is_as_often_a_surface_as_higher():
+    levels = HeightPrior(3.0, 0.2).levels_m("furniture")
+    assert np.mean(levels < 1.1) == 0.5
+    assert np.mean(levels > 2.1) == 0.1
+    assert np.mean(levels < 0.7) == 0.1
+    assert HeightPrior(3.0, 0.2).levels_m("wall").tolist() == [3.0] * LEVELS
+
+
+@pytest.mark.parametrize(
+    ("sides", "area", "at_wall", "kind"),
+    [
+        ((0.12, 4.0), 0.48, True, "wall"),
+        ((0.12, 4.0), 0.48, False, "screen"),
+        ((7.0, 3.5), 24.5, False, "wall"),
+        ((0.4, 0.4), 0.16, False, "column"),
+        ((1.1, 9.0), 9.9, False, "rack"),
+        ((0.8, 1.6), 1.28, True, "furniture"),
+        ((1.6, 0.8), 1.28, False, "furniture"),
+        ((0.585, 0.585), 0.269, False, "furniture"),
+        ((2.0, 3.0), 1.2, False, "wall"),
+    ],
+)
+def test_plans_tell_classes(sides, area, at_wall, kind):
+    assert plan_kind(np.array(sides), area, at_wall=at_wall) == kind
+
+
+def test_only_what_has_no_known_size_is_uncertain():
+    scans, trajectory = scanned_room(0.01, 0.0)
+    geometry = GridGeometry.covering(*WORLD.extent_m(), 0.1)
+
+    def recovered(**changes):
+        config = RecoveryConfig(**changes)
+        return recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
+
+    prior = recovered()
+    assert "prior" in prior.height_source
+    assert {n for g in prior.height_groups for n in g.solids} == set(range(len(prior.solids)))
+    north_west = [
+        solid.height_m
+        for solid in prior.solids
+        if np.abs(solid.corners_m.mean(axis=0) - [-2.31, 2.5]).max() < 0.1
+    ]
+    assert north_west
+    assert all(0.7 < height_m < 2.1 for height_m in north_west)
+    radio = radio_map(prior, WORLD.access_points, CONFIG)
+    assert radio.los_probability is not None
+    for certain in (
+        recovered(unknown_heights="infinite"),
+        recovered(default_height_m=1.8),
+        recovered(known_sizes=with_sizes_of(WORLD, RecoveryConfig()).known_sizes),
+    ):
+        assert not certain.height_groups
+        assert radio_map(certain, WORLD.access_points, CONFIG).los_probability is None
+
+
+def test_what_is_handed_over_is_what_is_used():
+    """By `explore.prior`; sizes that are given stay as they are."""
+    only_extent = RunConfig(explore=ExploreConfig(prior="extent"))
+    told = with_prior(WORLD, only_extent).recovery
+    assert (told.known_sizes, told.ceiling_m, told.laser_height_m) == ((), 3.0, 0.2)
+    assert len(with_prior(WORLD, RunConfig()).recovery.known_sizes) >= 2
+    given = RunConfig(recovery=RecoveryConfig(known_sizes=((1.0, 1.0, 1.0),)))
+    assert with_prior(WORLD, given).recovery.known_sizes == ((1.0, 1.0, 1.0, 1.0),)
+
+
+def test_one_drive_is_judged_with_and_without_sizes():
+    scans, trajectory = scanned_room(0.01, 0.0)
+    config = RunConfig(explore=ExploreConfig(resolution_m=0.1))
+    known, unknown = sizes_metrics(WORLD, scans, trajectory, with_prior(WORLD, config))
+    assert (known.name, unknown.name) == ("accuracy_with_sizes", "accuracy_without_sizes")
+    assert 0.8 < unknown.value < known.value
+    assert known.value > 0.985
+
+
+@pytest.mark.parametrize(
+    ("write", "read"),
+    [(write_radio_npz, read_radio_npz), (write_radio_netcdf, read_radio_netcdf)],
+)
+def test_files_keep_probability_unknown_links_and_radius(write, read, tmp_path):
+    groups = (HeightGroup((0,), np.array([[0.3], [1.4], [2.6]])),)
+    radio = radio_map(room([box(2.0, 1.5)], groups), [AP], CONFIG)
+    unknown = np.zeros_like(radio.line_of_sight)
+    unknown[0, 3:5, 7:9] = True
+    radio = replace(
+        radio,
+        los_unknown=unknown,
+        line_of_sight=radio.line_of_sight & ~unknown,
+        expansion_radius_m=0.3,
+    )
+    write(tmp_path / "map", radio)
+    back = read(tmp_path / "map")
+    np.testing.assert_array_equal(back.sight_probability, radio.sight_probability)
+    np.testing.assert_array_equal(back.sight_unknown, unknown)
+    np.testing.assert_array_equal(back.line_of_sight, radio.line_of_sight)
+    assert math.isclose(back.expansion_radius_m, 0.3)
