@@ -77,6 +77,7 @@ def _drive_metrics(subject: Subject) -> tuple[Metric, ...]:
         Metric("revisit_share", drive.revisit_share, note="of the cells entered"),
         Metric("drive_time_s", drive.drive_time_s, note="simulated"),
         Metric("collisions", float(drive.collisions), note="contacts with the true world"),
+        Metric("planning_s", drive.planning_s, note="processor time"),
     )
 
 

@@ -32,6 +32,12 @@ _BUILT_IN: Final = (
        " same drive, the length, width and height of every obstacle being known"),
     _K("accuracy_without_sizes", "", "radio-map accuracy, no size known", "more", _DRIVEN, "of the"
        " same drive, heights taken from a prior"),
+    *(
+        _K(f"accuracy_re_{key}_{sizes}_sizes", "", f"accuracy, R_e = {words}, {sizes} sizes",
+           "more", _DRIVEN, "of the same drive, with explore.judge_variants")
+        for key, words in (("cell", "one cell"), ("robot", "robot radius"), ("zero", "0"))
+        for sizes in ("with", "without")
+    ),
     _K("accuracy_area", "", "radio-map accuracy on a fine lattice", "more", _WORLD, "the same on a"
        " lattice that does not depend on the run's resolution"),
     _K("coverage_observed", "", "observed", "more", _WORLD, "share of the accessible area seen"),
@@ -61,6 +67,7 @@ _BUILT_IN: Final = (
     _K("revisit_share", "", "cells entered again", "less", _DRIVEN, "share of cell entries"),
     _K("drive_time_s", "s", "driving time", "less", _DRIVEN, "simulated"),
     _K("collisions", "", "collisions", "less", _DRIVEN, "contacts with the true world"),
+    _K("planning_s", "s", "planning", "less", _DRIVEN, "processor time of the explorer"),
     # --- trajectory against the truth
     _K("ate_rmse_m", "m", "ATE, RMSE", "less", _TRUTH, "root mean square distance of matched"
        " positions after alignment", True),

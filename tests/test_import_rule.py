@@ -17,7 +17,8 @@ MAY_IMPORT = {
     "frontends": {"core", "frontends"},
     "backends": {"core", "frontends", "backends"},
     "eval": {"core", "eval"},
-    "app": {"core", "frontends", "backends", "eval", "app"},
+    "app": {"core", "frontends", "backends", "eval", "app", "paper"},
+    "paper": {"core", "frontends", "backends", "eval", "app", "paper"},
 }
 
 
@@ -37,7 +38,7 @@ def files() -> Iterator[tuple[str, Path]]:
         if inside == "__main__.py":
             yield "app", path
         elif inside not in ("frontends", "backends", "eval"):
-            yield "app" if inside == "app" else "core", path
+            yield inside if inside in ("app", "paper") else "core", path
 
 
 def imported(path: Path) -> Iterator[str]:

@@ -20,12 +20,13 @@ from slarm_graph.app.outputs import save_geographic, save_radio, save_slam, save
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
-from slarm_graph.app.truth import accuracy_metrics, sizes_metrics
+from slarm_graph.app.truth import accuracy_metrics, sizes_metrics, variant_metrics
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import References, Subject
 from slarm_graph.eval.metric_table import in_table_order
+from slarm_graph.eval.metrics import Metric
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.files.states import SavedStates
@@ -99,7 +100,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
             drive=drive.report,
         )
         accuracy = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
-        both = sizes_metrics(world, log.scans, slam.trajectory, config)
+        both: tuple[Metric, ...] = sizes_metrics(world, log.scans, slam.trajectory, config)
+        if config.explore.judge_variants:
+            both = (*both, *variant_metrics(world, log.scans, slam.trajectory, config))
         metrics = in_table_order((*accuracy, *both, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))

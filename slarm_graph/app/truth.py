@@ -54,6 +54,26 @@ def sizes_metrics(
     )
 
 
+def variant_metrics(
+    world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
+) -> tuple[Metric, ...]:
+    """Return the accuracy of one drive for every R_e of the figures, with and without sizes."""
+    radii_m = {
+        "cell": config.explore.resolution_m,
+        "robot": config.explore.driving.robot_radius_m,
+        "zero": 0.0,
+    }
+    found = []
+    for key, radius_m in radii_m.items():
+        both = with_and_without_sizes(world, config.recovery)
+        for sizes, recovery in zip(("with", "without"), both, strict=True):
+            expanded = recovery.model_copy(update={"expansion_radius_m": radius_m})
+            score = _recovered_accuracy(world, scans, trajectory, config, expanded)
+            name = f"accuracy_re_{key}_{sizes}_sizes"
+            found.append(Metric(name, score.accuracy, note=f"R_e = {score.expansion_radius_m:g} m"))
+    return tuple(found)
+
+
 def _recovered_accuracy(
     world: WorldMap,
     scans: Sequence[LaserScan],

@@ -100,6 +100,9 @@ class ExploreConfig(Stage):
     """What the robot is told of a world before it starts, beside its start and the access points:
     the rough extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and
     height of every wall and obstacle, not where they stand. Accuracy is reported for both."""
+    judge_variants: bool = False
+    """Also report the accuracy of the same drive with R_e of one cell, of the robot's radius and
+    of zero, each with and without sizes (for the paper's figure 5)."""
     slam_rmse_m: float = Field(default=0.0, ge=0)
     """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""
     area: tuple[float, float, float, float] | None = None

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
@@ -145,6 +146,7 @@ class ClosedLoop:
         self._leg_age_s = 0.0
         self._going_home = False
         self._commands: list[DriveCommand] = []
+        self._planning_s = 0.0
         self.finished: Finished | None = None
 
     @property
@@ -219,7 +221,7 @@ class ClosedLoop:
             live.geometry,
             Coverage(live.observed(), live.visited, live.footprint()),
             self.finished or Finished("interrupted"),
-            drive_report(truth, live.geometry, self._world.collisions()),
+            drive_report(truth, live.geometry, self._world.collisions(), self._planning_s),
         )
 
     def _decide(self) -> None:
@@ -282,7 +284,9 @@ class ClosedLoop:
         if self._going_home:
             return Finished("everything is known, back at the start")
         for _ in range(_MAX_ASKS):
+            began = time.thread_time()
             goal = self._explorer.next_goal(coverage, pose)
+            self._planning_s += time.thread_time() - began
             if isinstance(goal, Finished) or len(goal.points_m) > 1:
                 return goal
         return _NO_LEG

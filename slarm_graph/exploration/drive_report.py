@@ -35,6 +35,8 @@ class DriveReport:
         Simulated time from the first to the last reading.
     collisions : int
         Contacts with the true world.
+    planning_s : float
+        Processor time of the explorer's decisions.
     """
 
     path_length_m: float
@@ -42,14 +44,17 @@ class DriveReport:
     revisit_share: float
     drive_time_s: float
     collisions: int
+    planning_s: float = 0.0
 
 
-def drive_report(driven: Trajectory, geometry: GridGeometry, collisions: int) -> DriveReport:
+def drive_report(
+    driven: Trajectory, geometry: GridGeometry, collisions: int, planning_s: float = 0.0
+) -> DriveReport:
     """Sum a drive up on the cells of a lattice."""
     span_s = float(driven.stamps_ns[-1] - driven.stamps_ns[0]) * 1e-9
     length_m = driven.path_length_m()
     revisits = revisit_share(driven, geometry)
-    return DriveReport(length_m, count_turns(driven), revisits, span_s, collisions)
+    return DriveReport(length_m, count_turns(driven), revisits, span_s, collisions, planning_s)
 
 
 def count_turns(driven: Trajectory) -> int:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -15,18 +15,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.reproduce_theory import Complexity
+from slarm_graph.paper.theory import Complexity
 from slarm_graph.radio.pictures import draw_gain
 
 _DPI: Final = 130
 """Of pictures on a screen: 130 pixels to the inch make them as wide as the page."""
 _STYLES: Final = ("-", "--", ":", "-.")
-_PANELS: Final = ("ours", "R_e = one cell", "hypothesis")
-_TITLES: Final = {
-    "ours": "Closed loop, R_e = 0",
-    "R_e = one cell": "Closed loop, the paper's R_e = one cell",
-    "hypothesis": "Hypotheses, without SLAM error",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,17 +59,49 @@ def save_gain_figure(path: Path, title: str, maps: Sequence[tuple[float, RadioMa
 
 
 def save_accuracy_figure(
-    path: Path, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
+    path: Path, title: str, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
 ) -> None:
-    """Draw accuracy over resolution: ours, ours with the paper's preset, hypotheses."""
-    figure = Figure(figsize=(15.0, 4.6), layout="constrained")
+    """Draw accuracy over resolution, a panel per kind of curve in the order in which they come."""
+    panels = list(dict.fromkeys(curve.panel for curve in curves))
+    figure = Figure(figsize=(5.0 * len(panels), 4.8), layout="constrained")
     FigureCanvasAgg(figure)
-    figure.suptitle("Figure 5: accuracy of the radio map")
-    all_axes = figure.subplots(1, len(_PANELS), sharey=True)
-    for axes, panel in zip(all_axes, _PANELS, strict=True):
+    figure.suptitle(title)
+    all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    for axes, panel in zip(all_axes, panels, strict=True):
         _draw_panel(axes, [c for c in curves if c.panel == panel], paper)
-        axes.set_title(_TITLES[panel])
+        axes.set_title(panel)
     all_axes[0].set_ylabel("accuracy [%]")
+    figure.savefig(path, dpi=_DPI)
+
+
+def save_times_figure(
+    path: Path, explorer: str, lines: Mapping[str, Sequence[tuple[float, float, float, float]]]
+) -> None:
+    """Draw drive, planning and wall time over the cell size.
+
+    Parameters
+    ----------
+    path : Path
+    explorer : str
+    lines : mapping of label to (resolution [m], drive [s], planning [s], wall [s])
+    """
+    figure = Figure(figsize=(13.0, 4.2), layout="constrained")
+    FigureCanvasAgg(figure)
+    figure.suptitle(
+        f"{explorer} in closed loop: completion time. The paper says it grows with the resolution;"
+        " it does as cells get finer"
+    )
+    names = ("driving, simulated", "planning, processor", "whole run, wall clock")
+    for n, (axes, name) in enumerate(zip(figure.subplots(1, 3), names, strict=True)):
+        for label, points in lines.items():
+            x, y = [point[0] for point in points], [point[n + 1] for point in points]
+            axes.plot(x, y, "o-", label=label, markersize=3)
+        axes.set_title(name)
+        axes.set_xlabel("resolution [m]")
+        axes.set_ylabel("time [s]")
+        axes.set_yscale("log")
+        axes.grid(alpha=0.3)
+    figure.axes[0].legend(fontsize=7)
     figure.savefig(path, dpi=_DPI)
 
 
@@ -89,7 +115,7 @@ def save_complexity_figure(path: Path, table: Sequence[Complexity]) -> None:
     left.loglog(side, side**2, ":", color="0.5", label="N$^2$")
     left.loglog(side, side**3, "--", color="0.5", label="N$^3$ (paper, best case)")
     left.set_xlabel("N, side of the grid [cells]")
-    left.set_title("Algorithm 1, comparisons")
+    left.set_title("Algorithm 1, comparisons: each cell is looked at about once and a half")
     left.legend()
     resolution = [row.resolution_m for row in table]
     right.plot(resolution, [row.drive_s for row in table], "o-")

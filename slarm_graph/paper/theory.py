@@ -50,6 +50,14 @@ class Complexity:
     accessible : int
         Cells that the robot's centre can get to.
     comparisons, restarts, turns, revisits : int
+        A comparison is a look at the value of one grid cell. The paper's best case, O(N^3), would
+        be three nested loops over the side; literal Algorithm 1 looks once ahead in each cell and
+        at up to three cells above where that fails, so that comparisons grow with the number of
+        cells, N^2, and a new start costs one search over the cells that are left.
+    comparisons_per_cell : float
+        Of the accessible ones.
+    paper_space, paper_best, paper_worst_log10 : float
+        N^2, N^3 and the logarithm of N (log2 N)^N for the grid's longer side N, as claimed.
     path_m : float
         Length of the path over cell centres [m].
     drive_s : float
@@ -65,6 +73,10 @@ class Complexity:
     restarts: int
     turns: int
     revisits: int
+    comparisons_per_cell: float
+    paper_space: float
+    paper_best: float
+    paper_worst_log10: float
     path_m: float
     drive_s: float
     planning_s: float
@@ -76,14 +88,20 @@ def complexity(world: WorldMap, resolution_m: float, driving: DrivingConfig) -> 
     path, planning_s = _planned(coverage, world)
     at_s = times_s(path.cells, resolution_m, driving)
     steps = np.diff(path.cells, axis=0)
+    accessible = int(np.sum(reachable(coverage.moves, start_of(coverage, world))))
+    side = float(max(coverage.codes.shape))
     return Complexity(
         resolution_m,
         coverage.codes.size,
-        int(np.sum(reachable(coverage.moves, start_of(coverage, world)))),
+        accessible,
         path.counts.comparisons,
         path.counts.restarts,
         path.counts.turns,
         path.counts.revisits,
+        path.counts.comparisons / accessible,
+        side**2,
+        side**3,
+        math.log10(side) + side * math.log10(math.log2(side)),
         float(np.hypot(*steps.T).sum()) * resolution_m,
         float(at_s[-1]),
         planning_s,

@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import pytest
 
-from slarm_graph.app.reproduce_theory import mission_accuracy, one_cell_ring_accuracy
 from slarm_graph.config import DrivingConfig
 from slarm_graph.files.worlds import load_world
+from slarm_graph.paper.theory import mission_accuracy, one_cell_ring_accuracy
 
 # From an independent model of the room without SLAM.
 RING_PERCENT = {0.02: 97.1, 0.05: 92.7, 0.10: 85.2, 0.20: 68.6, 0.25: 64.3}
