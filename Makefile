@@ -3,7 +3,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 READY := .venv/.ready
 
-.PHONY: install demo test slow bench gate lint docs clean
+.PHONY: install demo test slow bench gate mutants lint docs clean
 
 install: $(READY)
 
@@ -27,6 +27,9 @@ bench: $(READY)
 
 gate: $(READY)
 	$(BIN)/python benchmarks/gate.py $(RECORDINGS) $(RECORD)
+
+mutants: $(READY)
+	$(BIN)/python benchmarks/mutants.py
 
 lint: $(READY)
 	$(BIN)/ruff check .

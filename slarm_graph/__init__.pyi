@@ -69,6 +69,7 @@ from slarm_graph.grid import OccupancyGrid as OccupancyGrid
 from slarm_graph.mapping import render as render
 from slarm_graph.radio.fading import channel_coefficients as channel_coefficients
 from slarm_graph.radio.fading import faded_gain_db as faded_gain_db
+from slarm_graph.radio.fading import fading_maps as fading_maps
 from slarm_graph.radio.files import read_radio_npz as read_radio_npz
 from slarm_graph.radio.files import write_radio_csv as write_radio_csv
 from slarm_graph.radio.files import write_radio_npz as write_radio_npz

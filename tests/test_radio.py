@@ -10,13 +10,13 @@ import math
 import numpy as np
 import pytest
 
-from slarm_graph.access_points import AccessPoint
+from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.fading import channel_coefficients, faded_gain_db
+from slarm_graph.radio.fading import channel_coefficients, faded_gain_db, fading_maps
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import radio_map, radio_notices, theoretical_radio_map
 from slarm_graph.world import Solid
@@ -121,6 +121,32 @@ def test_fading_converges_to_the_expected_gain():
         h = channel_coefficients(loss_db, clear, factor_db, rng, realisations=200_000)
         mean_power = np.mean(np.abs(h) ** 2, axis=0)
         np.testing.assert_allclose(mean_power, 10.0 ** (-0.1 * loss_db), rtol=0.015)
+
+
+def test_realisations_of_a_map_average_to_the_expected_gain():
+    """Clear, blocked and half-likely links; outage where the power falls below the threshold."""
+    loss_db = np.array([[[60.0, 75.0, 70.0, np.nan]]], dtype=np.float32)
+    radio = RadioMap(
+        GridGeometry(0.0, 0.0, 0.5, 1, 4),
+        (AccessPoint("ap", 0.0, 0.0, 2.0, power_dbm=10.0),),
+        loss_db,
+        np.array([[[True, False, False, False]]]),
+        0.5,
+        "InF-SH",
+        7.0,
+        "prior",
+        los_probability=np.array([[[1.0, 0.0, 0.5, 0.0]]], dtype=np.float32),
+    )
+    maps = fading_maps(radio, 40_000, np.random.default_rng(5), threshold_dbm=-65.0)
+    assert maps.gain_db.shape == (40_000, 1, 1, 4)
+    mean = np.mean(10.0 ** (0.1 * maps.gain_db.astype(np.float64)), axis=0)
+    np.testing.assert_allclose(mean[0, 0, :3], 10.0 ** (-0.1 * loss_db[0, 0, :3]), rtol=0.03)
+    assert np.isnan(maps.outage_probability[0, 0, 3])
+    # Rayleigh: P(power < its mean) = 1 - 1 / e; the clear link is 15 dB above.
+    np.testing.assert_allclose(maps.outage_probability[0, 0, 1], 1.0 - np.exp(-1.0), atol=0.01)
+    assert maps.outage_probability[0, 0, 0] < 0.01
+    with pytest.raises(BadInput, match="realisations"):
+        fading_maps(radio, 10**9, np.random.default_rng(5))
 
 
 def test_rician_factor_narrows_clear_links_only():

@@ -4,10 +4,88 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from slarm_graph.access_points import RadioMap
+from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
+
+_MOST_VALUES = 500_000_000
+"""Two gigabytes of single precision: more is a slip of the keyboard on most machines."""
+
+
+@dataclass(frozen=True, slots=True)
+class FadingMaps:
+    """Realisations of a radio map.
+
+    Parameters
+    ----------
+    gain_db : (R, A, rows, cols) float32
+        Channel power gain of every realisation [dB]; nan where no antenna can be.
+    outage_probability : (A, rows, cols) float32
+        Share of the realisations whose received power is below the threshold.
+    threshold_dbm : float
+    """
+
+    gain_db: NDArray[np.float32]
+    outage_probability: NDArray[np.float32]
+    threshold_dbm: float
+
+
+def fading_maps(
+    radio: RadioMap, realisations: int, rng: np.random.Generator, *, threshold_dbm: float = -90.0
+) -> FadingMaps:
+    """Draw maps of the channel power gain, whose mean power is the expected gain, eq. (1)-(2).
+
+    Cells are drawn independently of each other. A link that is clear with a probability is clear
+    in that share of the realisations.
+
+    Parameters
+    ----------
+    radio : RadioMap
+    realisations : int
+    rng : numpy Generator
+    threshold_dbm : float
+        Received power below which a link counts as out [dBm].
+
+    Raises
+    ------
+    BadInput
+        When there are none, or more than two gigabytes of them.
+    """
+    shape = (realisations, *radio.path_loss_db.shape)
+    if realisations < 1 or np.prod(shape, dtype=np.float64) > _MOST_VALUES:
+        raise BadInput(
+            f"{realisations} realisations of {radio.path_loss_db[0].size} cells: give from 1 to"
+            f" {_MOST_VALUES // max(radio.path_loss_db.size, 1)}"
+        )
+    gain_db: NDArray[np.float32] = np.empty(shape, dtype=np.float32)
+    for one in gain_db:
+        clear = rng.random(radio.path_loss_db.shape) < radio.sight_probability
+        drawn = channel_coefficients(
+            radio.path_loss_db, clear, radio.rician_factor_db, rng, realisations=1
+        )
+        one[...] = faded_gain_db(drawn[0])
+    power_dbm = np.array([ap.power_dbm for ap in radio.access_points])[:, None, None]
+    out = np.mean(gain_db + power_dbm < threshold_dbm, axis=0)
+    nowhere = np.isnan(radio.path_loss_db)
+    return FadingMaps(gain_db, np.where(nowhere, np.nan, out).astype(np.float32), threshold_dbm)
+
+
+def write_fading(path: Path, maps: FadingMaps) -> None:
+    """Write realisations as a compressed NPZ of plain arrays."""
+    with path.open("wb") as file:
+        np.savez_compressed(
+            file,
+            allow_pickle=False,
+            channel_power_gain_db=maps.gain_db,
+            outage_probability=maps.outage_probability,
+            threshold_dbm=np.asarray(maps.threshold_dbm),
+        )
 
 
 def channel_coefficients(

@@ -9,14 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
 from slarm_graph.config import RadioConfig
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Mask
-from slarm_graph.polygons import contains
+from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.polygons import contains, edges_m
 from slarm_graph.radio.line_of_sight import (
     line_of_sight_over_cells,
     line_of_sight_past_cells,
@@ -24,6 +23,7 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
 )
 from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.segments import cells_passed
 from slarm_graph.world import Solid
 
 _GAP_M = 0.36
@@ -128,27 +128,40 @@ def _clear_of(
     return clear
 
 
-def unseen_pockets(states: NDArray[np.uint8], resolution_m: float) -> Mask:
+def unseen_pockets(geographic: GeographicMap) -> Mask:
     """Cells (rows, cols) nobody has seen, in pockets with an open border to what is free.
 
     What walls enclose has the walls' height; behind an open border there may be anything. Gaps
     narrower than a robot are places where a wall was not hit, not ways in.
     """
+    states, geometry = geographic.states, geographic.geometry
     free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
     pockets, _ = ndimage.label(states == CellState.UNKNOWN)
     around = np.ones((3, 3))
-    # A slanted wall of one cell's depth has holes, but none without a wall beside it.
-    near_wall = ndimage.binary_dilation(states == CellState.OBSTACLE, around)
+    # A wall one cell deep has holes where its face lies on centres, none without wall beside it.
+    wall = (states == CellState.OBSTACLE) | _outlined(geometry, geographic.solids)
+    near_wall = ndimage.binary_dilation(wall, around)
     border = ndimage.binary_dilation(free) & (pockets > 0) & ~near_wall
     gaps, count = ndimage.label(border, around)
-    wide = np.bincount(gaps.ravel(), minlength=count + 1) * resolution_m >= _GAP_M
+    wide = np.bincount(gaps.ravel(), minlength=count + 1) * geometry.resolution_m >= _GAP_M
     wide[0] = False
     return np.asarray(np.isin(pockets, np.unique(pockets[wide[gaps]])) & (pockets > 0))
 
 
+def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
+    """Cells (rows, cols) that an edge of a solid passes."""
+    passed = np.zeros(geometry.shape, dtype=np.bool_)
+    if solids:
+        edges = np.concatenate([edges_m(solid.corners_m) for solid in solids])
+        origin = (geometry.origin_x_m, geometry.origin_y_m) * 2
+        _, cells = cells_passed((edges - origin) / geometry.resolution_m, geometry.shape, 0.0)
+        passed.flat[cells] = True
+    return passed
+
+
 def _past_unseen(geographic: GeographicMap, position_m: Floats, config: RadioConfig) -> Mask:
     """Links (rows, cols) that pass unseen cells at whatever height: nobody knows if clear."""
-    unseen = unseen_pockets(geographic.states, geographic.geometry.resolution_m)
+    unseen = unseen_pockets(geographic)
     if not unseen.any():
         return unseen
     return ~line_of_sight_past_cells(
