@@ -96,7 +96,7 @@ def recover(
     blocks, strips, groups = shape.blocks, shape.strips, shape.groups
     # On a large site the layers so far take more memory than the result.
     del shape, laid
-    states[_expanded(target, states, config.expansion_radius_m) & ~visited] = CellState.EXPANSION
+    states[_expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
     accessible = states == CellState.ACCESSIBLE
     states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
     del accessible
@@ -284,12 +284,19 @@ def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -
 
 
 def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask:
-    """Accessible cells within the expansion radius, rounded up to cells, of an obstacle."""
+    """Accessible cells within the expansion radius, rounded up to cells, of what is not free.
+
+    That is obstacles, what nobody has seen, which behind a wall is all there is of it on coarse
+    cells, and what lies beyond the lattice.
+    """
     if radius_m <= 0.0:
         return np.zeros(target.shape, dtype=np.bool_)
     whole_m, cell_m = _whole_cells_m(target, radius_m), target.resolution_m
-    near = within(states == CellState.OBSTACLE, whole_m, cell_m)
-    return np.asarray(near & (states == CellState.ACCESSIBLE))
+    rim = round(whole_m / cell_m)
+    shut = np.isin(states, (CellState.OBSTACLE, CellState.UNKNOWN))
+    near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
+    inner = near[rim : rim + target.rows, rim : rim + target.cols]
+    return np.asarray(inner & (states == CellState.ACCESSIBLE))
 
 
 def _whole_cells_m(target: GridGeometry, radius_m: float) -> float:
