@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from slarm_graph.backend import SlamResult
 from slarm_graph.config import DrivingConfig, ExploreConfig
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.errors import BadInput
@@ -18,6 +19,7 @@ from slarm_graph.eval.map_accuracy import map_accuracy
 from slarm_graph.eval.relations import Relations, relation_errors
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.exploration.live_map import LiveMap, _forbidden
+from slarm_graph.exploration.survey import position_rmse_m
 from slarm_graph.files.g2o import read_g2o
 from slarm_graph.files.maps import read_map
 from slarm_graph.frontends.recordings.rotations import quaternion_of, yaws
@@ -27,11 +29,18 @@ from slarm_graph.trajectory import Trajectory
 
 def test_the_rough_boundary_shrinks_by_half_the_rmse_on_each_side():
     geometry = GridGeometry(-1.0, -1.0, 0.1, 30, 40)
-    out = _forbidden(geometry, (-1.0, 3.0, -1.0, 2.0), ExploreConfig(slam_rmse_m=0.4))
+    out = _forbidden(geometry, (-1.0, 3.0, -1.0, 2.0), ExploreConfig(), 0.4)
     x, y = np.moveaxis(geometry.centers(), -1, 0)
     inside = (x > -0.8) & (x < 2.8) & (y > -0.8) & (y < 1.8)
     np.testing.assert_array_equal(out, ~inside)
-    assert not _forbidden(geometry, (-1.0, 3.0, -1.0, 2.0), ExploreConfig()).any()
+    assert not _forbidden(geometry, (-1.0, 3.0, -1.0, 2.0), ExploreConfig(), 0.0).any()
+
+
+def test_the_error_of_positions_is_the_slam_stages_own():
+    path = Trajectory(np.arange(2), np.zeros((2, 3)))
+    covariances = np.stack([np.diag([0.01, 0.03, 9.0]), np.diag([0.02, 0.06, 9.0])])
+    assert position_rmse_m(SlamResult(path, covariances=covariances)) == pytest.approx(0.06**0.5)
+    assert position_rmse_m(SlamResult(path)) == 0.0
 
 
 def test_planning_keeps_the_margin_beyond_half_a_cell():

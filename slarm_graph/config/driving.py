@@ -103,8 +103,9 @@ class ExploreConfig(Stage):
     judge_variants: bool = False
     """Also report the accuracy of the same drive with R_e of one cell, of the robot's radius and
     of zero, each with and without sizes (for the paper's figure 5)."""
-    slam_rmse_m: float = Field(default=0.0, ge=0)
-    """The rough boundary shrinks by this, half of it on each side (Algorithm 1)."""
+    slam_rmse_m: float | None = Field(default=None, ge=0)
+    """The rough boundary shrinks by this, half of it on each side (Algorithm 1); null takes the
+    root mean square of what the SLAM stage itself says of its positions, so far as it does."""
     area: tuple[float, float, float, float] | None = None
     """Do not leave x_min, x_max, y_min, y_max [m]."""
     keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()

@@ -52,7 +52,9 @@ class LiveMap:
         self.config = config
         self.geometry = GridGeometry.covering(*extent_m, config.resolution_m)
         self.driving_geometry = _divided(self.geometry, config.driving.grid_m)
-        self._forbidden = _forbidden(self.driving_geometry, extent_m, config)
+        self._extent_m = extent_m
+        self._rmse_m = config.slam_rmse_m or 0.0
+        self._forbidden = _forbidden(self.driving_geometry, extent_m, config, self._rmse_m)
         self._scan_points = np.empty((0, 2))
         self._rendering = Rendering(GridMapper(mapping or MappingConfig(), self.driving_geometry))
         self._forget_covered()
@@ -128,6 +130,12 @@ class LiveMap:
         clearance = self._clearance_m(window)[spots[:, 0] - low[0], spots[:, 1] - low[1]]
         return bool(clearance.min() >= self._least_m())
 
+    def shrink_by(self, rmse_m: float) -> None:
+        """Shrink the rough boundary by the error of positions, half of it on each side [m]."""
+        if rmse_m != self._rmse_m:
+            self._rmse_m = rmse_m
+            self._forbidden = _forbidden(self.driving_geometry, self._extent_m, self.config, rmse_m)
+
     def _least_m(self) -> float:
         """Least distance between the robot's centre and the centre of an occupied cell [m]."""
         return self.config.driving.robot_radius_m + 0.5 * self.driving_geometry.resolution_m
@@ -192,12 +200,15 @@ def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
 
 
 def _forbidden(
-    geometry: GridGeometry, extent_m: tuple[float, float, float, float], config: ExploreConfig
+    geometry: GridGeometry,
+    extent_m: tuple[float, float, float, float],
+    config: ExploreConfig,
+    rmse_m: float,
 ) -> Mask:
-    """Driving cells (rows, cols) that the user or the rough boundary rules out."""
+    """Driving cells (rows, cols) that the user or the shrunk rough boundary rules out."""
     centers = geometry.centers()
     x, y = centers[..., 0], centers[..., 1]
-    shrink_m = 0.5 * config.slam_rmse_m
+    shrink_m = 0.5 * rmse_m
     limits = [(extent_m, shrink_m)] + ([(config.area, 0.0)] if config.area else [])
     out = np.zeros(geometry.shape, dtype=np.bool_)
     for (x_min, x_max, y_min, y_max), inset in limits:

@@ -129,6 +129,8 @@ class Survey:
         self._last_rebuild = self.readings
         self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
         corrected = self._backend.result()
+        if self.live.config.slam_rmse_m is None:
+            self.live.shrink_by(position_rmse_m(corrected))
         every = max(1, self.readings // _MAX_RENDERED_SCANS)
         self.live.follow(
             self.log.scans, corrected.trajectory.transformed(self.world_from_map), every
@@ -154,3 +156,10 @@ class Survey:
         soon = max(_REBUILD_READINGS // 3, self.readings // 20)
         jump = self._has_moved and self.readings - self._last_rebuild >= soon
         return jump or self.readings >= self._next_rebuild
+
+
+def position_rmse_m(slam: SlamResult) -> float:
+    """Root mean square error of positions by the backend's own covariances; 0 without them [m]."""
+    if slam.covariances is None or not len(slam.covariances):
+        return 0.0
+    return float(np.sqrt(np.mean(np.trace(slam.covariances[:, :2, :2], axis1=1, axis2=2))))
