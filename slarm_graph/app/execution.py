@@ -8,12 +8,13 @@ import logging
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from slarm_graph.app.checkpoint import remove_checkpoint
 from slarm_graph.app.ending import last_words
 from slarm_graph.app.explore import explore_world
+from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import ExploreJob, Job, Run
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Progress
@@ -37,6 +38,8 @@ def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run
     BadInput, RunFailed
         When there is nothing to show for it.
     """
+    if isinstance(job, ExploreJob):
+        job = replace(job, config=with_prior(job.world, job.config))
     with _recorded(folder, job.config):
         if isinstance(job, ExploreJob):
             folder.write_text("world.yaml", world_to_yaml(job.world))
