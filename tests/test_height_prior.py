@@ -17,12 +17,8 @@ from slarm_graph.app.truth import sizes_metrics
 from slarm_graph.config import ExploreConfig, MappingConfig, RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.files import (
-    read_radio_netcdf,
-    read_radio_npz,
-    write_radio_netcdf,
-    write_radio_npz,
-)
+from slarm_graph.radio.files import read_radio_npz, write_radio_npz
+from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
 from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, plan_kind

@@ -13,7 +13,9 @@ from slarm_graph.app.trials import Trial, TrialSource
 
 PAPER_ROOM: Final = "paper_room"
 RESOLUTIONS_M: Final = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25)
+"""Sides of cells of the paper's figure 5 [m]."""
 SPEEDS_M_S: Final = (0.2, 0.6, 1.0)
+"""Speeds of the paper's figure 5 [m/s]."""
 BACKENDS: Final = ("pose_graph", "gmapping")
 FIGURE_RESOLUTIONS_M: Final = (0.05, 0.1, 0.25)
 """Those of the paper's figures 3 and 4."""

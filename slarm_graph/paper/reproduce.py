@@ -46,6 +46,7 @@ from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 MISSION_S: Final = 1800.0
+"""Of the hypothesis of a fixed mission time: half an hour, in which 0.05 m is just driven."""
 _PAPER_POINTS: Final = ((0.05, PAPER_BEST, "paper, 1 m/s"), (0.15, PAPER_COARSE, "paper"))
 _EXPANSION_NAMES: Final = {"cell": "one cell", "robot": "robot radius", "zero": "0"}
 

@@ -29,6 +29,7 @@ from slarm_graph.world import Solid
 _GAP_M = 0.36
 """Width of the robot of the paper's room: what is narrower is no way in."""
 _MOUNT_STEP_M = 0.001
+"""A millimetre: walls are known to about a centimetre."""
 
 
 @dataclass(frozen=True, slots=True)

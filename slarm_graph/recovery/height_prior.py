@@ -36,8 +36,11 @@ LEVELS: Final = 10
 """Equally likely heights per obstacle; half as many halves the time and leaves probabilities in
 steps of a fifth."""
 _SURFACE_M: Final = (0.70, 1.10)
+"""Surfaces to work at or over: desks (EN 527-1) to counters."""
 _DOOR_M: Final = 2.10
+"""What is carried into a room is no higher (DIN 18101)."""
 _SCREEN_M: Final = (1.2, 1.8)
+"""Heights of office screens (EN 1023-1)."""
 _THIN_M: Final = 0.35
 """Walls between rooms are thinner (masonry up to 0.30 m and plaster), furniture is deeper (0.37 m
 for folders, EN 14073)."""
