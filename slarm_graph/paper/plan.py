@@ -89,7 +89,6 @@ def _trial(folder: Path, s: Setting, seed: int) -> Trial:
         *("--explorer", s.explorer),
         *("--resolution", f"{s.resolution_m:g}", "--speed", f"{s.speed_m_s:g}"),
         *("--set", "explore.judge_variants=true"),
-        "--overwrite",
     )
     room = TrialSource(PAPER_ROOM, is_world=True)
     return Trial(room, s.backend, seed, folder.resolve() / "runs" / name, options)
