@@ -7,8 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.signal import fftconvolve
+import scipy
 
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import align
@@ -145,7 +144,9 @@ class _Fits:
         near_s = float(min(np.arange(-10, 11) * _STEP_S / 2.0 + offset_s, key=self.misfit))
         bounds = (near_s - _STEP_S / 2.0, near_s + _STEP_S / 2.0)
         options = {"xatol": 1e-4}
-        found = minimize_scalar(self.misfit, bounds=bounds, method="bounded", options=options)
+        found = scipy.optimize.minimize_scalar(
+            self.misfit, bounds=bounds, method="bounded", options=options
+        )
         return float(found.x) if found.fun < self.misfit(near_s) else near_s
 
 
@@ -179,7 +180,7 @@ def _correlation(a: Floats, b: Floats, least: int) -> Floats:
 
     def shifted(x: Floats, y: Floats) -> Floats:
         """Return sum of products at every shift."""
-        return np.asarray(fftconvolve(x, y[::-1], mode="full"))
+        return np.asarray(scipy.signal.fftconvolve(x, y[::-1], mode="full"))
 
     ones_a, ones_b = np.ones_like(a), np.ones_like(b)
     count = np.round(shifted(ones_a, ones_b)).clip(1.0)

@@ -7,8 +7,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.optimize import least_squares
-from scipy.signal import fftconvolve
+import scipy
 
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.map_accuracy import distance_to_m
@@ -62,7 +61,7 @@ def _search(target: Floats, source: Floats) -> Pose2:
     best, found = -np.inf, Pose2()
     for theta in np.arange(0.0, 2.0 * math.pi, _COARSE_STEP_RAD):
         turned = transform_points(np.array([0.0, 0.0, theta]), source - middle)
-        match = fftconvolve(image, _raster(turned, window)[::-1, ::-1], mode="full")
+        match = scipy.signal.fftconvolve(image, _raster(turned, window)[::-1, ::-1], mode="full")
         row, col = np.unravel_index(int(match.argmax()), match.shape)
         if match[row, col] > best:
             best = float(match[row, col])
@@ -94,7 +93,9 @@ def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
         """Distance (N,) of every source wall point from the reference's walls [m]."""
         return _bilinear(field, geometry, transform_points(pose, source))
 
-    fit = least_squares(distances, start.as_array(), loss="soft_l1", f_scale=0.1, diff_step=1e-4)
+    fit = scipy.optimize.least_squares(
+        distances, start.as_array(), loss="soft_l1", f_scale=0.1, diff_step=1e-4
+    )
     return Pose2.from_array(fit.x)
 
 

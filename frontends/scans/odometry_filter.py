@@ -6,12 +6,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from numba import njit
 
+from slarm_graph.frontends.scans.kalman import KalmanFilter
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
@@ -53,9 +52,7 @@ class OdometryFilter:
     """
 
     def __init__(self) -> None:
-        self._kalman = KalmanFilter(dim_x=3, dim_z=3)
-        self._kalman.x = np.zeros(3)
-        self._kalman.P = np.diag(_FIRST_SPEED**2)
+        self._kalman = KalmanFilter(np.zeros(3), np.diag(_FIRST_SPEED**2))
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
         self._distrust = 1.0
@@ -122,16 +119,6 @@ class OdometryFilter:
         self._kalman.x = _FADING * self._kalman.x
         grown = np.diag(self._kalman.P) / _FADING**2
         self._kalman.P = np.diag(np.minimum(grown, _ANYWHERE**2))
-
-    def kept_state(self) -> dict[str, object]:
-        """Return what a snapshot has to hold; of the Kalman filter only what lasts."""
-        return {**vars(self), "_kalman": (self._kalman.x, self._kalman.P)}
-
-    def take_state(self, state: dict[str, Any]) -> None:
-        """Go on from what was kept."""
-        kalman = self._kalman
-        kalman.x, kalman.P = state["_kalman"]
-        vars(self).update(state, _kalman=kalman)
 
     def _motion(self, span: float) -> Prediction:
         """Motion over `span` at the filter's velocity."""

@@ -23,9 +23,6 @@ from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.radio.files import write_radio_csv, write_radio_npz
-from slarm_graph.radio.netcdf import write_radio_netcdf
-from slarm_graph.radio.pictures import write_radio_png
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
@@ -94,6 +91,11 @@ def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -
     """Write the radio map in all its forms, where there is one."""
     if radio is None:
         return
+    # NetCDF and matplotlib are loaded only where there is something for them to do.
+    from slarm_graph.radio.files import write_radio_csv, write_radio_npz
+    from slarm_graph.radio.netcdf import write_radio_netcdf
+    from slarm_graph.radio.pictures import write_radio_png
+
     forms: list[tuple[str, Callable[[Path, RadioMap], None]]] = [
         ("radio_map.npz", write_radio_npz),
         ("radio_map.nc", write_radio_netcdf),
