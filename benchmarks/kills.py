@@ -21,7 +21,7 @@ from numpy.random import Generator
 COMPARED = ("trajectory.tum", "map.pgm", "radio_map.npz")
 EVERY_S = 0.5
 """Time between checkpoints: as short as one takes to write, so that most kills come after one."""
-PATIENCE_S = 600.0
+PATIENCE_S = 3600.0
 _BAD_INPUT = 2
 
 

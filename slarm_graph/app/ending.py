@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING, Final, NoReturn
 if TYPE_CHECKING:
     from slarm_graph.config import LimitsConfig
 
-GRACE_S: Final = 1.5
+GRACE_S: Final = 1.2
 """From a signal to the end of the process, of the two seconds that a terminal's user waits."""
 _POLL_S: Final = 0.05
 """Between two looks at the memory; rendering fills a gigabyte in ten times this."""

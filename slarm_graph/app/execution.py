@@ -103,6 +103,8 @@ def early_end_noted(folder: RunFolder) -> Iterator[None]:
         yield
     except KeyboardInterrupt:
         folder.note(status="partial", problem="interrupted")
+        for line in partial_lines(folder.path, "interrupted"):
+            _log.warning(line)
         raise
     except Exception as error:
         there = (folder.path / "trajectory.tum").is_file()
