@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -159,29 +160,45 @@ def test_cells_are_free_occupied_or_unknown() -> None:
     assert grid.unknown.tolist() == [[False, True, False, True]]
 
 
-def test_a_rendering_is_the_map_of_the_latest_poses_however_it_came_about() -> None:
-    """Oracle: all scans drawn at once. Some poses change, then all, then none."""
-    rng = np.random.default_rng(4)
+def test_a_rendering_is_the_map_of_the_latest_poses_however_it_came_about(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Oracle: all scans drawn at once. Few poses change, then all, then none, then some."""
+    rng, count = np.random.default_rng(4), 40
     scans = [
         LaserScan(rng.uniform(0.5, 6.0, 90), -np.pi, np.pi / 45, 0.1, 8.0, Pose2(0.1, 0.0, 0.2), dt)
-        for dt in rng.choice([0.0, 1e-3], 12)
+        for dt in rng.choice([0.0, 1e-3], count)
     ]
-    stamps = np.arange(12) * 10**8
+    stamps, config = np.arange(count) * 10**8, MappingConfig()
     geometry = GridGeometry(-4.0, -3.0, 0.07, 90, 120)
-    poses, config = rng.normal(0.0, 0.5, (12, 3)), MappingConfig()
+    poses = rng.normal(0.0, 0.5, (count, 3))
+    drawn: list[int] = []
+    add = GridMapper.add
+
+    def counted(self: GridMapper, scan: LaserScan, *pose: Any, times: int = 1) -> None:
+        drawn.append(times)
+        add(self, scan, *pose, times=times)
+
     rendering = Rendering(GridMapper(config, geometry))
-    for scan, pose in zip(scans[:8], poses, strict=False):
+    for scan, pose in zip(scans[:30], poses, strict=False):
         rendering.add(scan, pose, np.zeros(3))
-    for moved, every in ((slice(2, 4), 1), (slice(0, 12), 1), (slice(0, 0), 1), (slice(5, 9), 3)):
+    steps = [(slice(0, 40), 1), (slice(2, 5), 1), (slice(0, 0), 1), (slice(9, 12), 3)]
+    for moved, every in steps:
         poses[moved] += rng.normal(0.0, 0.2, poses[moved].shape)
         trajectory = Trajectory(stamps, poses)
-        rendering.follow(scans, trajectory, every)
-        fresh = GridMapper(config, geometry)
-        rates = pose_rates(trajectory)
-        for i in range(0, 12, every):
+        with monkeypatch.context() as watched:
+            watched.setattr(GridMapper, "add", counted)
+            drawn.clear()
+            rendering.follow(scans, trajectory, every)
+        fresh, rates = GridMapper(config, geometry), pose_rates(trajectory)
+        for i in range(0, count, every):
             fresh.add(scans[i], poses[i], rates[i])
         assert np.array_equal(rendering.mapper.occupied(), fresh.occupied())
         assert np.array_equal(rendering.mapper.free(), fresh.free())
+        if moved == slice(2, 5):
+            assert sum(times < 0 for times in drawn) == len(drawn) // 2 < 6
+        if moved == slice(0, 0):
+            assert not drawn
 
 
 def test_beams_are_cut_where_they_leave_given_cells() -> None:
