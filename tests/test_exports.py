@@ -18,6 +18,7 @@ from test_cli import run
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.outputs import save_map, save_radio, save_trajectory
 from slarm_graph.app.run_folder import create_run_folder
+from slarm_graph.config import RadioConfig
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world, shipped_worlds
@@ -45,9 +46,8 @@ def folder(tmp_path: Path) -> Path:
         write_coverage(temporary, as_geographic(grid))
     loss = np.where(grid.free, 60.0 + geometry.centers()[..., 0], np.nan).astype(np.float32)
     points = (AccessPoint("AP 1", 0.0, 0.0, 2.5),)
-    save_radio(
-        made, RadioMap(geometry, points, loss[None], grid.free[None], 0.5, "InF-SH", 7.0, "x")
-    )
+    radio = RadioMap(geometry, points, loss[None], grid.free[None], 0.5, "InF-SH", 7.0, "x")
+    save_radio(made, radio, RadioConfig())
     return made.path
 
 
