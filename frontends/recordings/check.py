@@ -128,7 +128,7 @@ def _check_ros(files: Sequence[Path], config: SourceConfig) -> Look:
     looked_at = [topic for topic in recording.topics if topic.msgtype in kinds]
     messages = read_messages(recording, looked_at, echo=config.echo)
     notices = (*recording.notices, *messages.notices)
-    findings = [Finding("warning", "file", notice) for notice in notices]
+    findings = [Finding("warning", "file", notice.removeprefix(WARNING)) for notice in notices]
     for name, blocks in messages.scans.items():
         findings += check_scans(name, blocks) if blocks else []
     for name, odometry in messages.odometry.items():

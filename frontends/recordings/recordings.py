@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +11,7 @@ from typing import Protocol
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Packed
-from slarm_graph.frontends.recordings.ros1_file import Ros1File, UnreadableChunk
+from slarm_graph.frontends.recordings.ros1_file import Ros1File
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +39,11 @@ class Recording(Protocol):
     description: str
     cdr: bool
     topics: tuple[Topic, ...]
-    notices: tuple[str, ...]
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What is amiss with its files; complete once what is wanted has been read."""
+        ...
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
         """Yield the messages of the topics in batches, each topic's in recorded order."""
@@ -55,12 +58,12 @@ class Ros1Recording:
     def __init__(self, paths: Sequence[Path]) -> None:
         self.description = f"ROS 1 bag {', '.join(path.name for path in paths)}"
         self._files = sorted((_open_ros1(path) for path in paths), key=_first_record_ns)
-        self.notices = tuple(
-            f"{file.path.name} {file.damage}; what could be read before that is used"
-            for file in self._files
-            if file.damage
-        )
         self.topics = self._merged_topics()
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """Say how files are damaged, and what of what was read so far is lost."""
+        return tuple(notice for file in self._files for notice in file.notices())
 
     def _merged_topics(self) -> tuple[Topic, ...]:
         found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}
@@ -85,11 +88,8 @@ class Ros1Recording:
                 for number, c in file.connections.items()
                 if (c.topic, c.msgtype) in wanted
             }
-            try:
-                for number, packed in file.read(numbers):
-                    yield numbers[number], packed
-            except UnreadableChunk as error:
-                raise BadInput(f"{file.path}: {error}") from None
+            for number, packed in file.read(numbers):
+                yield numbers[number], packed
 
 
 def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:
@@ -102,13 +102,10 @@ def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:
 
 
 def _open_ros1(path: Path) -> Ros1File:
-    try:
-        file = Ros1File(path)
-    except (KeyError, ValueError, IndexError, struct.error) as error:
-        raise BadInput(f"{path} is damaged: {reason_of(error)}") from error
-    if not file.connections:
-        state = f" ({file.damage})" if file.damage else ""
-        raise BadInput(f"{path} holds no messages{state}")
+    file = Ros1File(path)
+    if not file.connections or not sum(file.counts().values()):
+        state = "; ".join(notice.removeprefix("warning: ") for notice in file.notices())
+        raise BadInput(f"{path} holds no messages{f' ({state})' if state else ''}")
     return file
 
 

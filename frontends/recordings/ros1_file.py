@@ -3,48 +3,42 @@
 """Read the ROS 1 bag container (format 2.0) front to back, in columns.
 
 The `rosbags` reader hands out one message at a time and needs an intact index. This one hands out
-whole chunks, decompresses them in parallel, and reads what is left of a recording that was cut off
-before its index was written. Format: http://wiki.ros.org/Bags/Format/2.0.
+whole chunks, decompresses them in parallel, and loses of a cut, damaged or unindexed bag no more
+than the records that are damaged. Format: http://wiki.ros.org/Bags/Format/2.0.
 """
 
 from __future__ import annotations
 
-import bz2
-import os
-import struct
-from collections import deque
+import mmap
 from collections.abc import Collection, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
-import lz4.frame
 import numpy as np
 
+from slarm_graph.errors import brief
 from slarm_graph.frontends.recordings.packed import Bytes, Ints, Packed
+from slarm_graph.frontends.recordings.ros1_chunks import Chunk, unpacked
 from slarm_graph.frontends.recordings.ros1_records import (
+    CHUNK,
     CONNECTION,
+    FILE,
+    INDEX,
     MESSAGE,
-    WORD,
-    Fields,
+    Record,
     fields_of,
     message_spans,
-    read_head,
+    next_record,
+    number_of,
+    record_at,
     walk,
 )
 
 MAGIC = b"#ROSBAG V2.0\n"
 
-_INDEX, _CHUNK = b"\x04", b"\x05"
+MAX_CONNECTION_BYTES = 1 << 22
+"""4 MB of a topic's description; the longest message definitions of ROS have some 10 kB."""
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
-_KINDS = (MESSAGE, b"\x03", _INDEX, _CHUNK, b"\x06", CONNECTION)
-_MOST_WORKERS = 4
-_TIME = struct.Struct("<II")
-
-
-class UnreadableChunk(ValueError):
-    """A chunk uses a compression nobody here knows."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,15 +49,19 @@ class Connection1:
     msgtype: str
 
 
-@dataclass(slots=True)
-class _Chunk:
-    """Where a chunk's data lie, and per connection the offsets and record times of its messages."""
+@dataclass(frozen=True, slots=True)
+class Loss:
+    """Messages that could not be read.
 
-    compression: bytes
-    position: int
-    size: int
-    index: dict[int, tuple[Ints, Ints]] = field(default_factory=dict)
-    trusted: bool = True
+    Parameters
+    ----------
+    messages : int
+    seconds : float
+        Of recording that they stand for, by the usual time between the topic's messages.
+    """
+
+    messages: int
+    seconds: float
 
 
 class Ros1File:
@@ -72,23 +70,26 @@ class Ros1File:
     Attributes
     ----------
     connections : dict of int to Connection1
-    damage : str
+    cut : str
         Empty, or how the file ends early.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self.connections: dict[int, Connection1] = {}
-        self.damage = ""
-        self._chunks: list[_Chunk] = []
+        self.cut = ""
+        self._damaged_bytes = 0
+        self._chunks: list[Chunk] = []
+        self._lost: dict[tuple[int, int], int] = {}
+        self._chunks_told = 0
         with path.open("rb") as file:
-            file.seek(len(MAGIC))
-            self._scan(file, path.stat().st_size)
-        if any(not chunk.trusted or not chunk.index for chunk in self._chunks):
-            self._index_by_reading()
+            self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._scan()
+        self._index_by_reading()
+        self._find_connections()
 
     def counts(self) -> dict[int, int]:
-        """Messages per connection."""
+        """Messages per connection, by the index."""
         totals = dict.fromkeys(self.connections, 0)
         for chunk in self._chunks:
             for number, (offsets, _) in chunk.index.items():
@@ -110,110 +111,177 @@ class Ros1File:
     def read(self, numbers: Collection[int]) -> Iterator[tuple[int, Packed]]:
         """Yield (connection, its messages in one chunk), chunk after chunk."""
         wanted = [c for c in self._chunks if any(number in c.index for number in numbers)]
-        for chunk, buffer in self._decompressed(wanted):
+        for chunk, buffer in unpacked(self._data, wanted):
             for number in numbers:
                 if number in chunk.index:
                     offsets, record_ns = chunk.index[number]
-                    starts, ends = message_spans(buffer, offsets)
-                    yield number, Packed(buffer, starts, ends, record_ns)
+                    starts, ends, whole = message_spans(buffer, offsets, number)
+                    some = Packed(buffer, starts, ends, record_ns)
+                    if not whole.all():
+                        some = _without_index(buffer, number, some.subset(np.flatnonzero(whole)))
+                    self._lost[chunk.position, number] = max(0, len(offsets) - len(some))
+                    yield number, some
 
-    def _scan(self, file: BinaryIO, end: int) -> None:
-        while (at := file.tell()) < end:
-            head = read_head(file)
-            if head is None or file.tell() + head[1] > end:
-                self.damage = f"ends early: cut off inside the record at byte {at} of {end}"
-                if head is not None and head[0].get(b"op") == _CHUNK:
-                    self._add_chunk(head[0], file.tell(), end - file.tell(), trusted=False)
-                return
-            fields, size = head
-            if fields.get(b"op", b"") not in _KINDS:
-                self.damage = f"is damaged at byte {at} of {end}"
-                return
-            position = file.tell()
-            if fields[b"op"] == _INDEX:
+    def loss(self) -> Loss:
+        """What of the messages that were read so far, and should be there, could not be read."""
+        missing: dict[int, int] = {}
+        for (_, number), count in self._lost.items():
+            missing[number] = missing.get(number, 0) + count
+        counts, seconds = self.counts(), 0.0
+        for number, count in missing.items():
+            span = self.span_ns([number])
+            if span is not None and counts[number] > 1:
+                period_s = (span[1] - span[0]) * 1e-9 / (counts[number] - 1)
+                seconds = max(seconds, count * period_s)
+        return Loss(sum(missing.values()), seconds)
+
+    def notices(self) -> list[str]:
+        """Say how the file is damaged, and what that has cost so far."""
+        told = []
+        if self.cut:
+            told.append(f"warning: {self.path.name} {self.cut}{self._missing_tail()}")
+        if self._damaged_bytes:
+            told.append(
+                f"warning: {self.path.name} is damaged: {self._damaged_bytes} bytes of it are no"
+                " records and were passed over"
+            )
+        lost = self.loss()
+        if lost.messages:
+            told.append(
+                f"warning: {self.path.name} is damaged: {lost.messages} messages, about"
+                f" {lost.seconds:.1f} s, could not be read"
+            )
+        problems = dict.fromkeys(chunk.problem() for chunk in self._chunks if chunk.problem())
+        return told + [f"warning: {self.path.name}: {problem}; not read" for problem in problems]
+
+    def _missing_tail(self) -> str:
+        """How much recording a cut has cost, by the number of chunks that the file should have.
+
+        Chunks are of one size before they are compressed, hence take about the same time each.
+        """
+        span, count = self.span_ns(list(self.connections)), sum(self.counts().values())
+        kept = sum(chunk.whole for chunk in self._chunks)
+        if span is None or not 0 < kept < self._chunks_told:
+            return f"; the {count} messages before that are used"
+        missing = self._chunks_told - kept
+        seconds = (span[1] - span[0]) * 1e-9 * missing / kept
+        return (
+            f"; the {count} messages before that are used, {missing} of {self._chunks_told} chunks,"
+            f" some {seconds:.0f} s, are missing"
+        )
+
+    def _scan(self) -> None:
+        """Walk the records of the file; after damage go on with the next one that is whole."""
+        at, end = len(MAGIC), len(self._data)
+        while at < end:
+            record = record_at(self._data, at)
+            if record is not None and record.kind == INDEX:
                 # Some writers state a wrong size; the number of entries is right.
-                size = _INDEX_ENTRY.itemsize * WORD.unpack(fields[b"count"])[0]
-            self._visit(file, fields, size)
-            file.seek(position + size)
+                count = number_of(record.fields, b"count") or 0
+                size = _INDEX_ENTRY.itemsize * count
+                record = Record(at, record.data_at, record.data_at + size, record.fields)
+            if record is None or record.end > end:
+                if record is not None and record.kind == CHUNK:
+                    self._add_chunk(record, end)
+                after = next_record(self._data, at + 1, CHUNK + CONNECTION + INDEX)
+                if after is None:
+                    self._mistrust(at, end)
+                    self.cut = f"ends early: cut off inside the record at byte {at} of {end}"
+                    return
+                self._damaged_bytes += after.at - at
+                self._mistrust(at, after.at)
+                at = after.at
+                continue
+            self._visit(record)
+            at = record.end
 
-    def _visit(self, file: BinaryIO, fields: Fields, size: int) -> None:
-        kind = fields[b"op"]
-        if kind == _CHUNK:
-            self._add_chunk(fields, file.tell(), size, trusted=True)
-        elif kind == _INDEX and self._chunks:
-            self._add_index(fields, file.read(size))
-        elif kind == CONNECTION:
-            self._add_connection(fields, file.read(size))
+    def _mistrust(self, at: int, after: int) -> None:
+        """Doubt the index and the size of the chunk before damage from `at` to `after`."""
+        if self._chunks:
+            chunk = self._chunks[-1]
+            chunk.suspect = True
+            if chunk.position + chunk.size == at:
+                chunk.size = after - chunk.position
 
-    def _add_chunk(self, fields: Fields, position: int, size: int, *, trusted: bool) -> None:
-        compression = fields.get(b"compression", b"none")
-        self._chunks.append(_Chunk(compression, position, size, trusted=trusted))
+    def _visit(self, record: Record) -> None:
+        if record.kind == CHUNK:
+            self._add_chunk(record, record.end)
+        elif record.kind == INDEX and self._chunks:
+            self._add_index(record)
+        elif record.kind == CONNECTION:
+            self._add_connection(record, self._data[record.data_at : record.end])
+        elif record.kind == FILE:
+            self._chunks_told = number_of(record.fields, b"chunk_count") or 0
 
-    def _add_index(self, fields: Fields, data: bytes) -> None:
-        entries = np.frombuffer(data, _INDEX_ENTRY)
-        times = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
+    def _add_chunk(self, record: Record, end: int) -> None:
+        size = min(record.end, end) - record.data_at
+        told = number_of(record.fields, b"size")
+        compression = record.fields.get(b"compression", b"none")
+        whole = record.end <= end
+        self._chunks.append(Chunk(compression, record.data_at, size, told or size, whole=whole))
+
+    def _add_index(self, record: Record) -> None:
+        number = number_of(record.fields, b"conn")
+        if number is None:
+            return
+        entries = np.frombuffer(self._data[record.data_at : record.end], _INDEX_ENTRY)
         in_file = np.argsort(entries["offset"], kind="stable")
+        times = entries["sec"].astype(np.int64) * 1_000_000_000 + entries["nsec"]
         offsets = entries["offset"].astype(np.int64)
-        number = WORD.unpack(fields[b"conn"])[0]
         self._chunks[-1].index[number] = (offsets[in_file], times[in_file])
 
-    def _add_connection(self, fields: Fields, data: bytes) -> None:
-        inner = fields_of(data)
-        name = fields.get(b"topic", inner.get(b"topic", b"")).decode("utf-8", "replace")
+    def _add_connection(self, record: Record, data: bytes) -> None:
+        number = number_of(record.fields, b"conn")
+        inner = fields_of(data) if len(data) <= MAX_CONNECTION_BYTES else None
+        if number is None or inner is None or number in self.connections:
+            return
+        name = record.fields.get(b"topic", inner.get(b"topic", b"")).decode("utf-8", "replace")
         kind = inner.get(b"type", b"").decode("utf-8", "replace")
         topic = "/" * name.startswith("/") + "/".join(part for part in name.split("/") if part)
         msgtype = kind if "/msg/" in kind else kind.replace("/", "/msg/", 1)
-        self.connections[WORD.unpack(fields[b"conn"])[0]] = Connection1(topic, msgtype)
+        self.connections[number] = Connection1(brief(topic, 200), brief(msgtype, 200))
 
     def _index_by_reading(self) -> None:
-        """Walk the records of chunks whose index is missing or wrong."""
-        broken = [chunk for chunk in self._chunks if not chunk.trusted or not chunk.index]
-        for chunk, buffer in self._decompressed(broken):
+        """Walk the records of chunks that have no index, or one with a hole."""
+        chunks = [chunk for chunk in self._chunks if not chunk.index or chunk.suspect]
+        for chunk, buffer in unpacked(self._data, chunks):
             found: dict[int, list[tuple[int, int]]] = {}
-            for offset, fields, data in walk(buffer.tobytes()):
-                if fields.get(b"op") == MESSAGE:
-                    seconds, nanoseconds = _TIME.unpack(fields[b"time"])
-                    entry = (offset, seconds * 1_000_000_000 + nanoseconds)
-                    found.setdefault(WORD.unpack(fields[b"conn"])[0], []).append(entry)
-                elif fields.get(b"op") == CONNECTION:
-                    self._add_connection(fields, data)
-            chunk.index = {
-                number: (np.array([e[0] for e in some]), np.array([e[1] for e in some]))
-                for number, some in found.items()
-            }
+            for record, data in walk(buffer.tobytes()):
+                number = number_of(record.fields, b"conn")
+                if record.kind == CONNECTION:
+                    self._add_connection(record, data)
+                elif record.kind == MESSAGE and number is not None:
+                    found.setdefault(number, []).append((record.at, _time_ns(record)))
+            chunk.index = {n: _columns(some) for n, some in found.items()} | chunk.index
 
-    def _decompressed(self, chunks: list[_Chunk]) -> Iterator[tuple[_Chunk, Bytes]]:
-        """Read and decompress chunks in order, a few ahead of the consumer."""
-        workers = min(_MOST_WORKERS, _usable_cores())
-        pending: deque[tuple[_Chunk, Future[Bytes]]] = deque()
-        with self.path.open("rb") as file, ThreadPoolExecutor(workers) as pool:
-            for chunk in chunks:
-                file.seek(chunk.position)
-                data = file.read(chunk.size)
-                pending.append((chunk, pool.submit(_decompress, data, chunk.compression)))
-                if len(pending) > workers:
-                    ready, future = pending.popleft()
-                    yield ready, future.result()
-            while pending:
-                ready, future = pending.popleft()
-                yield ready, future.result()
+    def _find_connections(self) -> None:
+        """Look into chunks for the connections that the file's end should have listed."""
+        unknown = [c for c in self._chunks if not set(c.index) <= set(self.connections)]
+        for chunk, buffer in unpacked(self._data, unknown):
+            if not set(chunk.index) <= set(self.connections):
+                for record, data in walk(buffer.tobytes()):
+                    if record.kind == CONNECTION:
+                        self._add_connection(record, data)
 
 
-def _usable_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+def _without_index(buffer: Bytes, connection: int, by_index: Packed) -> Packed:
+    """Read a connection's messages front to back where its index is wrong, if that gives more."""
+    records = [
+        record
+        for record, _ in walk(buffer.tobytes())
+        if record.kind == MESSAGE and number_of(record.fields, b"conn") == connection
+    ]
+    if len(records) <= len(by_index):
+        return by_index
+    spans = np.array([(r.data_at, r.end, _time_ns(r)) for r in records], np.int64)
+    return Packed(buffer, spans[:, 0], spans[:, 1], spans[:, 2])
 
 
-def _decompress(data: bytes, compression: bytes) -> Bytes:
-    """Decompress as much of a chunk as there is."""
-    if compression == b"none":
-        return np.frombuffer(data, np.uint8)
-    if compression not in (b"bz2", b"lz4"):
-        raise UnreadableChunk(f"compression {compression.decode(errors='replace')!r} is unknown")
-    machine = bz2.BZ2Decompressor() if compression == b"bz2" else lz4.frame.LZ4FrameDecompressor()
-    try:
-        return np.frombuffer(machine.decompress(data), np.uint8)
-    except (OSError, EOFError, RuntimeError):
-        return np.zeros(0, np.uint8)
+def _time_ns(record: Record) -> int:
+    time = record.fields.get(b"time", b"").ljust(8, b"\0")
+    return int.from_bytes(time[:4], "little") * 1_000_000_000 + int.from_bytes(time[4:8], "little")
+
+
+def _columns(pairs: list[tuple[int, int]]) -> tuple[Ints, Ints]:
+    both = np.array(pairs, np.int64)
+    return both[:, 0], both[:, 1]
