@@ -5,12 +5,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.agreement import disagreement
 from slarm_graph.frontends.recordings.clock import choose_segment, disorder, seconds, silences
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import OdometryPath, excursions, places
@@ -93,6 +95,7 @@ class RecordedSource:
         self._poses, self._known = self._odometry_at(odometry)
         self._drop_frozen()
         self._judge()
+        self._compared = False
         self._info = SourceInfo(description, len(self._rows), tuple(self._notices))
 
     def info(self) -> SourceInfo:
@@ -135,6 +138,32 @@ class RecordedSource:
                 sweep,
             )
             yield Reading(stamp, scan, Pose2(x, y, theta) if known else None)
+        self._compare()
+
+    def _compare(self) -> None:
+        """Once, tell when scans and odometry contradict each other throughout."""
+        if self._compared:
+            return
+        self._compared = True
+        told = disagreement(self._scan, self._poses, self._known)
+        if told:
+            notices = (*self._info.notices, f"warning: {told}")
+            self._info = replace(self._info, notices=notices)
+
+    def _scan(self, number: int) -> LaserScan:
+        """The scan of a reading."""
+        row = int(self._rows[number])
+        start, step, sweep, low, high = self._limits[row].tolist()
+        mounting = self._mountings[row]
+        return LaserScan(
+            self._ranges[self._table.block[row]][self._table.line[row]],
+            mounting.angle_sign * start,
+            mounting.angle_sign * step,
+            low,
+            high,
+            mounting.robot_from_laser,
+            sweep,
+        )
 
     def _choose_stamps(self) -> Ints:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""

@@ -6,12 +6,20 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Packed
 from slarm_graph.frontends.recordings.ros1_file import Ros1File
+
+LONGEST_PAUSE_S = 3600.0
+"""Between the parts of one recording: rosbag splits without a pause; who stops and goes on later
+than in an hour has moved the robot or its odometry meanwhile."""
+LONGEST_OVERLAP_S = 1.0
+"""By which parts may overlap: messages are written some moments after they were made."""
+_SCAN_TYPES = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +66,12 @@ class Ros1Recording:
     def __init__(self, paths: Sequence[Path]) -> None:
         self.description = f"ROS 1 bag {', '.join(path.name for path in paths)}"
         self._files = sorted((_open_ros1(path) for path in paths), key=_first_record_ns)
+        related(
+            [
+                (file.path.name, file.span_ns(list(file.connections)) or (0, 0), file.keys())
+                for file in self._files
+            ]
+        )
         self.topics = self._merged_topics()
 
     @property
@@ -90,6 +104,34 @@ class Ros1Recording:
             }
             for number, packed in file.read(numbers):
                 yield numbers[number], packed
+
+
+def related(files: Sequence[tuple[str, tuple[int, int], set[tuple[str, str]]]]) -> None:
+    """Check that several files are parts of one recording.
+
+    Parameters
+    ----------
+    files : sequence of (name, (first, last record time [ns]), topics with types)
+        In order of time.
+
+    Raises
+    ------
+    BadInput
+        When they are far apart in time, or tell the same topics of scans at the same time.
+    """
+    for (name, span, topics), (other, later, others) in pairwise(files):
+        gap_s = (later[0] - span[1]) * 1e-9
+        shared = sorted(t for t, kind in topics & others if kind in _SCAN_TYPES)
+        if gap_s > LONGEST_PAUSE_S:
+            raise BadInput(
+                f"{name} and {other} are {gap_s / 3600:.0f} h apart: recordings of their own, not"
+                " parts of one; give one of them"
+            )
+        if shared and gap_s < -LONGEST_OVERLAP_S:
+            raise BadInput(
+                f"{name} and {other} both hold {shared[0]} at the same time: recordings of their"
+                " own, not parts of one; give one of them"
+            )
 
 
 def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:

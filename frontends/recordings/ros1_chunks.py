@@ -4,26 +4,18 @@
 
 from __future__ import annotations
 
-import bz2
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Protocol, cast
 
-import lz4.frame
 import numpy as np
 
 from slarm_graph.frontends.recordings.packed import Bytes, Ints
 from slarm_graph.frontends.recordings.ros1_records import Data
+from slarm_graph.frontends.recordings.unpacking import MAX_CHUNK_BYTES, unpack_partly
 
-MAX_CHUNK_BYTES = 1 << 27
-"""128 MB decompressed: rosbag fills chunks to 768 kB unless told otherwise, and a chunk holds at
-least one message. What claims more is damaged, or a trap that unpacks to gigabytes."""
-_SLICE_BYTES = 1 << 16
-"""Compressed bytes given to a decompressor at a time: what it made of the earlier ones is kept when
-the next ones are damaged."""
 _MOST_WORKERS = 4
 """Threads that decompress; every one holds a chunk of up to `MAX_CHUNK_BYTES`."""
 
@@ -87,31 +79,9 @@ def _usable_cores() -> int:
     return os.cpu_count() or 1
 
 
-class _Decompressor(Protocol):
-    """What bz2 and lz4 offer alike."""
-
-    eof: bool
-
-    def decompress(self, data: bytes, max_length: int = -1) -> bytes: ...
-
-
 def _decompress(packed: bytes, chunk: Chunk) -> Bytes:
     """Decompress as much of a chunk as is whole, and no more than it says it holds."""
     if chunk.problem():
         return np.zeros(0, np.uint8)
-    if chunk.compression == b"none":
-        return np.frombuffer(packed, np.uint8)
-    kinds = {b"bz2": bz2.BZ2Decompressor, b"lz4": lz4.frame.LZ4FrameDecompressor}
-    machine = cast(_Decompressor, kinds[chunk.compression]())
-    parts: list[bytes] = []
-    missing = chunk.unpacked
-    for at in range(0, len(packed), _SLICE_BYTES):
-        try:
-            part = machine.decompress(packed[at : at + _SLICE_BYTES], max(missing, 1))
-        except (OSError, EOFError, RuntimeError, ValueError):
-            break
-        parts.append(part)
-        missing -= len(part)
-        if machine.eof or missing <= 0:
-            break
-    return np.frombuffer(b"".join(parts), np.uint8)
+    kind = chunk.compression.decode("ascii")
+    return np.frombuffer(unpack_partly(packed, kind, chunk.unpacked), np.uint8)

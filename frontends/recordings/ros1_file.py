@@ -96,6 +96,10 @@ class Ros1File:
                 totals[number] = totals.get(number, 0) + len(offsets)
         return totals
 
+    def keys(self) -> set[tuple[str, str]]:
+        """Topics with their types."""
+        return {(c.topic, c.msgtype) for c in self.connections.values()}
+
     def span_ns(self, numbers: Collection[int]) -> tuple[int, int] | None:
         """First and last record time of some connections [ns]."""
         times = [

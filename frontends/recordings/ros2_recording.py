@@ -5,132 +5,125 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
-from rosbags.interfaces import Connection
-from rosbags.rosbag2.reader import DirectoryReader
-from rosbags.rosbag2.storage_mcap import McapReader
-from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-
-from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.mcap_salvage import MAGIC as MCAP_MAGIC
-from slarm_graph.frontends.recordings.mcap_salvage import SalvagedMcap
+from slarm_graph.errors import BadInput, brief
+from slarm_graph.files.yaml_text import read_yaml
+from slarm_graph.frontends.recordings.db3_file import MAGIC as SQLITE_MAGIC
+from slarm_graph.frontends.recordings.db3_file import Db3File
+from slarm_graph.frontends.recordings.mcap_file import MAGIC as MCAP_MAGIC
+from slarm_graph.frontends.recordings.mcap_file import McapFile
 from slarm_graph.frontends.recordings.packed import Packed, pack
-from slarm_graph.frontends.recordings.recordings import Topic, first_bytes, rate_hz, reason_of
+from slarm_graph.frontends.recordings.recordings import Topic, first_bytes, rate_hz, related
+from slarm_graph.frontends.recordings.storage import Key, Storage
+from slarm_graph.frontends.recordings.unpacking import (
+    ZSTD_MAGIC,
+    scratch_folder,
+    unpack_file,
+    unpack_message,
+)
 
 _BATCH = 4096
+"""Messages of a topic that are decoded at once: some megabytes of scans."""
+METADATA = "metadata.yaml"
+_INFORMATION = "rosbag2_bagfile_information"
 
 
 class Ros2Recording:
-    """A ROS 2 recording: folders with metadata, or storage files alone."""
+    """A ROS 2 recording: one or several storage files, compressed or not.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    label : str
+        What was given, for people.
+    notices : iterable of str
+        What is already known.
+    """
 
     cdr = True
 
     def __init__(self, paths: Sequence[Path], label: str, notices: Iterable[str] = ()) -> None:
         self.description = f"ROS 2 bag {label}"
-        self._paths = paths
-        self.notices = tuple(notices)
-        found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}
-        for path in paths:
-            self.notices += tuple(_unmerged(path))
-            with _opened(path) as reader:
-                if isinstance(reader, SalvagedMcap):
-                    told = f"{path.name} ends early; what could be read before that is used"
-                    self.notices += (told,)
-                span = (reader.metadata.start_time, reader.metadata.end_time)
-                for connection in reader.connections:
-                    entry = found.setdefault((connection.topic, connection.msgtype), [])
-                    if connection.msgcount:
-                        entry.append((connection.msgcount, span))
+        self._told = tuple(notices)
+        self._files = [self._opened(path) for path in paths]
+        self._files.sort(key=lambda file: file.span_ns)
+        related([(f.path.name, f.span_ns, set(f.counts)) for f in self._files])
+        found: dict[Key, list[tuple[int, tuple[int, int]]]] = {}
+        for file in self._files:
+            for key, count in file.counts.items():
+                parts = found.setdefault(key, [])
+                if count:
+                    parts.append((count, file.span_ns))
         self.topics = tuple(
             Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
             for (name, msgtype), parts in sorted(found.items())
         )
+        if not any(topic.count for topic in self.topics):
+            state = "; ".join(notice.removeprefix("warning: ") for notice in self.notices)
+            tool = "mcap recover" if isinstance(self._files[0], McapFile) else "sqlite3 .recover"
+            told = f" ({state}); try: {tool}" if state else ""
+            raise BadInput(f"{label} holds no messages{told}")
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What is amiss with its files; complete once what is wanted has been read."""
+        return (*self._told, *(notice for file in self._files for notice in file.notices()))
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
-        """Yield the messages of the topics in batches, in order of record time."""
+        """Yield the messages of the topics in batches, in recorded order."""
         wanted = {(topic.name, topic.msgtype): topic for topic in topics}
-        for path in self._paths:
-            with _opened(path) as reader:
-                connections = [c for c in reader.connections if (c.topic, c.msgtype) in wanted]
-                if connections:
-                    yield from _batches(reader, connections, wanted)
+        for file in self._files:
+            held: dict[Key, list[tuple[int, bytes]]] = {key: [] for key in wanted}
+            for key, record_ns, raw in file.messages(wanted):
+                held[key].append((record_ns, unpack_message(raw)))
+                if len(held[key]) == _BATCH:
+                    yield wanted[key], pack(held[key])
+                    held[key] = []
+            for key, batch in held.items():
+                if batch:
+                    yield wanted[key], pack(batch)
+
+    def _opened(self, path: Path) -> Storage:
+        """Open a storage file by its content, a compressed one unpacked into a folder of ours."""
+        start = first_bytes(path)
+        if start.startswith(ZSTD_MAGIC):
+            plain = scratch_folder(self) / path.name.removesuffix(".zstd")
+            unpack_file(path, plain)
+            path, start = plain, first_bytes(plain)
+        if start.startswith(MCAP_MAGIC):
+            return McapFile(path)
+        if start.startswith(SQLITE_MAGIC):
+            return Db3File(path)
+        raise BadInput(f"{path} is no ROS 2 bag (first bytes {start[:8].decode('latin-1')!a})")
 
 
-def _batches(
-    reader: _StorageReader, connections: list[Connection], wanted: dict[tuple[str, str], Topic]
-) -> Iterator[tuple[Topic, Packed]]:
-    held: dict[tuple[str, str], list[tuple[int, bytes]]] = {key: [] for key in wanted}
-    for connection, record_ns, raw in reader.messages(connections):
-        key = (connection.topic, connection.msgtype)
-        held[key].append((record_ns, raw))
-        if len(held[key]) == _BATCH:
-            yield wanted[key], pack(held[key])
-            held[key] = []
-    for key, batch in held.items():
-        if batch:
-            yield wanted[key], pack(batch)
+def listed_files(folder: Path) -> list[Path]:
+    """The storage files that a folder's metadata.yaml names; nothing where it is of no use.
 
+    (`ros2 bag reindex` may leave it incomplete, and files are renamed without it.)
 
-_StorageReader = DirectoryReader | McapReader | Sqlite3Reader | SalvagedMcap
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[_StorageReader]:
-    """Open a folder with metadata or one storage file; rosbags' failures become bad input."""
+    Raises
+    ------
+    BadInput
+        When it names files outside the folder.
+    """
     try:
-        reader = _open(path)
-        try:
-            yield reader
-        finally:
-            reader.close()
+        content = read_yaml(folder / METADATA).content
     except BadInput:
-        raise
-    except Exception as error:  # rosbags lets struct, zstd, apsw and assertion errors through
-        raise BadInput(_told(path, error)) from error
-
-
-def _open(path: Path) -> _StorageReader:
-    """Open a reader; an MCAP file that has lost its end gets one that does without."""
-    if path.is_dir():
-        reader: _StorageReader = DirectoryReader(path)
-    elif first_bytes(path).startswith(MCAP_MAGIC):
-        reader = McapReader(path)
-    else:
-        reader = Sqlite3Reader(path)
-    try:
-        reader.open()
-    except Exception:
-        salvaged = SalvagedMcap(path)
-        if isinstance(reader, McapReader):
-            salvaged.open()
-        if not salvaged.connections:
-            raise
-        return salvaged
-    return reader
-
-
-def _told(path: Path, error: Exception) -> str:
-    """Say what is wrong with a ROS 2 recording and how to mend it."""
-    reason = reason_of(error)
-    if "end magic" in reason or "Truncated" in reason:
-        return f"{path} ends early; repair it with: mcap recover {path.name} -o repaired.mcap"
-    if "malformed" in reason or "not a database" in reason:
-        return (
-            f"{path} is damaged ({reason}); repair it with: "
-            f'sqlite3 {path.name} ".recover" | sqlite3 repaired.db3'
-        )
-    return f"cannot read {path}: {reason}"
-
-
-def _unmerged(path: Path) -> Iterator[str]:
-    """Warn about messages that SQLite has not yet moved into the database file."""
-    files = path.glob("*.db3") if path.is_dir() else [path]
-    for file in files:
-        log = file.with_name(file.name + "-wal")
-        if log.exists() and log.stat().st_size:
-            yield (
-                f"{log.name} holds messages not yet in {file.name}; they are not read. "
-                f'Merge them with: sqlite3 {file.name} "pragma wal_checkpoint"'
-            )
+        return []
+    information = content.get(_INFORMATION) if isinstance(content, dict) else None
+    names = information.get("relative_file_paths") if isinstance(information, dict) else None
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        return []
+    found = []
+    for name in names:
+        place = PurePosixPath(name)
+        if place.is_absolute() or ".." in place.parts or "\0" in name:
+            raise BadInput(f"{folder / METADATA} names a file outside its folder: {brief(name)}")
+        # Up to version 3 the names began with the folder's own.
+        inside = [file for file in (folder / place, folder / place.name) if file.is_file()]
+        if not inside:
+            return []
+        found.append(inside[0])
+    return found

@@ -8,20 +8,20 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from rosbags.rosbag2.reader import DirectoryReader
-
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.mcap_salvage import MAGIC as MCAP_MAGIC
+from slarm_graph.frontends.recordings.db3_file import MAGIC as SQLITE_MAGIC
+from slarm_graph.frontends.recordings.mcap_file import MAGIC as MCAP_MAGIC
 from slarm_graph.frontends.recordings.recordings import (
     Recording,
     Ros1Recording,
     first_bytes,
 )
 from slarm_graph.frontends.recordings.ros1_file import MAGIC as ROS1_MAGIC
-from slarm_graph.frontends.recordings.ros2_recording import Ros2Recording
+from slarm_graph.frontends.recordings.ros2_recording import METADATA, Ros2Recording, listed_files
+from slarm_graph.frontends.recordings.unpacking import ZSTD_MAGIC
 
-SQLITE_MAGIC = b"SQLite format 3\0"
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
+"""Storage files of rosbag2, plain or compressed as a whole."""
 
 
 def open_recording(paths: Sequence[Path]) -> Recording:
@@ -53,20 +53,16 @@ def _given_name(path: Path) -> str:
 
 def _kind(path: Path) -> str:
     """Tell a file's kind from its first bytes."""
-    if path.is_dir():
-        return "ROS 2"
     start = first_bytes(path)
     if start.startswith(ROS1_MAGIC):
         return "ROS 1"
-    if start.startswith((SQLITE_MAGIC, MCAP_MAGIC)):
+    if start.startswith((SQLITE_MAGIC, MCAP_MAGIC, ZSTD_MAGIC)):
         return "ROS 2"
     if start.startswith((b"#ROSBAG V", b"#ROSRECORD V")):
         version = start.split(b"\n")[0].decode("ascii", "replace").lstrip("#")
         raise BadInput(
             f"{path} has the old format {version}; convert it with: rosbag fix {path.name} new.bag"
         )
-    if start.startswith(ZSTD_MAGIC):
-        raise BadInput(f"{path} is compressed; unpack it with: zstd -d {path.name}")
     raise BadInput(
         f"{path} is not a ROS bag or CARMEN log (first bytes {start[:8].decode('latin-1')!a})"
     )
@@ -89,35 +85,16 @@ def storage_files(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 def _inside(folder: Path) -> tuple[list[Path], list[str]]:
     """The files of a recording in a folder, by its metadata.yaml where that is of use."""
-    has_metadata = (folder / "metadata.yaml").exists()
-    listed = _listed_files(folder) if has_metadata else []
-    if listed:
+    if (folder / METADATA).is_file() and (listed := listed_files(folder)):
         return listed, []
-    found = sorted([*folder.glob("*.mcap"), *folder.glob("*.db3")], key=_natural)
+    found = sorted(
+        (file for ending in _ENDINGS for file in folder.glob(f"*{ending}")), key=_natural
+    )
     bags = sorted(folder.glob("*.bag"), key=_natural)
     if found or bags:
         names = ", ".join(file.name for file in found or bags)
         return found or bags, [f"{folder} has no usable metadata.yaml; reading {names}"]
-    if has_metadata:
-        return [folder], []
     raise BadInput(f"{folder} is a folder without a recording (no .bag, .mcap or .db3 inside)")
-
-
-def _listed_files(folder: Path) -> list[Path]:
-    """The storage files that metadata.yaml names, or the folder when rosbags has to unpack them.
-
-    Nothing when rosbags cannot open the folder: the files are tried then, and tell their own
-    story. (`ros2 bag reindex` may leave a metadata.yaml incomplete.)
-    """
-    try:
-        reader = DirectoryReader(folder)
-        reader.open()
-    except Exception:
-        return []
-    packed = reader.metadata.compression_mode
-    files = [Path(storage.path) for storage in reader.storages]  # type: ignore[attr-defined]
-    reader.close()
-    return [folder] if packed else files
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
