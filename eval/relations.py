@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 from slarm_graph.eval.metrics import Metric
+from slarm_graph.files.texts import read_text
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.stamps import seconds_to_ns
 from slarm_graph.trajectory import Trajectory
@@ -56,24 +57,19 @@ def read_relations(path: Path) -> Relations:
             continue
         try:
             values = [float(word) for word in words]
+            if not np.isfinite(values).all():
+                raise ValueError("not finite")
             stamps.append((seconds_to_ns(words[0]), seconds_to_ns(words[1])))
             poses.append([values[2], values[3], values[_YAW]])
         except (ValueError, IndexError):
-            raise BadInput(
-                f"{path}:{number}: expected `{_COLUMNS}`, got {line.strip()!r}"
-            ) from None
+            raise BadInput(f"{path}:{number}: expected `{_COLUMNS}`, got {brief(line)!r}") from None
     if not stamps:
         raise BadInput(f"{path}: no relations in it; expected lines `{_COLUMNS}`")
     return Relations(np.array(stamps, dtype=np.int64), np.array(poses))
 
 
 def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read as text ({error})") from None
+    return read_text(path).splitlines()
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,8 @@ from __future__ import annotations
 
 NS_PER_S = 1_000_000_000
 """Stamps are whole nanoseconds, as in ROS."""
+LATEST_S = 9.2e9
+"""What fits into a signed 64-bit number of nanoseconds: until the year 2261."""
 
 
 def seconds_to_ns(text: str) -> int:
@@ -14,9 +16,12 @@ def seconds_to_ns(text: str) -> int:
     Raises
     ------
     ValueError
-        When the text is not a plain or scientific decimal number.
+        When the text is not a plain or scientific decimal number, or no time that fits into 64
+        bits.
     """
     whole, _, fraction = text.strip().partition(".")
+    if not abs(float(text)) < LATEST_S:
+        raise ValueError("stamp is not a finite number of seconds")
     if not fraction.isdigit() or not whole.lstrip("+-").isdigit():
         return round(float(text) * NS_PER_S)
     nanoseconds = int(fraction[:9].ljust(9, "0"))

@@ -13,6 +13,7 @@ import pytest
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.check import check
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.readings import Reading, Source
 
@@ -162,3 +163,21 @@ def test_ipc_stamps_that_stand_still_give_way_to_the_loggers(tmp_path: Path) -> 
         6 * 10**9,
         7 * 10**9,
     ]
+
+
+@pytest.mark.parametrize("cut", [20, 100, 400])
+def test_a_gzipped_log_that_is_cut_is_told_or_used(tmp_path: Path, cut: int) -> None:
+    lines = [f"FLASER 3 2.0 3.0 4.{k % 10} 0 0 0 {k} 0 0 {k}.5 host {k}\n" for k in range(3000)]
+    packed = gzip.compress("".join(lines).encode())
+    path = tmp_path / "a.clf.gz"
+    path.write_bytes(packed[: cut if cut < 400 else len(packed) // 2])
+    diagnosis = check(path)
+    assert "ends early" in diagnosis.text()
+    assert (diagnosis.exit_code == 2) == (diagnosis.readings == 0)
+
+
+def test_a_log_that_unpacks_to_gigabytes_is_not_unpacked(tmp_path: Path) -> None:
+    path = tmp_path / "a.clf.gz"
+    path.write_bytes(gzip.compress(b"PARAM a 0\n" * 10_000_000))
+    with pytest.raises(BadInput, match="unpacks to more than"):
+        open_source(path, SourceConfig())

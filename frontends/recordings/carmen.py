@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.carmen_lines import (
     LASERS,
     WORDS,
@@ -28,6 +28,14 @@ from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.geometry import Floats, between
 
 GZIP_MAGIC = b"\x1f\x8b"
+CARMEN_ENDINGS = (".clf", ".log", ".carmen", ".clf.gz", ".log.gz", ".carmen.gz")
+MAX_RATIO = 200
+"""Bytes that a byte of a gzipped log may stand for; digits are packed to a fifth or so."""
+MAX_LINE = 1 << 21
+"""Characters of a line: 100,000 beams of some 20; what is longer is no log, and comes in parts."""
+_FIRST_LINES = 200
+"""Lines that are looked at to tell a log from other texts; headers have some dozens of comments."""
+_DAMAGE = (EOFError, zlib.error, OSError, BadInput)
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,14 +60,14 @@ class CarmenLog:
 
 
 def looks_like_carmen(path: Path) -> bool:
-    """Whether the first lines are those of a CARMEN log."""
+    """Whether the first lines are those of a CARMEN log; a damaged gzip file is by its name."""
     try:
-        for _, line in zip(range(200), _lines(path), strict=False):
+        for _, line in zip(range(_FIRST_LINES), _lines(path), strict=False):
             word = line.split(" ", 1)[0].strip()
             if word and not word.startswith("#"):
                 return word in WORDS
-    except BadInput:
-        return False
+    except _DAMAGE:
+        return path.name.endswith(CARMEN_ENDINGS)
     return False
 
 
@@ -90,8 +98,8 @@ def read_carmen(path: Path) -> CarmenLog:
                     unknown[words[0]] += 1
             except (ValueError, IndexError, OverflowError) as error:
                 faults.append(f"{path.name}:{number}: {words[0]} line skipped: {error}")
-    except (EOFError, zlib.error, OSError) as error:
-        faults.append(f"{path.name} ends early ({error}); what came before is used")
+    except _DAMAGE as error:
+        faults.append(f"{path.name} ends early ({brief(str(error))}); what came before is used")
     if not scans:
         raise BadInput(
             f"{path} has no laser line that can be read ({faults[0]})"
@@ -115,8 +123,13 @@ def _lines(path: Path) -> Iterator[str]:
     with path.open("rb") as file:
         zipped = file.read(2) == GZIP_MAGIC
     opener = gzip.open if zipped else open
+    left = MAX_RATIO * path.stat().st_size if zipped else path.stat().st_size
     with opener(path, "rt", encoding="utf-8", errors="replace") as text:
-        yield from text
+        while line := text.readline(MAX_LINE):
+            left -= len(line)
+            if left < -MAX_LINE:
+                raise OSError(f"unpacks to more than {MAX_RATIO} times its size")
+            yield line
 
 
 def _ipc_unusable(stamps: list[tuple[str, str]]) -> bool:

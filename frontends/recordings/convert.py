@@ -18,6 +18,7 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.carmen import CARMEN_ENDINGS
 from slarm_graph.frontends.recordings.formats import Sections, format_of, format_written_as
 from slarm_graph.frontends.recordings.ros_writing import prepare_destination, remove, write_readings
 from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
@@ -33,7 +34,6 @@ from slarm_graph.readings import Reading
 if TYPE_CHECKING:
     from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 
-_CARMEN_ENDINGS = (".clf", ".log", ".carmen", ".clf.gz", ".log.gz", ".carmen.gz")
 _HOST = "slarm"
 
 
@@ -80,7 +80,7 @@ def convert(
         source = open_source(paths, config, section=section)
         count = theirs.write(destination, source)
         return f"{destination}: {count} scans of {source.info().description}"
-    to_carmen = destination.name.endswith(_CARMEN_ENDINGS)
+    to_carmen = destination.name.endswith(CARMEN_ENDINGS)
     world = open_world(paths)
     if world is not None and not to_carmen:
         count = write_readings(destination, world, truth=_truth(world), overwrite=overwrite)

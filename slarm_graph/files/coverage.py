@@ -4,12 +4,12 @@
 
 from __future__ import annotations
 
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
+from slarm_graph.files.arrays import read_arrays
 from slarm_graph.files.npz import write_npz
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
@@ -44,20 +44,23 @@ def read_coverage(path: Path) -> GeographicMap:
     BadInput
         When the file is missing or not of that kind.
     """
+    file = read_arrays(path, "a coverage file")
     try:
-        with np.load(path) as file:
-            x_m, y_m = (float(v) for v in file["origin_m"])
-            states = file["states"]
-            return GeographicMap(
-                GridGeometry(x_m, y_m, float(file["resolution_m"]), *states.shape),
-                states,
-                file["heights_m"],
-                str(file["height_source"]),
-                Coverage(file["observed"], file["visited"], file["footprint"]),
-                int(file["changed_cells"]),
-                expansion_radius_m=float(file.get("expansion_radius_m", 0.0)),
-            )
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: not a coverage file written by slarm ({error})") from None
+        x_m, y_m = (float(v) for v in file["origin_m"])
+        states = file["states"]
+        layers = [np.asarray(file[name], np.bool_) for name in ("observed", "visited", "footprint")]
+        heights_m = np.asarray(file["heights_m"], np.float32)
+        if states.ndim != 2 or any(layer.shape != states.shape for layer in (heights_m, *layers)):
+            raise ValueError("layers of different shapes")
+        return GeographicMap(
+            GridGeometry(x_m, y_m, float(file["resolution_m"]), *states.shape),
+            states,
+            heights_m,
+            str(file["height_source"]),
+            Coverage(*layers),
+            int(file["changed_cells"]),
+            expansion_radius_m=float(file.get("expansion_radius_m", 0.0)),
+        )
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        told = brief(str(error))
+        raise BadInput(f"{path}: not a coverage file written by slarm ({told})") from None

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 from slarm_graph.geometry import Floats, Pose2
 
 _UPPER = np.triu_indices(3)
@@ -189,9 +189,9 @@ def _floats(words: list[str], count: int, where: str) -> Floats:
     try:
         values = [float(word) for word in words]
     except ValueError:
-        raise BadInput(f"{where}: expected numbers, got {' '.join(words)!r}") from None
+        raise BadInput(f"{where}: expected numbers, got {brief(' '.join(words))!r}") from None
     if not all(math.isfinite(value) for value in values):
-        raise BadInput(f"{where}: a number is not finite: {' '.join(words)!r}")
+        raise BadInput(f"{where}: a number is not finite: {brief(' '.join(words))!r}")
     return np.array(values)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 from slarm_graph.files.trajectory_columns import (
     Columns,
     Row,
@@ -102,7 +102,7 @@ def read_spatial(path: Path) -> SpatialTrajectory:
         try:
             row = columns.read(words, len(rows) + bad)
         except ValueError as error:
-            problem = f"{error}: {' '.join(words)!r}; expected lines `{columns.words}`"
+            problem = f"{error}: {brief(' '.join(words))!r}; expected lines `{columns.words}`"
             raise BadInput(f"{path}:{number}: {problem}") from None
         if all(math.isfinite(value) for value in row[1]):
             rows.append(row)
@@ -162,7 +162,7 @@ def _columns(
     if columns is None:
         raise BadInput(
             f"{path}:{number}: expected 8 numbers (TUM), 12 (KITTI), a EuRoC line or a header that"
-            f" names the columns, got {len(words)}: {' '.join(words)!r}"
+            f" names the columns, got {len(words)}: {brief(' '.join(words))!r}"
         )
     return columns
 

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,7 +40,7 @@ def three_classes(radio: RadioMap, index: int, rows: slice) -> NDArray[np.int8]:
     return classes
 
 
-def from_values(values: dict[str, NDArray[np.generic]]) -> RadioMap:
+def from_values(values: Mapping[str, NDArray[Any]]) -> RadioMap:
     """Make a radio map of what a file holds under these names."""
     loss_db = np.asarray(values["path_loss_db"], dtype=np.float32)
     fields = {name: np.asarray(values[f"access_point_{name}"], np.float64) for name in AP_FIELDS}
@@ -63,6 +66,6 @@ def from_values(values: dict[str, NDArray[np.generic]]) -> RadioMap:
 
 
 def _optional(
-    values: dict[str, NDArray[np.generic]], name: str, kind: type[Scalar]
+    values: Mapping[str, NDArray[Any]], name: str, kind: type[Scalar]
 ) -> NDArray[Scalar] | None:
     return np.asarray(values[name], dtype=kind) if name in values else None

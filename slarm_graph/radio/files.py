@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
+from slarm_graph.files.arrays import read_arrays
 from slarm_graph.files.npz import write_npz
 from slarm_graph.radio.columns import (
     AP_FIELDS,
@@ -55,13 +55,10 @@ def read_radio_npz(path: Path) -> RadioMap:
     BadInput
         When the file is not such an archive.
     """
+    values = read_arrays(path, "a radio map")
     try:
-        with path.open("rb") as raw, np.load(raw, allow_pickle=False) as archive:
-            values = {name: archive[name] for name in archive.files}
         return from_values(values)
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (BadZipFile, ValueError, KeyError, EOFError, OSError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, IndexError) as error:
         raise BadInput(f"{path}: not a radio map written by slarm (a radio_map.npz)") from error
 
 

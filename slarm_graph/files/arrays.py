@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Archives of arrays (`.npz`), read within bounds: nothing is believed of a size before it fits."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from slarm_graph.errors import BadInput, brief
+
+MAX_ARRAY_BYTES = 1 << 29
+"""512 MB of one archive's arrays: the radio map of ten access points over 300 x 300 m at 0.05 m
+takes 1.8 GB as float32, but such maps are split; what is larger would not fit beside the run."""
+_FAILURES = (
+    OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, NotImplementedError,
+    MemoryError, zipfile.BadZipFile, zlib.error, SyntaxError, UnicodeError, OverflowError,
+)  # fmt: skip
+
+
+def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
+    """Read every array of an archive; object arrays, which can hold code, are refused.
+
+    Parameters
+    ----------
+    path : Path
+    what : str
+        What it should be, for messages.
+
+    Raises
+    ------
+    BadInput
+        When it is missing, damaged, or larger than `MAX_ARRAY_BYTES`.
+    """
+    try:
+        with zipfile.ZipFile(path) as archive:
+            total = sum(info.file_size for info in archive.infolist())
+            if total > MAX_ARRAY_BYTES:
+                raise BadInput(f"{path}: {what} of {total / 1e6:.0f} MB is too large")
+            return {
+                info.filename.removesuffix(".npy"): _array(archive.read(info))
+                for info in archive.infolist()
+            }
+    except BadInput:
+        raise
+    except FileNotFoundError:
+        raise BadInput(f"no such file: {path}") from None
+    except _FAILURES as error:
+        raise BadInput(f"{path}: not {what} written by slarm ({brief(str(error))})") from None
+
+
+def _array(data: bytes) -> NDArray[Any]:
+    """Read one array whose header says no more than there is."""
+    stream: IO[bytes] = io.BytesIO(data)
+    version = npy.read_magic(stream)
+    read_header = npy.read_array_header_1_0 if version == (1, 0) else npy.read_array_header_2_0
+    shape, fortran, dtype = read_header(stream)
+    if dtype.hasobject:
+        raise ValueError("an array of Python objects")
+    count = 1
+    for size in shape:  # Python's whole numbers do not overflow
+        count *= size
+    if min(shape, default=0) < 0 or count * dtype.itemsize > len(data) - stream.tell():
+        raise ValueError("an array claims more than there is")
+    found = np.frombuffer(data, dtype, count, stream.tell()) if count else np.empty(0, dtype)
+    return found.reshape(shape, order="F" if fortran else "C").copy()
