@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval.gain_figure import gain_curves, gain_figure
+from slarm_graph.eval.measured_figure import measured_figure
 from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import (
@@ -36,6 +37,8 @@ from slarm_graph.eval.report_figures import (
 from slarm_graph.eval.run_figures import error_figure, path_of, table_figure
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
+from slarm_graph.radio.measured.files import fitted_rows
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
@@ -70,6 +73,7 @@ class ReportContent:
         Loop closures, contradictions and confidence, for the map.
     verdict : str
         What the run says of its own consistency.
+    measured : MeasuredMap or None
     """
 
     title: str
@@ -87,6 +91,7 @@ class ReportContent:
     config_changes: Sequence[str] = ()
     marks: Marks = field(default_factory=Marks)
     verdict: str = ""
+    measured: MeasuredMap | None = None
 
 
 def report_html(content: ReportContent) -> str:
@@ -110,6 +115,7 @@ def report_html(content: ReportContent) -> str:
             Section("Metrics", _metric_table(content.metrics)),
             Section("Geographic map", _geographic_part(content.geographic)),
             Section("Radio map", _radio_part(content.radio)),
+            *_measured_part(content.measured),
             Section("Scans", (scan_table(content.scans),) if content.scans else ()),
             Section("Time and memory by stage", _stage_bars(content.record)),
             *(Section(_title_of(t.name), table_blocks(t)) for t in content.tables),
@@ -198,6 +204,21 @@ def _radio_part(radio: RadioMap | None) -> tuple[Block, ...]:
         " loss (3GPP TR 38.901); all access points on one scale."
     )
     return gain_figure(radio), Words(words), gain_curves(radio)
+
+
+def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
+    """Return the section on what was heard on the way, none where nothing was."""
+    if measured is None:
+        return ()
+    rows = fitted_rows(measured)
+    table = PageTable(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    words = (
+        "Expected level from the readings on the way: a multi-wall law with a residual field that"
+        " does not pass walls. The standard deviation is that of the expected level; a new reading"
+        " spreads farther (noise and drift in the table)."
+    )
+    blocks = (measured_figure(measured), Words(words), Folded("what was fitted", (table,)))
+    return (Section("Measured signal strength", blocks),)
 
 
 def _metric_table(metrics: Sequence[Metric]) -> tuple[Block, ...]:

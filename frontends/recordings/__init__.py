@@ -7,4 +7,4 @@ A recording format of another package is a class with what
 `slarm_graph.config.Stage`) and the constructor `(settings,)`.
 """
 
-BUILT_IN: dict[str, str] = {}
+BUILT_IN = {"lidar-text": "slarm_graph.frontends.recordings.lidar_text:LidarText"}

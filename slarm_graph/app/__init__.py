@@ -13,7 +13,7 @@ BUILT_IN = {
     "demo": "slarm_graph.app.cli_compare:demo_command",
     "reproduce": "slarm_graph.app.cli_compare:reproduce_command",
     "eval": "slarm_graph.app.cli_eval:group",
-    "radio": "slarm_graph.app.cli_tools:radio_command",
+    "radio": "slarm_graph.app.cli_radio:radio_command",
     "check": "slarm_graph.app.cli_tools:check_command",
     "convert": "slarm_graph.app.cli_tools:convert_command",
     "export": "slarm_graph.app.cli_export:export_command",

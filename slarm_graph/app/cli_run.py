@@ -80,6 +80,17 @@ RelationsFile = Annotated[
     typer.Option("--relations", help="True relative poses (Freiburg benchmark), or none."),
 ]
 
+Rss = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rss",
+        metavar="FILE|/TOPIC:FIELD[,NAME...]",
+        help="Readings of signal strength: CSV (stamp, ap, rss_dbm; empty: not heard), a log of"
+        " Bluetooth anchors, or a topic's numeric field and those that name the access point;"
+        " repeatable. A NAME_ble.txt beside NAME_scan.txt is found by itself.",
+    ),
+]
+
 
 def run_command(
     sources: Annotated[
@@ -96,6 +107,7 @@ def run_command(
     name: Name = None,
     relations: RelationsFile = None,
     ground_truth: GroundTruth = None,
+    rss: Rss = None,
     odom: Odom = None,
     scan: Scan = None,
     segment: Segment = None,
@@ -137,7 +149,7 @@ def run_command(
     points = access_points(ap or (), resolved) or _of_world(paths)
     truth = known_truth(paths[0], ground_truth, relations)
     show_notices(truth.found)
-    job = Job(paths, resolved, points, truth.ground_truth, truth.relations)
+    job = Job(paths, resolved, points, truth.ground_truth, truth.relations, tuple(rss or ()))
     return _execute(job, create_run_folder(out, name, overwrite=overwrite), show)
 
 

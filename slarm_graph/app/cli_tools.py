@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands around the flow: radio, check, convert, config, backends, doctor."""
+"""Commands around the flow: check, convert, config, backends, doctor."""
 
 from __future__ import annotations
 
@@ -11,71 +11,14 @@ from typing import Annotated
 import typer
 
 from slarm_graph.app.cli_run import (
-    AccessPoints,
     ConfigFile,
-    Name,
     Odom,
-    Out,
-    Overwrite,
     Scan,
     Segment,
     Settings,
     StaticTf,
-    access_points,
     source_config,
 )
-from slarm_graph.errors import BadInput
-
-
-def radio_command(
-    map_file: Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")],
-    ap: AccessPoints = None,
-    out: Out = Path("runs"),
-    name: Name = None,
-    fading: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Also draw N realisations: fading.npz.")
-    ] = None,
-    outage: Annotated[
-        float, typer.Option(metavar="DBM", help="A link is out below this received power.")
-    ] = -90.0,
-    config: ConfigFile = None,
-    settings: Settings = None,
-    overwrite: Overwrite = False,
-) -> None:
-    """Make the radio map over any map_server map, taken as it is."""
-    import numpy as np
-
-    from slarm_graph.app.outputs import save_radio
-    from slarm_graph.app.run_folder import create_run_folder
-    from slarm_graph.files.config_text import config_yaml
-    from slarm_graph.files.configs import load_config
-    from slarm_graph.files.maps import read_map
-    from slarm_graph.geographic import as_geographic
-    from slarm_graph.radio.fading import fading_maps, write_fading
-    from slarm_graph.radio.propagation.over_map import predicted_radio_map
-
-    resolved = load_config(config, settings or ())
-    points = access_points(ap or (), resolved)
-    geographic = as_geographic(read_map(map_file), resolved.recovery.default_height_m)
-    if not geographic.accessible.any():
-        raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
-    radio = predicted_radio_map(geographic, points, resolved)
-    folder = create_run_folder(out, name, overwrite=overwrite)
-    folder.write_text("config.yaml", config_yaml(resolved))
-    save_radio(folder, radio, resolved.radio)
-    if fading is not None:
-        rng = np.random.default_rng(resolved.seed)
-        maps = fading_maps(radio, fading, rng, threshold_dbm=outage)
-        with folder.replacing("fading.npz") as temporary:
-            write_fading(temporary, maps)
-        mean = float(np.nanmean(maps.outage_probability))
-        print(f"{fading} realisations: {mean:.2%} of the links below {outage:g} dBm -> fading.npz")
-    folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
-    low, high = radio.gain_span_db()
-    print(
-        f"{', '.join(ap.name for ap in points)}: expected gain {low:.1f} to {high:.1f} dB"
-        f" -> {folder.path}/radio_map.png"
-    )
 
 
 def check_command(

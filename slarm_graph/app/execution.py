@@ -66,6 +66,7 @@ def _job_facts(job: Job) -> dict[str, object]:
         "access_points": [asdict(ap) for ap in job.access_points],
         "ground_truth": str(job.ground_truth.resolve()) if job.ground_truth else None,
         "relations": str(job.relations.resolve()) if job.relations else None,
+        "rss": list(job.rss),
     }
 
 

@@ -13,6 +13,7 @@ from slarm_graph.config import RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
 from slarm_graph.reading_log import ReadingLog
@@ -34,6 +35,8 @@ class Job:
         is no radio map.
     ground_truth, relations : Path or None
         Files with what is known to be true.
+    rss : tuple of str
+        Readings of signal strength: files, or topics with fields (`open_rss`).
     """
 
     paths: tuple[Path, ...]
@@ -41,6 +44,7 @@ class Job:
     access_points: tuple[AccessPoint, ...] = ()
     ground_truth: Path | None = None
     relations: Path | None = None
+    rss: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,8 @@ class Run:
     geographic : GeographicMap
     radio : RadioMap or None
         None without an access point.
+    measured : MeasuredMap or None
+        None without readings of signal strength.
     metrics : tuple of Metric
     """
 
@@ -82,6 +88,7 @@ class Run:
     geographic: GeographicMap
     radio: RadioMap | None
     metrics: tuple[Metric, ...]
+    measured: MeasuredMap | None = None
 
     def notices(self) -> tuple[str, ...]:
         """Return what a user should know."""
@@ -89,4 +96,5 @@ class Run:
         points = self.radio.access_points if self.radio else ()
         radio = radio_notices(self.geographic.geometry, points, self.config.radio)
         placed = placement_notices(self.geographic, points, self.config.radio.mount_radius_m)
-        return (*problem, *self.info.notices, *self.slam.notices, *radio, *placed)
+        heard = self.measured.notices if self.measured else ()
+        return (*problem, *self.info.notices, *self.slam.notices, *radio, *placed, *heard)

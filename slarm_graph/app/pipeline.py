@@ -11,6 +11,7 @@ from slarm_graph.app.checkpoint import Checkpoint, resume_from
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
+from slarm_graph.app.measuring import measured_map, save_measured, signal_logs
 from slarm_graph.app.outputs import (
     save_geographic,
     save_radio,
@@ -57,6 +58,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
+        signals = signal_logs(job.rss, job.paths)
         source = open_source(
             job.paths,
             config.source_as_used(),
@@ -95,6 +97,10 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         aps = job.access_points
         radio = predicted_radio_map(geographic, aps, config) if aps else None
         save_radio(folder, radio, config.radio)
+    # readings of signal strength -> measured radio map
+    with folder.stage("measured radio map", progress):
+        measured = measured_map(signals, slam.trajectory, geographic, aps, config)
+        save_measured(folder, measured)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         references = references.or_truth(info.truth)
@@ -110,7 +116,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
             )
         )
         title = f"{job.paths[0].name}, {config.backend}"
-        done = Run(title, config, info, log, slam, grid, geographic, radio, metrics)
+        done = Run(title, config, info, log, slam, grid, geographic, radio, metrics, measured)
         save_report(folder, done, references)
     return done
 

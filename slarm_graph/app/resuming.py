@@ -73,6 +73,7 @@ def _recording_job(
         tuple(AccessPoint(**ap) for ap in facts["access_points"]),
         _path_or_none(facts["ground_truth"]),
         _path_or_none(facts["relations"]),
+        tuple(facts.get("rss", ())),
     )
 
 

@@ -46,6 +46,7 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         trajectories=_trajectories(run, references),
         geographic=run.geographic,
         radio=run.radio,
+        measured=run.measured,
         metrics=run.metrics,
         record=folder.record(),
         scans=run.log.statuses(),

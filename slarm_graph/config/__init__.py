@@ -17,6 +17,7 @@ from slarm_graph.config.driving import (
     WheelConfig,
 )
 from slarm_graph.config.maps import MappingConfig, RadioConfig, RecoveryConfig
+from slarm_graph.config.measured import MeasuredConfig
 from slarm_graph.config.particles import (
     GmappingConfig,
     ParticleLikelihoodConfig,
@@ -48,6 +49,7 @@ __all__ = [
     "LoopClosureConfig",
     "MappingConfig",
     "MatchingConfig",
+    "MeasuredConfig",
     "PartName",
     "ParticleLikelihoodConfig",
     "ParticleMapsConfig",
@@ -102,6 +104,7 @@ class RunConfig(Stage):
     mapping: MappingConfig = MappingConfig()
     recovery: RecoveryConfig = RecoveryConfig()
     radio: RadioConfig = RadioConfig()
+    measured: MeasuredConfig = MeasuredConfig()
     checkpoint: CheckpointConfig = CheckpointConfig()
     limits: LimitsConfig = LimitsConfig()
     simulation: SimulationConfig = SimulationConfig()

@@ -78,15 +78,8 @@ class Posterior:
         return np.asarray(np.einsum("ij,jk,ik->i", open_part, self.beta_covariance, open_part))
 
 
-def condition(
-    prior: Precision,
-    where: sparse.csr_array,
-    design: Floats,
-    coefficients: Coefficients,
-    readings_dbm: Floats,
-    noise_precision: Floats,
-) -> Posterior:
-    """Condition field, drift and coefficients on readings.
+class Conditioned:
+    """Readings' places, times and noise, factored once for any mean.
 
     Parameters
     ----------
@@ -94,34 +87,46 @@ def condition(
         Of the state, (S, S).
     where : (N, S) sparse
         A.
-    design : (N, p)
-        B.
-    coefficients : Coefficients
-    readings_dbm : (N,) [dBm]
     noise_precision : (N,) [1/dB^2]
         Positive.
     """
-    weighted = sparse.csr_array(where.multiply(noise_precision[:, None]))
-    factor = Factor(sparse.csc_array(prior.matrix + weighted.T @ where))
-    at_mean = readings_dbm - design @ coefficients.mean
-    onto_state = weighted.T @ np.column_stack([at_mean, design])
-    solved = factor.solve(onto_state)
-    # Inner products of the residual and the design under the inverse covariance of the readings.
-    both = np.column_stack([at_mean, design])
-    inner = both.T @ (noise_precision[:, None] * both) - onto_state.T @ solved
-    beta_precision = inner[1:, 1:] + np.diag(coefficients.sd**-2)
-    step = np.linalg.solve(beta_precision, inner[1:, 0])
-    fit = inner[0, 0] - inner[1:, 0] @ step
-    log_determinant = (
-        factor.log_determinant() - prior.log_determinant - float(np.log(noise_precision).sum())
-    )
-    log_determinant += np.linalg.slogdet(beta_precision)[1] + 2.0 * np.log(coefficients.sd).sum()
-    log_evidence = -0.5 * (fit + log_determinant + len(readings_dbm) * np.log(2.0 * np.pi))
-    return Posterior(
-        factor,
-        solved[:, 0] - solved[:, 1:] @ step,
-        coefficients.mean + step,
-        np.linalg.inv(beta_precision),
-        solved[:, 1:],
-        float(log_evidence),
-    )
+
+    def __init__(self, prior: Precision, where: sparse.csr_array, noise_precision: Floats) -> None:
+        self._weighted = sparse.csr_array(where.multiply(noise_precision[:, None]))
+        self._factor = Factor(sparse.csc_array(prior.matrix + self._weighted.T @ where))
+        self._precision = noise_precision
+        self._log_determinant = (
+            self._factor.log_determinant()
+            - prior.log_determinant
+            - float(np.log(noise_precision).sum())
+        )
+
+    def on(self, design: Floats, coefficients: Coefficients, readings_dbm: Floats) -> Posterior:
+        """Condition field, drift and coefficients on readings.
+
+        Parameters
+        ----------
+        design : (N, p)
+            B.
+        coefficients : Coefficients
+        readings_dbm : (N,) [dBm]
+        """
+        at_mean = readings_dbm - design @ coefficients.mean
+        both = np.column_stack([at_mean, design])
+        onto_state = self._weighted.T @ both
+        solved = self._factor.solve(onto_state)
+        # Inner products of residual and design under the inverse covariance of the readings.
+        inner = both.T @ (self._precision[:, None] * both) - onto_state.T @ solved
+        beta_precision = inner[1:, 1:] + np.diag(coefficients.sd**-2)
+        step = np.linalg.solve(beta_precision, inner[1:, 0])
+        fit = inner[0, 0] - inner[1:, 0] @ step
+        spread = np.linalg.slogdet(beta_precision)[1] + 2.0 * np.log(coefficients.sd).sum()
+        constant = len(readings_dbm) * np.log(2.0 * np.pi)
+        return Posterior(
+            self._factor,
+            solved[:, 0] - solved[:, 1:] @ step,
+            coefficients.mean + step,
+            np.linalg.inv(beta_precision),
+            solved[:, 1:],
+            float(-0.5 * (fit + self._log_determinant + spread + constant)),
+        )

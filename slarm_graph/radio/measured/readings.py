@@ -41,6 +41,8 @@ class Placed:
         Of the robot.
     position_sd_m : (N,) float64, optional
         Standard deviation of the position, along each axis [m].
+    classes : int
+        How many classes there are; class 0 is that of the map.
     """
 
     points_m: Floats
@@ -49,6 +51,7 @@ class Placed:
     noise_class: NDArray[np.int64]
     headings_rad: Floats | None = None
     position_sd_m: Floats | None = None
+    classes: int = 1
 
     def __len__(self) -> int:
         return len(self.rss_dbm)
@@ -67,6 +70,7 @@ class Placed:
             self.noise_class[which],
             None if self.headings_rad is None else self.headings_rad[which],
             None if self.position_sd_m is None else self.position_sd_m[which],
+            self.classes,
         )
 
 

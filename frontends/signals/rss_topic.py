@@ -1,0 +1,69 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Readings of signal strength from a topic of a bag, by the definitions that the bag brings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+from rosbags.highlevel import AnyReader, AnyReaderError
+from rosbags.typesys import Stores, get_typestore
+
+from slarm_graph.errors import BadInput
+from slarm_graph.radio.measured.log import RssLog
+
+
+def read_rss_topic(
+    recording: Sequence[Path], topic: str, value: str, names: Sequence[str]
+) -> RssLog:
+    """Read a numeric field of a topic.
+
+    Parameters
+    ----------
+    recording : sequence of Path
+        ROS 1 bags, or a ROS 2 folder.
+    topic : str
+    value : str
+        Field with the strength [dBm]; dots lead into parts.
+    names : sequence of str
+        Fields that together name the access point; without any the topic does.
+
+    Raises
+    ------
+    BadInput
+        When there is no such topic or field.
+    """
+    folders = [p.parent if p.name == "metadata.yaml" else p for p in recording]
+    stamps, owners, values = [], [], []
+    try:
+        store = get_typestore(Stores.ROS2_HUMBLE)
+        with AnyReader(folders, default_typestore=store) as reader:
+            connections = [c for c in reader.connections if c.topic == topic]
+            if not connections:
+                known = ", ".join(sorted({c.topic for c in reader.connections}))
+                raise BadInput(f"--rss {topic}: no such topic; the recording has {known}")
+            for connection, recorded_ns, raw in reader.messages(connections):
+                message = reader.deserialize(raw, connection.msgtype)
+                values.append(float(attrgetter(value)(message)))
+                words = [str(attrgetter(name)(message)) for name in names]
+                owners.append(" ".join(words) or topic.strip("/"))
+                stamps.append(_stamp_ns(message, recorded_ns))
+    except AttributeError as error:
+        raise BadInput(f"--rss {topic}: {error}") from None
+    except AnyReaderError as error:
+        raise BadInput(f"--rss {topic}: the recording has no topics ({error})") from None
+    rss = np.array(values)
+    rss[~np.isfinite(rss)] = np.nan
+    described = f"{topic}, {len(values)} readings"
+    return RssLog.of_rows(np.array(stamps, dtype=np.int64), owners, rss, described)
+
+
+def _stamp_ns(message: object, recorded_ns: int) -> int:
+    """The header's stamp, where there is one that was set [ns]."""
+    stamp = getattr(getattr(message, "header", None), "stamp", None)
+    if stamp is None or (stamp.sec == 0 and stamp.nanosec == 0):
+        return recorded_ns
+    return int(stamp.sec) * 10**9 + int(stamp.nanosec)

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `radio`: over any map, what is expected, what was measured, and plans with it."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slarm_graph.app.cli_run import (
+    AccessPoints,
+    ConfigFile,
+    Name,
+    Out,
+    Overwrite,
+    Rss,
+    Settings,
+    access_points,
+)
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.app.run_folder import RunFolder
+    from slarm_graph.radio.connectivity.signal import SignalMap
+
+MapFile = Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")]
+WayFile = Annotated[
+    Path | None,
+    typer.Option("--trajectory", help="TUM poses in the map at which --rss was heard."),
+]
+Threshold = Annotated[
+    float | None, typer.Option(help="Least level that counts as connected, in dBm.")
+]
+Begin = Annotated[str | None, typer.Option("--from", metavar="X,Y", help="Start of a way, in m.")]
+End = Annotated[str | None, typer.Option("--to", metavar="X,Y", help="End of a way, in m.")]
+LongestOutage = Annotated[
+    float, typer.Option(help="How long the way may be without connection in one go, in s.")
+]
+
+
+def radio_command(
+    map_file: MapFile,
+    ap: AccessPoints = None,
+    rss: Rss = None,
+    trajectory: WayFile = None,
+    threshold: Threshold = None,
+    begin: Begin = None,
+    end: End = None,
+    longest_outage: LongestOutage = 0.0,
+    fading: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Also draw N realisations: fading.npz.")
+    ] = None,
+    outage: Annotated[
+        float, typer.Option(metavar="DBM", help="A link is out below this received power.")
+    ] = -90.0,
+    out: Out = Path("runs"),
+    name: Name = None,
+    config: ConfigFile = None,
+    settings: Settings = None,
+    overwrite: Overwrite = False,
+) -> None:
+    """Make the radio map over any map_server map, predicted or measured, and plan with it."""
+    from slarm_graph.app.planning_radio import plan_ways, radio_over_map
+    from slarm_graph.app.run_folder import create_run_folder
+    from slarm_graph.files.config_text import config_yaml
+    from slarm_graph.files.configs import load_config
+
+    resolved = load_config(config, settings or ())
+    points = access_points(ap or (), resolved)
+    if (begin is None) != (end is None) or (begin is not None and threshold is None):
+        raise BadInput("a way needs --from, --to and --threshold")
+    ends = None if begin is None or end is None else (_point(begin), _point(end))
+    made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
+    folder = create_run_folder(out, name, overwrite=overwrite)
+    folder.write_text("config.yaml", config_yaml(resolved))
+    made.save(folder)
+    if fading is not None:
+        print(made.save_fading(folder, fading, outage, resolved.seed))
+    folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
+    print(f"{made.words} -> {folder.path}")
+    if threshold is not None:
+        _tell(made.signal, threshold, folder)
+        if ends is not None:
+            for line in plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder):
+                print(line)
+
+
+def _point(text: str) -> tuple[float, float]:
+    try:
+        x, y = (float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        raise BadInput(f"{text}: expected two numbers X,Y [m]") from None
+    if not (math.isfinite(x) and math.isfinite(y)):
+        raise BadInput(f"{text}: X,Y must be finite [m]")
+    return x, y
+
+
+def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
+    """Print how far each access point reaches."""
+    from slarm_graph.app.cli_output import show_table
+    from slarm_graph.app.planning_radio import save_connections
+    from slarm_graph.radio.connectivity.signal import PERCENTILES
+
+    made = save_connections(signal, threshold_dbm, folder)
+    levels = [f"{p:g} % [dBm]" for p in PERCENTILES]
+    rows = [
+        (
+            one.name,
+            f"{one.area_m2:.1f}",
+            f"{one.share:.1%}",
+            f"{one.largest_share:.1%}",
+            f"{one.mean_outage:.1%}",
+            *(f"{level:.1f}" for level in one.percentiles_dbm),
+        )
+        for one in made
+    ]
+    head = ("access point", "area [m²]", "connected", "in one patch", "mean outage", *levels)
+    show_table(head, rows)

@@ -1,0 +1,76 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Signal strength that was heard on the way: into the measured radio map and its files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.config import RunConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.frontends.signals.rss import beside, open_rss
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.radio.measured.files import (
+    write_access_points_csv,
+    write_measured_csv,
+    write_measured_netcdf,
+    write_measured_npz,
+)
+from slarm_graph.radio.measured.fuse import fuse
+from slarm_graph.radio.measured.log import RssLog, merged, place
+from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.radio.measured.pictures import write_measured_png
+from slarm_graph.trajectory import Trajectory
+
+
+def signal_logs(given: Sequence[str], recording: Sequence[Path]) -> tuple[RssLog, ...]:
+    """Open what `--rss` names, or what lies beside the recording when it names nothing."""
+    found = given or [log for path in recording if (log := beside(path))]
+    return tuple(open_rss(one, recording) for one in found)
+
+
+def measured_map(
+    logs: Sequence[RssLog],
+    trajectory: Trajectory,
+    geographic: GeographicMap,
+    access_points: Sequence[AccessPoint],
+    config: RunConfig,
+) -> MeasuredMap | None:
+    """Make the measured radio map; None without readings.
+
+    Raises
+    ------
+    BadInput
+        When no reading lies on the way.
+    """
+    if not logs:
+        return None
+    placed = place(merged(logs), trajectory, config.measured.position_sd_m)
+    total = sum(map(len, logs))
+    if placed.outside == total:
+        raise BadInput(
+            f"none of the {total} readings of signal strength lies within the trajectory's time:"
+            " do both have the same clock?"
+        )
+    made = fuse(geographic, placed.readings, access_points, config.radio, config.measured)
+    outside = f"{placed.outside} of {total} readings of signal strength lie outside the way's time"
+    return replace(made, notices=(*made.notices, outside)) if placed.outside else made
+
+
+def save_measured(folder: RunFolder, measured: MeasuredMap | None) -> None:
+    """Write the measured radio map in all its forms, where there is one."""
+    if measured is None:
+        return
+    for name, write in (
+        ("measured_radio_map.npz", write_measured_npz),
+        ("measured_radio_map.nc", write_measured_netcdf),
+        ("measured_radio_map.csv", write_measured_csv),
+        ("measured_radio_map.png", write_measured_png),
+        ("measured_access_points.csv", write_access_points_csv),
+    ):
+        with folder.replacing(name) as temporary:
+            write(temporary, measured)

@@ -1,0 +1,190 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Ways from A to B that keep the connection: never lost, lost for a while at most, or preferred."""
+
+from __future__ import annotations
+
+import heapq
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.errors import BadInput
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import Cells, GridGeometry, Mask
+
+LAYERS = 8
+"""Ways into one cell that are told apart by how long they were without connection: halving it can
+miss ways that just keep the limit, doubling it doubles memory and time."""
+
+
+@dataclass(frozen=True, slots=True)
+class ConnectedPath:
+    """A way and how well it is connected.
+
+    Parameters
+    ----------
+    cells : (K, 2) int64
+        (row, col) from start to goal.
+    length_m : float
+    below_m, longest_below_m : float
+        Length below the threshold, all in all and without a break.
+    least_dbm : float
+        Weakest level on the way.
+    """
+
+    cells: Cells
+    length_m: float
+    below_m: float
+    longest_below_m: float
+    least_dbm: float
+
+
+def connected_path(
+    geometry: GridGeometry,
+    level_dbm: NDArray[np.float32],
+    start_m: tuple[float, float],
+    goal_m: tuple[float, float],
+    threshold_dbm: float,
+    *,
+    longest_outage_m: float = 0.0,
+    weight_per_db: float = 0.0,
+) -> ConnectedPath | None:
+    """Find the shortest way that keeps the connection; None when there is no such way.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    level_dbm : (rows, cols)
+        Of the best server; nan where the robot cannot be.
+    start_m, goal_m : (x, y) [m]
+    threshold_dbm : float
+    longest_outage_m : float
+        How far the robot may drive without a break below the threshold: 0 never, inf always
+        (the plain shortest path).
+    weight_per_db : float
+        Every metre counts 1 + this times the dB that it lies below the threshold.
+
+    Raises
+    ------
+    BadInput
+        When start or goal is not on the floor.
+    """
+    floor: Mask = np.isfinite(level_dbm)
+    start, goal = (_on_floor(geometry, floor, point) for point in (start_m, goal_m))
+    with np.errstate(invalid="ignore"):
+        covered = floor & (level_dbm >= threshold_dbm)
+        short = np.where(floor & ~covered, threshold_dbm - level_dbm, 0.0)
+    if longest_outage_m <= 0.0 and not (covered[start] and covered[goal]):
+        return None
+    limit = longest_outage_m / geometry.resolution_m
+    layers = LAYERS if 0.0 < limit < math.inf else 1
+    allowed = floor if limit > 0.0 else covered
+    weights = (1.0 + weight_per_db * short).astype(np.float32)
+    cols = floor.shape[1]
+    flat = _search(
+        allowed,
+        covered | np.bool_(layers == 1),
+        weights,
+        start[0] * cols + start[1],
+        goal[0] * cols + goal[1],
+        limit,
+        layers,
+    )
+    if not len(flat):
+        return None
+    cells = np.stack(np.divmod(flat, cols), axis=1).astype(np.int64)
+    return _judged(geometry, cells, level_dbm, threshold_dbm)
+
+
+def _on_floor(geometry: GridGeometry, floor: Mask, point: tuple[float, float]) -> tuple[int, int]:
+    row, col = (int(v) for v in geometry.cell_of(point))
+    if not geometry.contains(np.array([row, col])) or not floor[row, col]:
+        raise BadInput(f"({point[0]:g}, {point[1]:g}) m is not on the floor that can be reached")
+    return row, col
+
+
+def _judged(
+    geometry: GridGeometry, cells: Cells, level_dbm: NDArray[np.float32], threshold_dbm: float
+) -> ConnectedPath:
+    levels = level_dbm[tuple(cells.T)]
+    steps: Floats = np.hypot(*np.diff(cells, axis=0).T) * geometry.resolution_m
+    below = levels[1:] < threshold_dbm
+    longest = run = 0.0
+    for step, lost in zip(steps.tolist(), below.tolist(), strict=True):
+        run = run + step if lost else 0.0
+        longest = max(longest, run)
+    return ConnectedPath(
+        cells,
+        float(steps.sum()),
+        float(steps[below].sum()),
+        longest,
+        float(levels.min()),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _search(
+    allowed: Mask,
+    covered: Mask,
+    weights: NDArray[np.float32],
+    start: int,
+    goal: int,
+    limit: float,
+    layers: int,
+) -> NDArray[np.int64]:
+    """A* over cells and how long each has been without connection; empty when there is no way.
+
+    A state keeps the exact length without connection of the way that came first, so every way
+    found keeps the limit.
+    """
+    rows, cols = allowed.shape
+    size = rows * cols * layers
+    cost = np.full(size, np.inf, dtype=np.float32)
+    lost = np.zeros(size, dtype=np.float32)
+    parent = np.full(size, -1, dtype=np.int64)
+    done = np.zeros(size, dtype=np.bool_)
+    goal_row, goal_col = goal // cols, goal % cols
+    cost[start * layers] = 0.0
+    heap = [(0.0, start * layers)]
+    last = -1
+    while heap:
+        _, state = heapq.heappop(heap)
+        if done[state]:
+            continue
+        done[state] = True
+        cell = state // layers
+        if cell == goal:
+            last = state
+            break
+        row, col = cell // cols, cell % cols
+        for dr in range(-1, 2):
+            for dc in range(-1, 2):
+                r, c = row + dr, col + dc
+                if (dr == 0 and dc == 0) or r < 0 or c < 0 or r >= rows or c >= cols:
+                    continue
+                # A diagonal needs both sides free: the robot has a width.
+                if not (allowed[r, c] and allowed[r, col] and allowed[row, c]):
+                    continue
+                step = 1.4142135623730951 if dr != 0 and dc != 0 else 1.0
+                without = 0.0 if covered[r, c] else lost[state] + step
+                if without > limit:
+                    continue
+                layer = 0 if without == 0.0 else min(int(without / limit * layers), layers - 1)
+                other = (r * cols + c) * layers + layer
+                total = cost[state] + step * weights[r, c]
+                if total < cost[other]:
+                    cost[other] = total
+                    lost[other] = without
+                    parent[other] = state
+                    across, up = abs(c - goal_col), abs(r - goal_row)
+                    rest = max(across, up) + 0.41421356237309515 * min(across, up)
+                    heapq.heappush(heap, (total + rest, other))
+    path = [0][:0]
+    while last >= 0:
+        path.append(last // layers)
+        last = parent[last]
+    return np.array(path[::-1], dtype=np.int64)

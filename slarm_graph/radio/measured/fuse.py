@@ -1,0 +1,289 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From readings along a trajectory to the measured radio map: model + field between walls."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.config import MeasuredConfig, RadioConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
+from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
+from slarm_graph.radio.measured.locate import locate
+from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
+from slarm_graph.radio.measured.nodes import Nodes, make_nodes
+from slarm_graph.radio.measured.priors import FloorField
+from slarm_graph.radio.measured.readings import Placed, Receiver
+
+_PIECE_S = 60.0
+"""Readings for the search are taken a minute at a time, long against any drift."""
+
+_CLEARLY_ABOVE_DB = 15.0
+"""So far above the threshold, silence is a lost packet: three to four sigmas of fading."""
+
+_CELLS_AT_A_TIME = 200_000
+"""Bounds the memory of a prediction; more is not faster."""
+
+
+@dataclass(frozen=True, slots=True)
+class FittedAccessPoint:
+    """One access point after its fit.
+
+    Parameters
+    ----------
+    mean : Mean
+    placed : Placed
+    fit : Fit
+    position_sd_m : tuple of float
+        Of the access point, where it was located by the readings [m].
+    """
+
+    mean: Mean
+    placed: Placed
+    fit: Fit
+    position_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+def floor_of(geographic: GeographicMap) -> Mask:
+    """Cells (rows, cols) over which a field lives: all that is free."""
+    states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
+    return np.isin(geographic.states, states)
+
+
+def fuse(
+    geographic: GeographicMap,
+    readings: Mapping[str, Placed],
+    access_points: Sequence[AccessPoint],
+    radio: RadioConfig,
+    config: MeasuredConfig,
+) -> MeasuredMap:
+    """Make the measured radio map.
+
+    Parameters
+    ----------
+    geographic : GeographicMap
+    readings : mapping of access point's name to Placed
+    access_points : sequence of AccessPoint
+        Those whose position is known, by name.
+    radio : RadioConfig
+    config : MeasuredConfig
+
+    Raises
+    ------
+    BadInput
+        When no access point was heard often enough.
+    """
+    known = {ap.name: ap for ap in access_points}
+    floor = floor_of(geographic)
+    nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
+    coarse = make_nodes(geographic.geometry, floor, config.node_side_m, config.search_nodes)
+    floors = FloorField(nodes), FloorField(coarse)
+    done, notices = {}, []
+    for name, placed in readings.items():
+        heard = int(placed.heard.sum())
+        if heard < config.least_readings:
+            notices.append(f"{name} was heard {heard} times; {config.least_readings} make a map")
+            continue
+        mean = Mean(geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m)
+        spread = (0.0, 0.0, 0.0)
+        if mean.access_point is None and config.locate:
+            found = locate(floors[1], mean, placed, config)
+            x, y, z = (float(v) for v in found.position_m)
+            point = AccessPoint(name, x, y, z, radio.power_dbm, radio.frequency_hz)
+            mean, spread = replace(mean, access_point=point), found.sd_m()
+        fitted = fit_access_point(floors, mean, placed, config)
+        done[name] = replace(fitted, position_sd_m=spread)
+    if not done:
+        raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
+    return _mapped(geographic, nodes, done, radio, tuple(notices))
+
+
+def fit_access_point(
+    floors: tuple[FloorField, FloorField], mean: Mean, placed: Placed, config: MeasuredConfig
+) -> FittedAccessPoint:
+    """Search one access point's hyperparameters on part of the readings, and fit all of them.
+
+    Parameters
+    ----------
+    floors : (FloorField, FloorField)
+        To fit on, and a coarser one to search on.
+    mean : Mean
+    placed : Placed
+    config : MeasuredConfig
+    """
+    fine, coarse = floors
+    heard = placed.only(placed.heard)
+    part = heard.only(_pieces(heard.times_s, config.search_readings))
+    hyper = fit_field(_problem(coarse, mean, part, Receiver())).hyper
+    if placed.heard.all() and config.saturation_dbm is None:
+        return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, Receiver(), hyper))
+    first = _fitted(fine, mean, heard, Receiver(), hyper)
+    receiver = _receiver(first, fine.nodes, mean, placed, config)
+    return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, receiver, hyper))
+
+
+def _problem(floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver) -> Problem:
+    design, coefficients = mean.of_readings(placed), mean.coefficients(placed)
+    return Problem(floor, placed, design, coefficients, mean.slope_db_m(placed.points_m), receiver)
+
+
+def _fitted(
+    floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver, hyper: Hyperparameters
+) -> Fit:
+    return fit_field(_problem(floor, mean, placed, receiver), hyper, search=False)
+
+
+def _pieces(times_s: Floats, most: int) -> NDArray[np.int64]:
+    """Indices of readings in whole minutes spread over the time, about as many as wished."""
+    if len(times_s) <= most:
+        return np.arange(len(times_s))
+    minute = np.floor((times_s - times_s.min()) / _PIECE_S).astype(np.int64)
+    minutes = np.unique(minute)
+    keep = max(1, round(len(minutes) * most / len(times_s)))
+    chosen = minutes[np.linspace(0, len(minutes) - 1, keep).round().astype(np.int64)]
+    taken = np.flatnonzero(np.isin(minute, chosen))
+    return taken[:: max(1, len(taken) // most)]
+
+
+def _receiver(
+    fit: Fit, nodes: Nodes, mean: Mean, placed: Placed, config: MeasuredConfig
+) -> Receiver:
+    """What the receiver cannot tell: its threshold, and how often a strong packet is lost."""
+    weakest = float(np.nanmin(placed.rss_dbm))
+    threshold = weakest if config.threshold_dbm is None else config.threshold_dbm
+    at = nodes.at(placed.points_m)
+    level = mean.of_map(placed.points_m) @ fit.posterior.beta[: mean.terms]
+    strong = level + fit.posterior.state[at] > threshold + _CLEARLY_ABOVE_DB
+    lost = float((~placed.heard[strong]).mean()) if strong.any() else 0.0
+    most = np.inf if config.saturation_dbm is None else config.saturation_dbm
+    return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
+
+
+def _mapped(
+    geographic: GeographicMap,
+    nodes: Nodes,
+    done: Mapping[str, FittedAccessPoint],
+    radio: RadioConfig,
+    notices: tuple[str, ...],
+) -> MeasuredMap:
+    """Predict every accessible cell for every access point."""
+    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+    shape = (len(done), *geographic.geometry.shape)
+    layers = [np.full(shape, np.nan, dtype=np.float32) for _ in range(3)]
+    points, fitted = [], []
+    for index, (name, one) in enumerate(done.items()):
+        mean_dbm, variance = predicted(nodes, one, cells)
+        reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
+        for layer, values in zip(layers, (mean_dbm, np.sqrt(variance), reading), strict=True):
+            layer[index][tuple(cells.T)] = values
+        points.append(_as_access_point(name, one, radio))
+        fitted.append(_terms(one))
+    return MeasuredMap(
+        geographic.geometry,
+        tuple(points),
+        mean_dbm=layers[0],
+        mean_sd_db=layers[1],
+        reading_sd_db=layers[2],
+        fitted=tuple(fitted),
+        antenna_height_m=radio.antenna_height_m,
+        notices=notices,
+    )
+
+
+def predicted(
+    nodes: Nodes, one: FittedAccessPoint, cells: NDArray[np.int64]
+) -> tuple[Floats, Floats]:
+    """Return expected level (N,) [dBm] and its variance (N,) [dB^2] in cells (N, 2)."""
+    posterior, terms, count = one.fit.posterior, one.mean.terms, len(nodes)
+    on_nodes = np.column_stack(
+        [
+            posterior.state[:count],
+            posterior.factor.marginal_variances()[:count],
+            posterior.state_per_beta[:count],
+        ]
+    )
+    mean_dbm, variance = np.empty(len(cells)), np.empty(len(cells))
+    graph = nodes.stiffness
+    for first in range(0, len(cells), _CELLS_AT_A_TIME):
+        part = slice(first, first + _CELLS_AT_A_TIME)
+        points_m = nodes.geometry.center_of(cells[part])
+        own = nodes.of_cell[tuple(cells[part].T)].astype(np.int64)
+        there = np.zeros((len(own), on_nodes.shape[1]))
+        _interpolate(points_m, own, nodes.centers_m, graph.indptr, graph.indices, on_nodes, there)
+        design = np.zeros((len(own), len(posterior.beta)))
+        design[:, :terms] = one.mean.of_map(points_m)
+        mean_dbm[part] = design @ posterior.beta + there[:, 0]
+        variance[part] = there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
+    return mean_dbm, variance
+
+
+@njit(cache=True, nogil=True)
+def _interpolate(
+    points: Floats,
+    own: NDArray[np.int64],
+    centers: Floats,
+    starts: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    values: Floats,
+    out: Floats,
+) -> None:
+    """Blend each point's node with the nodes it borders on, the nearer the more."""
+    for i in range(len(points)):
+        node, total = own[i], 0.0
+        reach = 0.0
+        for p in range(starts[node], starts[node + 1]):
+            k = neighbours[p]
+            away = np.hypot(centers[k, 0] - centers[node, 0], centers[k, 1] - centers[node, 1])
+            reach = max(reach, away)
+        reach = max(reach, 1e-9)
+        for p in range(starts[node], starts[node + 1]):
+            k = neighbours[p]
+            away = np.hypot(centers[k, 0] - points[i, 0], centers[k, 1] - points[i, 1])
+            weight = max(0.0, 1.0 - away / reach)
+            total += weight
+            for c in range(values.shape[1]):
+                out[i, c] += weight * values[k, c]
+        for c in range(values.shape[1]):
+            out[i, c] = out[i, c] / total if total > 0.0 else values[node, c]
+
+
+def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
+    """The access point, with a power that fits the level heard over free space."""
+    ap = one.mean.access_point
+    if ap is None:
+        nowhere = float("nan")
+        return AccessPoint(name, nowhere, nowhere, nowhere, nowhere, radio.frequency_hz)
+    return replace(ap, name=name)
+
+
+def _terms(one: FittedAccessPoint) -> FittedTerms:
+    hyper, posterior, terms = one.fit.hyper, one.fit.posterior, one.mean.terms
+    values, spread = np.full(3, np.nan), np.full(3, np.nan)
+    values[:terms] = posterior.beta[:terms]
+    spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]
+    level, exponent, wall = (float(v) for v in values)
+    return FittedTerms(
+        len(one.placed),
+        int((~one.placed.heard).sum()),
+        level,
+        exponent,
+        wall,
+        (float(spread[0]), float(spread[1]), float(spread[2])),
+        hyper.field_sd_db,
+        hyper.range_m,
+        hyper.drift_sd_db,
+        hyper.drift_s,
+        float(hyper.noise_sd_db[0]),
+        hyper.freedom,
+        one.position_sd_m,
+    )

@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Where an access point is, from how strong it was heard: evidence over a lattice of positions.
+
+The field's and the drift's part of the readings' covariance does not depend on where the access
+point is, so its factor is made once; each position then costs a few solves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.config import MeasuredConfig
+from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.fit import Problem, fit_field
+from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.posterior import Conditioned
+from slarm_graph.radio.measured.priors import FloorField
+from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+
+STEPS_M = (1.0, 0.25)
+"""Lattice over the map, and around the best of it; the posterior is wider than the second."""
+
+AROUND_M = 1.25
+"""Half the side of the second lattice: beyond the neighbours of the first."""
+
+HEIGHTS_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
+"""Heights tried: from a table to under a high ceiling."""
+
+_STRONGEST = 0.05
+"""Share of the readings around whose middle the search begins; any point of the floor would do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Located:
+    """An access point's position by what was heard of it.
+
+    Parameters
+    ----------
+    position_m : (3,) float64
+        Posterior mean [m].
+    covariance_m2 : (3, 3) float64
+        Of the posterior [m^2]; plan and height.
+    """
+
+    position_m: Floats
+    covariance_m2: Floats
+
+    def sd_m(self) -> tuple[float, float, float]:
+        """Standard deviations along x, y, z [m]."""
+        x, y, z = np.sqrt(np.diag(self.covariance_m2)).tolist()
+        return x, y, z
+
+
+def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig) -> Located:
+    """Find the position of an access point.
+
+    Parameters
+    ----------
+    floor : FloorField
+    mean : Mean
+        Of any access point; its position is replaced.
+    placed : Placed
+        Readings, of which those heard are used.
+    config : MeasuredConfig
+    """
+    heard = placed.only(placed.heard)
+    heard = heard.only(np.arange(0, len(heard), max(1, len(heard) // config.search_readings)))
+    strong = heard.rss_dbm >= np.quantile(heard.rss_dbm, 1.0 - _STRONGEST)
+    best = np.array([*heard.points_m[strong].mean(axis=0), HEIGHTS_M[3]])
+    lattice = _over_map(mean)
+    for step_m in STEPS_M:
+        search = _Search(floor, _at(mean, best), heard)
+        best = lattice[np.argmax([search.evidence(p) for p in lattice])]
+        lattice = _around(best, AROUND_M, step_m if step_m == STEPS_M[-1] else STEPS_M[-1])
+    search = _Search(floor, _at(mean, best), heard)
+    logs = np.array([search.evidence(p) for p in lattice])
+    share = np.exp(logs - logs.max())
+    share /= share.sum()
+    middle = share @ lattice
+    away = lattice - middle
+    # Within a cell of the lattice anything goes: a uniform's variance.
+    grain = np.diag(np.array([STEPS_M[-1], STEPS_M[-1], HEIGHTS_M[1] - HEIGHTS_M[0]]) ** 2 / 12.0)
+    return Located(middle, (share[:, None] * away).T @ away + grain)
+
+
+def _at(mean: Mean, position_m: Floats) -> Mean:
+    x, y, z = (float(v) for v in position_m)
+    return replace(mean, access_point=AccessPoint("sought", x, y, z))
+
+
+def _over_map(mean: Mean) -> Floats:
+    """Positions (P, 3) a step apart over the whole map, at a ceiling's height."""
+    x_min, x_max, y_min, y_max = mean.geographic.geometry.extent_m
+    x, y = np.meshgrid(
+        np.arange(x_min, x_max + STEPS_M[0], STEPS_M[0]),
+        np.arange(y_min, y_max + STEPS_M[0], STEPS_M[0]),
+    )
+    return np.column_stack([x.ravel(), y.ravel(), np.full(x.size, HEIGHTS_M[3])])
+
+
+def _around(middle: Floats, half_m: float, step_m: float) -> Floats:
+    """Positions (P, 3) around one, at all heights."""
+    steps = np.arange(-half_m, half_m + 0.5 * step_m, step_m)
+    x, y, z = np.meshgrid(middle[0] + steps, middle[1] + steps, HEIGHTS_M)
+    return np.column_stack([x.ravel(), y.ravel(), z.ravel()])
+
+
+class _Search:
+    """Evidence of positions under one set of hyperparameters and weights."""
+
+    def __init__(self, floor: FloorField, mean: Mean, heard: Placed) -> None:
+        self._mean, self._heard = mean, heard
+        self._coefficients = mean.coefficients(heard)
+        problem = Problem(
+            floor,
+            heard,
+            mean.of_readings(heard),
+            self._coefficients,
+            mean.slope_db_m(heard.points_m),
+            Receiver(),
+        )
+        fit = fit_field(problem)
+        where, variance = problem.where(), problem.noise_variance(fit.hyper)
+        expected = fit.posterior.mean(problem.design, where)
+        self._values, weights = gaussian_equivalent(
+            heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
+        )
+        self._base = Conditioned(problem.prior(fit.hyper), where, weights / variance)
+
+    def evidence(self, position_m: Floats) -> float:
+        """Logarithm of the marginal likelihood, the access point being there."""
+        design = _at(self._mean, position_m).of_readings(self._heard)
+        return self._base.on(design, self._coefficients, self._values).log_evidence

@@ -1,0 +1,118 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Readings of signal strength as they were logged, and where on the way they were taken."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class RssLog:
+    """Readings of signal strength, of any number of access points.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the access points.
+    stamps_ns : (N,) int64
+        In time order [ns].
+    access_point : (N,) int64
+        Index into the names.
+    rss_dbm : (N,) float64
+        nan: listened for and not heard.
+    description : str
+        Where they come from.
+    """
+
+    names: tuple[str, ...]
+    stamps_ns: NDArray[np.int64]
+    access_point: NDArray[np.int64]
+    rss_dbm: Floats
+    description: str = ""
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    @staticmethod
+    def of_rows(
+        stamps_ns: NDArray[np.int64], names: list[str], rss_dbm: Floats, description: str
+    ) -> RssLog:
+        """Gather rows in any order; every name becomes an access point."""
+        known, index = np.unique(np.array(names), return_inverse=True)
+        order = np.argsort(stamps_ns, kind="stable")
+        return RssLog(
+            tuple(str(name) for name in known),
+            stamps_ns[order],
+            index[order].astype(np.int64),
+            rss_dbm[order],
+            description,
+        )
+
+
+def merged(logs: Sequence[RssLog]) -> RssLog:
+    """Return the readings of several logs as one; equal names are one access point."""
+    names = [log.names[i] for log in logs for i in log.access_point.tolist()]
+    stamps = np.concatenate([log.stamps_ns for log in logs])
+    rss = np.concatenate([log.rss_dbm for log in logs])
+    return RssLog.of_rows(stamps, names, rss, "; ".join(log.description for log in logs))
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedLog:
+    """A log along a trajectory.
+
+    Parameters
+    ----------
+    readings : dict of str to Placed
+        By the access point's name.
+    outside : int
+        Readings before the trajectory begins or after it ends, which are left out.
+    """
+
+    readings: dict[str, Placed]
+    outside: int
+
+
+def place(log: RssLog, trajectory: Trajectory, position_sd_m: float) -> PlacedLog:
+    """Give every reading the robot's pose at its own stamp.
+
+    Whole decibels are single packets where other values are not: these are means of several, and
+    have a noise of their own.
+
+    Parameters
+    ----------
+    log : RssLog
+    trajectory : Trajectory
+    position_sd_m : float
+        Standard deviation of its positions along each axis [m].
+    """
+    first, last = trajectory.stamps_ns[0], trajectory.stamps_ns[-1]
+    within = (log.stamps_ns >= first) & (log.stamps_ns <= last)
+    poses = trajectory.at(log.stamps_ns[within])
+    times_s = (log.stamps_ns[within] - first) * 1e-9
+    rss, owner = log.rss_dbm[within], log.access_point[within]
+    whole = np.isnan(rss) | (rss == np.round(rss))
+    classes = 2 if 0 < whole.sum() < len(whole) and (~whole).any() else 1
+    noise_class = (whole if classes == 2 else np.zeros(len(whole))).astype(np.int64)
+    readings = {}
+    for index, name in enumerate(log.names):
+        mine = owner == index
+        readings[name] = Placed(
+            poses[mine, :2],
+            times_s[mine],
+            rss[mine],
+            noise_class[mine],
+            poses[mine, 2],
+            np.full(int(mine.sum()), position_sd_m),
+            classes,
+        )
+    return PlacedLog(readings, int((~within).sum()))

@@ -1,0 +1,120 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Planning with a radio map, against networkx and hand-made levels."""
+
+from __future__ import annotations
+
+import math
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from slarm_graph.errors import BadInput
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.connectivity.coverage import TOGETHER, connections
+from slarm_graph.radio.connectivity.paths import connected_path
+from slarm_graph.radio.connectivity.signal import SignalMap, level_cdf, noise_floor_dbm
+
+GRID = GridGeometry(0.0, 0.0, 0.5, 20, 30)
+
+
+def graph(allowed, weights):
+    made = nx.Graph()
+    for r, c in np.argwhere(allowed).tolist():
+        for dr, dc in ((0, 1), (1, 0), (1, 1), (1, -1)):
+            a, b = r + dr, c + dc
+            if not (a < allowed.shape[0] and 0 <= b < allowed.shape[1] and allowed[a, b]):
+                continue
+            if allowed[r, b] and allowed[a, c]:
+                made.add_edge((r, c), (a, b), weight=math.hypot(dr, dc), into=weights)
+    return made
+
+
+def levels(seed=0):
+    rng = np.random.default_rng(seed)
+    level = rng.uniform(-90.0, -60.0, GRID.shape).astype(np.float32)
+    level[rng.uniform(size=GRID.shape) < 0.15] = np.nan
+    level[0, 0] = level[-1, -1] = -50.0
+    return level
+
+
+ENDS = ((0.25, 0.25), (14.75, 9.75))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("outage_m", [0.0, math.inf])
+def test_paths_are_as_short_as_networkx_says(seed, outage_m):
+    level = levels(seed)
+    with np.errstate(invalid="ignore"):
+        allowed = np.isfinite(level) & ((level >= -82.0) | (outage_m > 0.0))
+    made = connected_path(GRID, level, *ENDS, -82.0, longest_outage_m=outage_m)
+    try:
+        length = nx.shortest_path_length(graph(allowed, None), (0, 0), (19, 29), weight="weight")
+    except (nx.NetworkXNoPath, nx.NodeNotFound):
+        assert made is None
+        return
+    assert made.length_m == pytest.approx(0.5 * length, abs=1e-4)
+    assert made.least_dbm >= -82.0 or outage_m > 0.0
+
+
+def corridor(gap):
+    """A straight way with a gap in coverage, and a longer way round that is covered."""
+    level = np.full((9, 30), np.nan, dtype=np.float32)
+    level[[1, 7], 1:29] = -60.0
+    level[1:8, [1, 28]] = -60.0
+    level[1, 10 : 10 + gap] = -95.0
+    return level
+
+
+def test_the_longest_outage_decides_between_ways():
+    grid = GridGeometry(0.0, 0.0, 0.5, 9, 30)
+    ends = (0.75, 0.75), (14.25, 0.75)
+    level = corridor(gap=6)
+    straight = connected_path(grid, level, *ends, -80.0, longest_outage_m=3.1)
+    assert straight.length_m == pytest.approx(13.5)
+    assert straight.longest_below_m == pytest.approx(3.0)
+    around = connected_path(grid, level, *ends, -80.0, longest_outage_m=2.9)
+    assert around.longest_below_m == 0.0
+    assert around.length_m == pytest.approx(13.5 + 6.0)
+    weighed = connected_path(
+        grid, level, *ends, -80.0, longest_outage_m=math.inf, weight_per_db=0.5
+    )
+    assert weighed.longest_below_m == 0.0
+    nothing = connected_path(grid, level, *ends, -50.0)
+    assert nothing is None
+    with pytest.raises(BadInput, match="not on the floor"):
+        connected_path(grid, level, (2.25, 2.25), ends[1], -80.0)
+
+
+def signal():
+    level = np.full((2, 4, 5), -70.0, dtype=np.float32)
+    level[1] = -80.0
+    level[1, :, 3:] = -60.0
+    level[:, 0] = np.nan
+    return SignalMap(GridGeometry(0, 0, 1.0, 4, 5), ("a", "b"), level, np.full_like(level, 5.0))
+
+
+def test_servers_ratios_and_outage_by_hand():
+    made = signal()
+    assert (made.best_server()[0] == -1).all()
+    assert (made.best_server()[1:, :3] == 0).all()
+    assert (made.best_server()[1:, 3:] == 1).all()
+    np.testing.assert_allclose(made.snr_db(-95.0)[1:, :3], 25.0)
+    expected = -70.0 - 10 * np.log10(10**-8.0 + 10**-9.5)
+    np.testing.assert_allclose(made.sinr_db(-95.0)[1:, :3], expected, atol=1e-4)
+    # Each at its threshold fails half of the time; the other is two sigmas below it.
+    np.testing.assert_allclose(made.outage(-70.0)[1, 0], 0.5 * 0.97725, atol=1e-4)
+    assert noise_floor_dbm(20e6, 7.0) == pytest.approx(-174 + 73.01 + 7, abs=0.01)
+
+
+def test_connected_area_of_each_and_all():
+    one, other, both = connections(signal(), -75.0)
+    assert (one.share, other.share, both.share) == (1.0, 0.4, 1.0)
+    assert both.name == TOGETHER
+    assert one.area_m2 == 15.0
+    assert other.largest_share == 0.4
+    assert both.mean_outage < min(one.mean_outage, other.mean_outage)
+    values, share = level_cdf(signal().best_level_dbm())
+    assert share[-1] == 1.0
+    assert np.interp(-65.0, values, share) == pytest.approx(0.6, abs=0.05)

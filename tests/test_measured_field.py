@@ -1,0 +1,141 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The field between walls against dense algebra; readings against numerical derivatives."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import sparse, stats
+
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.nodes import make_nodes
+from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
+from slarm_graph.radio.measured.priors import FloorField, drift_precision, matern_correlation
+from slarm_graph.radio.measured.readings import Receiver, gaussian_equivalent
+
+GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
+
+
+def two_rooms():
+    """A wall at column 30 with a door at its top."""
+    free = np.ones(GRID.shape, dtype=bool)
+    free[:34, 30] = False
+    return free
+
+
+def test_nodes_cover_the_floor_and_no_node_passes_a_wall():
+    free = two_rooms()
+    nodes = make_nodes(GRID, free, 0.4, 10_000)
+    assert nodes.area_m2.sum() == pytest.approx(free.sum() * 0.01)
+    assert ((nodes.of_cell >= 0) == free).all()
+    left, right = nodes.of_cell[:32, :30], nodes.of_cell[:32, 31:]
+    assert not np.isin(left, right).any()
+    np.testing.assert_allclose(nodes.stiffness.sum(axis=0), 0.0, atol=1e-9)
+    few = make_nodes(GRID, free, 0.1, 50)
+    assert len(few) <= 75
+
+
+def test_factor_is_the_dense_inverse():
+    nodes = make_nodes(GRID, two_rooms(), 0.4, 10_000)
+    matrix = FloorField(nodes).unit_precision(2.0).matrix
+    factor, dense = Factor(matrix), matrix.toarray()
+    inverse = np.linalg.inv(dense)
+    np.testing.assert_allclose(factor.marginal_variances(), np.diag(inverse), rtol=1e-9)
+    assert factor.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
+    np.testing.assert_allclose(factor.solve(np.eye(len(dense))), inverse, atol=1e-9)
+
+
+def test_field_is_matern_in_the_open_and_parted_by_walls():
+    wide = GridGeometry(0.0, 0.0, 0.1, 90, 90)
+    nodes = make_nodes(wide, np.ones(wide.shape, dtype=bool), 0.2, 10_000)
+    covariance = np.linalg.inv(FloorField(nodes).unit_precision(1.5).matrix.toarray())
+    np.testing.assert_allclose(np.diag(covariance), 1.0, rtol=1e-6)
+    middle = nodes.at(np.array([[4.5, 4.5]]))[0]
+    away = np.linalg.norm(nodes.centers_m - nodes.centers_m[middle], axis=1)
+    near = away < 2.0
+    np.testing.assert_allclose(
+        covariance[middle, near], matern_correlation(away[near], 1.5), atol=0.05
+    )
+    parted = make_nodes(GRID, two_rooms(), 0.2, 10_000)
+    covariance = np.linalg.inv(FloorField(parted).unit_precision(1.5).matrix.toarray())
+    here, behind, beside = parted.at(np.array([[2.85, 0.5], [3.25, 0.5], [2.45, 0.5]]))
+    assert covariance[here, beside] > 0.8
+    assert covariance[here, behind] < 0.02
+
+
+def test_drift_is_an_ornstein_uhlenbeck_process():
+    times = np.array([0.0, 1.0, 4.0, 4.5])
+    precision = drift_precision(times, 2.0)
+    covariance = np.exp(-np.abs(times[:, None] - times) / 2.0)
+    np.testing.assert_allclose(np.linalg.inv(precision.matrix.toarray()), covariance, atol=1e-9)
+    assert precision.log_determinant == pytest.approx(-np.linalg.slogdet(covariance)[1])
+
+
+def test_conditioning_is_universal_kriging():
+    rng = np.random.default_rng(1)
+    nodes = make_nodes(GRID, two_rooms(), 0.5, 10_000)
+    prior = FloorField(nodes).unit_precision(2.0)
+    count, size = 80, len(nodes)
+    where = sparse.csr_array(
+        (np.ones(count), (np.arange(count), rng.integers(0, size, count))), shape=(count, size)
+    )
+    design = rng.normal(size=(count, 2))
+    noise = rng.uniform(0.5, 2.0, count)
+    readings = rng.normal(size=count) * 3.0
+    coefficients = Coefficients(np.array([1.0, -2.0]), np.array([3.0, 0.5]))
+    got = Conditioned(prior, where, 1.0 / noise).on(design, coefficients, readings)
+
+    field = np.linalg.inv(prior.matrix.toarray())
+    spread = np.diag(coefficients.sd**2)
+    a = where.toarray()
+    total = a @ field @ a.T + design @ spread @ design.T + np.diag(noise)
+    residual = readings - design @ coefficients.mean
+    expected = stats.multivariate_normal(np.zeros(count), total).logpdf(residual)
+    assert got.log_evidence == pytest.approx(expected, rel=1e-9)
+    new_where = sparse.csr_array(np.eye(size)[:5])
+    new_design = rng.normal(size=(5, 2))
+    cross = new_where.toarray() @ field @ a.T + new_design @ spread @ design.T
+    mean = new_design @ coefficients.mean + cross @ np.linalg.solve(total, residual)
+    own = new_where.toarray() @ field @ new_where.toarray().T + new_design @ spread @ new_design.T
+    variance = np.diag(own - cross @ np.linalg.solve(total, cross.T))
+    np.testing.assert_allclose(got.mean(new_design, new_where), mean, atol=1e-9)
+    np.testing.assert_allclose(got.variance(new_design, new_where), variance, atol=1e-9)
+
+
+def log_of_silence(level, threshold, sigma, lost):
+    return np.log(lost + (1.0 - lost) * stats.norm.cdf((threshold - level) / sigma))
+
+
+@pytest.mark.parametrize("level", [-95.0, -90.0, -84.0])
+def test_silence_has_the_slope_and_curvature_of_its_likelihood(level):
+    receiver, sigma, step = Receiver(-90.0, lost_share=0.01), 4.0, 1e-3
+    values, weights = gaussian_equivalent(
+        np.array([np.nan]), np.array([level]), np.array([sigma**2]), receiver, 8.0
+    )
+    low, at, high = (log_of_silence(level + d, -90.0, sigma, 0.01) for d in (-step, 0.0, step))
+    slope = (high - low) / (2 * step)
+    curve = -(high - 2 * at + low) / step**2
+    assert weights[0] / sigma**2 * (values[0] - level) == pytest.approx(slope, rel=1e-4)
+    assert weights[0] / sigma**2 == pytest.approx(curve, rel=1e-2)
+
+
+def test_lost_packets_of_a_strong_signal_say_nothing():
+    receiver = Receiver(-90.0, lost_share=0.1)
+    values, weights = gaussian_equivalent(
+        np.array([np.nan]), np.array([-50.0]), np.array([16.0]), receiver, 8.0
+    )
+    assert weights[0] < 1e-5
+    assert abs(weights[0] * (values[0] + 50.0)) < 1e-5
+
+
+def test_outliers_weigh_less_and_saturated_readings_only_push_up():
+    rss = np.array([-60.0, -90.0, -40.0, -40.0])
+    expected = np.array([-60.0, -60.0, -20.0, -60.0])
+    receiver = Receiver(saturation_dbm=-40.0)
+    values, weights = gaussian_equivalent(rss, expected, np.full(4, 16.0), receiver, 5.0)
+    assert weights[0] == pytest.approx(1.2)
+    assert weights[1] < 0.15
+    assert weights[2] < 1e-3
+    assert values[3] > -60.0

@@ -1,0 +1,197 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The measured radio map of a made-up floor whose truth is known."""
+
+from __future__ import annotations
+
+import netCDF4
+import numpy as np
+import pytest
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.config import MeasuredConfig, RadioConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.geographic import CellState, Coverage, GeographicMap
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.measured.files import (
+    LAYERS,
+    read_measured_npz,
+    write_access_points_csv,
+    write_measured_csv,
+    write_measured_netcdf,
+    write_measured_npz,
+)
+from slarm_graph.radio.measured.fuse import fuse
+from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.pictures import write_measured_png
+from slarm_graph.radio.measured.readings import Placed
+
+GRID = GridGeometry(0.0, 0.0, 0.1, 60, 90)
+AP = AccessPoint("ap", 1.5, 1.2, 2.4)
+RADIO = RadioConfig()
+CONFIG = MeasuredConfig(node_side_m=0.4)
+LEVEL, EXPONENT, WALL = -42.0, 2.4, 6.0
+
+
+def floor():
+    states = np.full(GRID.shape, CellState.ACCESSIBLE, dtype=np.uint8)
+    states[:50, 30] = CellState.OBSTACLE
+    states[25, 31:80] = CellState.OBSTACLE
+    heights = np.where(states == CellState.OBSTACLE, np.inf, 0.0).astype(np.float32)
+    nothing = np.zeros(GRID.shape, dtype=bool)
+    return GeographicMap(GRID, states, heights, "infinite", Coverage(nothing, nothing, nothing))
+
+
+def true_level(geographic, points):
+    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
+    return mean.of_map(points) @ [LEVEL, EXPONENT, WALL]
+
+
+def drive(rng, count):
+    """Random points, in the order of a tour along x."""
+    points = rng.uniform([0.2, 0.2], [8.8, 5.8], (count, 2))
+    return points[np.argsort(points[:, 0])]
+
+
+def placed(points, rss):
+    return Placed(points, 0.5 * np.arange(len(rss)), rss, np.zeros(len(rss), dtype=np.int64))
+
+
+@pytest.fixture(scope="module")
+def noisy():
+    rng = np.random.default_rng(2)
+    geographic = floor()
+    points = drive(rng, 900)
+    rss = true_level(geographic, points) + 3.0 * rng.normal(size=900)
+    return geographic, fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+
+
+def test_the_models_terms_are_found(noisy):
+    _, made = noisy
+    terms = made.fitted[0]
+    for value, truth, sd in zip(
+        (terms.level_at_1_m_dbm, terms.exponent, terms.wall_db),
+        (LEVEL, EXPONENT, WALL),
+        terms.sd,
+        strict=True,
+    ):
+        assert abs(value - truth) < 3.0 * sd
+    assert terms.sd[2] < 1.0
+    assert terms.noise_sd_db == pytest.approx(3.0, rel=0.12)
+
+
+def test_map_is_near_the_truth_and_knows_how_near(noisy):
+    geographic, made = noisy
+    cells = np.argwhere(geographic.accessible)
+    truth = true_level(geographic, GRID.center_of(cells))
+    error = made.mean_dbm[0][tuple(cells.T)] - truth
+    sd = made.mean_sd_db[0][tuple(cells.T)]
+    assert np.sqrt((error**2).mean()) < 1.0
+    assert (np.abs(error) < 1.96 * sd).mean() > 0.9
+    assert (made.reading_sd_db[0][tuple(cells.T)] > sd).all()
+    assert np.isnan(made.mean_dbm[0][~geographic.accessible]).all()
+
+
+def test_probability_above_a_threshold(noisy):
+    geographic, made = noisy
+    likely = made.probability_above(-65.0)[0]
+    mean = made.mean_dbm[0]
+    known = geographic.accessible
+    assert ((likely > 0.5) == (mean > -65.0))[known].all()
+    sure = made.probability_above(-65.0, of_mean=True)[0]
+    np.testing.assert_array_less(np.abs(likely - 0.5)[known] - 1e-6, np.abs(sure - 0.5)[known])
+
+
+def test_what_was_not_heard_counts():
+    """Far off nothing is heard: left out, the map is too strong there; counted, it is not."""
+    rng = np.random.default_rng(5)
+    geographic = floor()
+    points = drive(rng, 1200)
+    rss = true_level(geographic, points) + 3.0 * rng.normal(size=len(points))
+    far = points[:, 0] > 5.0
+    rss[rss < -62.0] = np.nan
+    errors = []
+    for silent in (True, False):
+        kept = np.ones(len(rss), dtype=bool) if silent else np.isfinite(rss)
+        made = fuse(
+            geographic,
+            {"ap": placed(points[kept], rss[kept])},
+            [AP],
+            RADIO,
+            MeasuredConfig(node_side_m=0.4, threshold_dbm=-62.0),
+        )
+        cells = GRID.cell_of(points[far])
+        values = made.mean_dbm[0][tuple(cells.T)]
+        errors.append(float(np.nanmean(values - true_level(geographic, points[far]))))
+    assert abs(errors[0]) < 1.0
+    assert errors[1] > errors[0] + 1.0
+
+
+def test_outliers_do_not_pull():
+    rng = np.random.default_rng(7)
+    geographic = floor()
+    points = drive(rng, 600)
+    rss = true_level(geographic, points) + 2.0 * rng.normal(size=600)
+    rss[::12] -= 25.0
+    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    cells = np.argwhere(geographic.accessible)
+    truth = true_level(geographic, GRID.center_of(cells))
+    assert abs(np.mean(made.mean_dbm[0][tuple(cells.T)] - truth)) < 1.0
+
+
+def test_too_few_readings_are_told():
+    geographic = floor()
+    few = placed(np.full((3, 2), 1.0), np.full(3, -50.0))
+    with pytest.raises(BadInput, match="heard 3 times"):
+        fuse(geographic, {"ap": few}, [AP], RADIO, CONFIG)
+
+
+def test_an_unknown_access_point_is_found():
+    rng = np.random.default_rng(11)
+    geographic = floor()
+    points = drive(rng, 900)
+    rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
+    made = fuse(geographic, {"someone": placed(points, rss)}, [], RADIO, CONFIG)
+    found, sd = made.access_points[0], made.fitted[0].position_sd_m
+    assert np.hypot(found.x_m - AP.x_m, found.y_m - AP.y_m) < 0.5
+    assert max(sd[:2]) < 0.5
+    assert abs(found.z_m - AP.z_m) < 3.0 * sd[2]
+
+
+def test_without_a_position_there_is_still_a_map():
+    rng = np.random.default_rng(3)
+    geographic = floor()
+    points = drive(rng, 500)
+    rss = true_level(geographic, points) + 2.0 * rng.normal(size=500)
+    config = MeasuredConfig(node_side_m=0.4, locate=False)
+    made = fuse(geographic, {"someone": placed(points, rss)}, [], RADIO, config)
+    cells = np.argwhere(geographic.accessible)
+    error = made.mean_dbm[0][tuple(cells.T)] - true_level(geographic, GRID.center_of(cells))
+    assert np.sqrt((error**2).mean()) < 3.0
+    assert np.isnan(made.access_points[0].x_m)
+
+
+def test_files_keep_everything(noisy, tmp_path):
+    _, made = noisy
+    write_measured_npz(tmp_path / "m.npz", made)
+    back = read_measured_npz(tmp_path / "m.npz")
+    assert back.geometry == made.geometry
+    assert back.access_points == made.access_points
+    assert back.fitted == made.fitted
+    for name in LAYERS:
+        np.testing.assert_array_equal(getattr(back, name), getattr(made, name))
+    write_measured_netcdf(tmp_path / "m.nc", made)
+    with netCDF4.Dataset(tmp_path / "m.nc") as file:
+        np.testing.assert_array_equal(file["mean_dbm"][:].filled(np.nan), made.mean_dbm)
+        assert file["mean_dbm"].units == "dBm"
+        np.testing.assert_allclose(file["x"][:2], [0.05, 0.15])
+    write_measured_csv(tmp_path / "m.csv", made)
+    lines = (tmp_path / "m.csv").read_text().splitlines()
+    assert len(lines) == 1 + int(np.isfinite(made.mean_dbm).sum())
+    write_access_points_csv(tmp_path / "ap.csv", made)
+    assert "wall_db" in (tmp_path / "ap.csv").read_text()
+    write_measured_png(tmp_path / "m.png", made)
+    assert (tmp_path / "m.png").stat().st_size > 10_000
+    (tmp_path / "m.npz").write_bytes(b"no")
+    with pytest.raises(BadInput, match="not a measured radio map"):
+        read_measured_npz(tmp_path / "m.npz")

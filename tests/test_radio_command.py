@@ -1,0 +1,72 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""`slarm radio` over a bare map: predicted, measured, and ways that keep the connection."""
+
+from __future__ import annotations
+
+import csv
+
+import numpy as np
+
+from slarm_graph.app.cli import main
+from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
+from slarm_graph.files.trajectories import tum_text
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.measured.files import read_measured_npz
+from slarm_graph.trajectory import Trajectory
+
+GRID = GridGeometry(0.0, 0.0, 0.1, 50, 80)
+
+
+def bare_map(folder):
+    free = np.ones(GRID.shape, dtype=bool)
+    free[[0, -1]] = free[:, [0, -1]] = False
+    free[:35, 40] = False
+    (folder / "map.pgm").write_bytes(pgm_bytes(trinary_image(~free, free)))
+    (folder / "map.yaml").write_text(map_yaml("map.pgm", GRID))
+    return str(folder / "map.yaml")
+
+
+def rows(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_predicted_with_ways(tmp_path, capsys):
+    where = ["--out", str(tmp_path), "--name", "r"]
+    ways = ["--threshold", "-35", "--from", "1,1", "--to", "7,1"]
+    code = main(["radio", bare_map(tmp_path), "--ap", "2", "2", "2.5", *where, *ways])
+    told = capsys.readouterr().out
+    assert code == 0
+    assert "shortest: " in told
+    row = rows(tmp_path / "r" / "connectivity.csv")[0]
+    assert 0.0 < float(row["share"]) < 1.0
+    assert (tmp_path / "r" / "connectivity.yaml").is_file()
+    assert {r["way"] for r in rows(tmp_path / "r" / "ways.csv")} >= {"shortest"}
+    with np.load(tmp_path / "r" / "connectivity.npz") as made:
+        assert np.nanmax(made["snr_db"]) > 40.0
+
+
+def test_measured_along_a_trajectory(tmp_path):
+    rng = np.random.default_rng(0)
+    points = rng.uniform([0.3, 0.3], [7.7, 4.7], (400, 2))
+    points = points[np.argsort(points[:, 1])]
+    stamps = np.arange(400) * 10**9
+    way = Trajectory(stamps, np.column_stack([points, np.zeros(400)]))
+    (tmp_path / "way.tum").write_text(tum_text(way))
+    away = np.hypot(*(points - [2.0, 2.0]).T)
+    rss = -40.0 - 20.0 * np.log10(np.hypot(away, 2.0)) + rng.normal(size=400)
+    lines = [f"{k},AP1,{value:.2f}" for k, value in enumerate(rss)]
+    (tmp_path / "wifi.csv").write_text("stamp,ap,rss_dbm\n" + "\n".join(lines))
+    given = ["--rss", str(tmp_path / "wifi.csv"), "--trajectory", str(tmp_path / "way.tum")]
+    where = ["--out", str(tmp_path), "--name", "m", "--set", "measured.node_side_m=0.5"]
+    assert main(["radio", bare_map(tmp_path), *given, "--ap", "2", "2", "2.5", *where]) == 0
+    made = read_measured_npz(tmp_path / "m" / "measured_radio_map.npz")
+    at = made.geometry.cell_of([6.05, 2.05])
+    level = made.mean_dbm[0][tuple(at)]
+    assert abs(level - (-40.0 - 20.0 * np.log10(np.hypot(4.05, 2.0)))) < 1.5
+    assert main(["radio", bare_map(tmp_path), *given[:2], "--name", "x"]) == 2
+
+
+def test_half_a_way_is_refused(tmp_path):
+    assert main(["radio", bare_map(tmp_path), "--ap", "2", "2", "2.5", "--from", "1,1"]) == 2
