@@ -31,6 +31,7 @@ class GraphReach:
         self._ends = array("q")
         self._lengths = array("d")
         self._paths_m: Floats | None = None
+        self._paths_of = (0, 0)
 
     def add(self, edge: Constraint) -> None:
         """Take in a constraint; of parallel ones the surest counts."""
@@ -51,23 +52,26 @@ class GraphReach:
         """Have paths found anew when next asked."""
         self._paths_m = None
 
-    def sigmas(self, count: int) -> tuple[Floats, Floats]:
-        """Standard deviations (N,) of position [m] and heading [rad] of the last of N nodes.
+    def sigmas(self, count: int, node: int = -1) -> tuple[Floats, Floats]:
+        """Standard deviations (N,) of position [m] and heading [rad] of N nodes seen from one.
 
         Parameters
         ----------
         count : int
             Number of nodes N.
+        node : int
+            From which; the last by default.
         """
-        if self._paths_m is None or len(self._paths_m) != count:
-            self._paths_m = self._find_paths(count)
+        node %= count
+        if self._paths_m is None or self._paths_of != (count, node):
+            self._paths_m, self._paths_of = self._find_paths(count, node), (count, node)
         heading = _HEADING_VARIANCE_PER_M * self._paths_m
         position = _POSITION_VARIANCE_PER_M * self._paths_m
         position = position + heading * (0.25 * self._paths_m) ** 2
         return np.sqrt(position), np.sqrt(heading)
 
-    def _find_paths(self, count: int) -> Floats:
+    def _find_paths(self, count: int, node: int) -> Floats:
         ends = np.frombuffer(self._ends, dtype=np.int64).reshape(-1, 2)
         lengths = np.frombuffer(self._lengths)
         links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
-        return np.asarray(dijkstra(links, directed=False, indices=count - 1))
+        return np.asarray(dijkstra(links, directed=False, indices=node))

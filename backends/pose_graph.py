@@ -10,6 +10,7 @@ import numpy as np
 from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
+from slarm_graph.backends.final_closures import close_finally
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.errors import RunFailed
@@ -93,6 +94,7 @@ class PoseGraphBackend:
         """
         if not self._graph.keyframes:
             raise RunFailed("no scan had enough returns to be matched; see scans.csv")
+        close_finally(self._graph, self._closer, self._heartbeat)
         graph, weights = self._graph.settle(self._heartbeat)
         poses = self._graph.corrected(np.array([pose.as_array() for pose in self._local]))
         trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Sequence
 
@@ -21,7 +22,12 @@ from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
+"""Of a keyframe's place on the local map, whatever its points say [m, m, rad]. Half of it, and of
+the closures' floor, has graduated non-convexity turn down every closure of the paper's room."""
+_ADDS_UP = 0.1
+"""Share of a keyframe's variance that adds up: matched to one local map, neighbours err alike."""
 _CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
+"""Of a keyframe's place on an old submap [m, m, rad]: a fifth of a cell, as far as submaps bend."""
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
 # Wider than for the finished graph: on the way few closures speak against odometry.
 _SLIP_SIGMAS = 3.0
@@ -54,20 +60,69 @@ class SubmapGraph:
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
+        self._firsts: list[int] = []
+        self._way_m = 0.0
+        self._ways_m: list[float] = []
         self._settled: Settled | None = None
 
     def add(self, keyframe: Keyframe) -> None:
         """Append a keyframe; begin a node and finish a submap when they are due."""
+        if self.keyframes:
+            step = self.keyframes[-1].local_from_robot.between(keyframe.local_from_robot)
+            self._way_m += math.hypot(step.x, step.y)
+            self._ways_m.append(self._ways_m[-1] + math.hypot(step.x, step.y))
+        else:
+            self._ways_m.append(0.0)
         self.keyframes.append(keyframe)
-        k = len(self.keyframes) - 1
-        size = self._config.node_keyframes
-        if k % size == 0:
+        k, size = len(self.keyframes) - 1, self._config.node_keyframes
+        if not self._firsts or k - self._firsts[-1] >= size or self._way_m >= self._config.node_m:
             self._begin_node(k)
-        margin = max(self._config.submap_keyframes - size, 0) // 2
+        self._finish_submap()
+
+    def _finish_submap(self) -> None:
+        """A submap reaches half a node's keyframes beyond its node to either side."""
         node = len(self.submaps)
-        if k + 1 == (node + 1) * size + margin:
-            first = max(0, node * size - margin)
-            self.submaps.append(make_submap(self.keyframes, first, k + 1, node * size))
+        if node + 1 >= len(self._firsts):
+            return
+        first, last = self._firsts[node], self._firsts[node + 1]
+        margin = max(1, (last - first) // 2) if self._config.submap_keyframes else 0
+        if len(self.keyframes) >= last + margin:
+            begin = max(0, first - margin)
+            self.submaps.append(make_submap(self.keyframes, begin, last + margin, first))
+
+    def poses(self) -> Floats:
+        """Return `map_from_node` (N, 3) as they stand."""
+        return np.array(self._nodes)
+
+    def first_of(self, node: int) -> int:
+        """Return the first keyframe of a node."""
+        return self._firsts[node]
+
+    def last_of(self, node: int) -> int:
+        """Return the last keyframe of a node."""
+        after = node + 1
+        return (self._firsts[after] if after < len(self._firsts) else len(self.keyframes)) - 1
+
+    def way_of(self, keyframe: int) -> float:
+        """Return the way driven up to a keyframe [m]."""
+        return self._ways_m[keyframe]
+
+    def way_of_submap(self, submap: int) -> float:
+        """Return the way driven up to a submap [m]."""
+        return self._ways_m[self.submaps[submap].anchor]
+
+    def ways_m(self) -> Floats:
+        """Return the way driven up to every node (N,) [m]."""
+        return np.array([self._ways_m[k] for k in self._firsts])
+
+    def linked(self) -> set[int]:
+        """Return the nodes that a believed closure ties to an older one."""
+        return {e.j for e in self._edges if e.kind is ConstraintKind.LOOP_CLOSURE}
+
+    def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
+        """Standard deviations of where node j is as seen from node i [m, rad]."""
+        sigma_m, sigma_rad = self._reach.sigmas(len(self._nodes), j)
+        return float(sigma_m[i]), float(sigma_rad[i])
 
     def map_from_local(self) -> Pose2:
         """Return where the newest node puts the tracker's frame."""
@@ -78,7 +133,7 @@ class SubmapGraph:
 
     def node_of(self, keyframe: int) -> int:
         """Return the node a keyframe belongs to."""
-        return keyframe // self._config.node_keyframes
+        return bisect.bisect_right(self._firsts, keyframe) - 1
 
     def pose_graph(self) -> PoseGraph:
         """Return nodes and constraints as they stand."""
@@ -89,7 +144,7 @@ class SubmapGraph:
 
         Between two nodes, what each of them says is blended linearly over the scans.
         """
-        anchors = self.keyframes[:: self._config.node_keyframes]
+        anchors = [self.keyframes[k] for k in self._firsts]
         return spread(local, np.array([a.scan for a in anchors]), np.array(self._nodes))
 
     def expectations(self) -> Expectations:
@@ -159,6 +214,8 @@ class SubmapGraph:
 
     def _begin_node(self, k: int) -> None:
         self._settled = None
+        self._firsts.append(k)
+        self._way_m = 0.0
         if not self._nodes:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
             return
@@ -175,19 +232,19 @@ class SubmapGraph:
     def _accumulated(self, k: int) -> Floats:
         """Covariance of keyframe k as seen from the anchor one node earlier, in k's body frame."""
         total = np.zeros((3, 3))
-        for m in range(k - self._config.node_keyframes + 1, k + 1):
+        for m in range(self._firsts[-2] + 1, k + 1):
             away = self.keyframes[m].local_from_robot.between(self.keyframes[k].local_from_robot)
             adjoint = away.inverse().adjoint()
-            own = self.keyframes[m].covariance + _ODOMETRY_FLOOR
+            own = _ADDS_UP * self.keyframes[m].covariance + _ODOMETRY_FLOOR
             total += adjoint @ own @ adjoint.T
         return 0.5 * (total + total.T)
 
     def _anchor(self, node: int) -> Keyframe:
-        return self.keyframes[node * self._config.node_keyframes]
+        return self.keyframes[self._firsts[node]]
 
     def _edge(self, closure: Closure) -> Constraint:
         """Turn a keyframe found in a submap into a constraint between two nodes."""
-        node = closure.keyframe // self._config.node_keyframes
+        node = self.node_of(closure.keyframe)
         keyframe = self.keyframes[closure.keyframe]
         from_anchor = keyframe.local_from_robot.between(self._anchor(node).local_from_robot)
         measured = Pose2.from_array(closure.submap_from_keyframe) @ from_anchor

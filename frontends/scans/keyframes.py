@@ -7,6 +7,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
+from numpy.typing import NDArray
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import (
@@ -15,9 +17,12 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, transform_points
 
 _MARGIN_M = 4.0
+"""Room around the local map for keyframes to come, so that it is seldom allocated anew."""
+_SEEN_M = 0.2
+"""Blocks in which is kept what was looked at: a beam's width at 10 m and 1 degree."""
 
 
 class LocalMap:
@@ -31,8 +36,12 @@ class LocalMap:
         self._rule = keyframes
         self._matching = matching
         self._segments: list[Floats] = []
+        self._sights: list[tuple[Floats, Floats]] = []
         self._last_pose: Pose2 | None = None
         self.grid: LikelihoodGrid | None = None
+        self.seen: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
+        """Blocks of `seen_step` x `seen_step` cells that a beam has passed."""
+        self.seen_step = max(1, round(_SEEN_M / matching.resolution_m))
 
     def wants(self, local_from_robot: Pose2) -> bool:
         """Whether the robot has moved on enough for a new keyframe."""
@@ -44,7 +53,7 @@ class LocalMap:
 
     def clear(self) -> None:
         """Forget everything."""
-        self._segments = []
+        self._segments, self._sights = [], []
         self._last_pose = None
         self.grid = None
 
@@ -54,8 +63,9 @@ class LocalMap:
         pose = local_from_robot.as_array()
         segments = scan_segments(points, pose, self._matching.max_gap_m)
         self._segments.append(segments)
+        self._sights.append((points, pose))
         if len(self._segments) >= 2 * self._rule.window:
-            del self._segments[: self._rule.window]
+            del self._segments[: self._rule.window], self._sights[: self._rule.window]
             self.grid = None
         if self.grid is None or not add_segments(self.grid, segments):
             self.grid = build_likelihood_grid(
@@ -64,3 +74,31 @@ class LocalMap:
                 sigma_m=self._matching.sigma_m,
                 margin_m=_MARGIN_M,
             )
+            shape = [-(-side // self.seen_step) for side in self.grid.values.shape]
+            self.seen = np.zeros(shape, dtype=np.bool_)
+            for sight in self._sights:
+                self._see(*sight)
+        else:
+            self._see(points, pose)
+
+    def _see(self, points: Floats, pose: Floats) -> None:
+        assert self.grid is not None
+        corner = np.array([self.grid.origin_x_m, self.grid.origin_y_m])
+        block_m = self.seen_step * self.grid.resolution_m
+        _mark_seen(self.seen, transform_points(pose, points) - corner, pose[:2] - corner, block_m)
+
+
+@njit(cache=True, nogil=True)
+def _mark_seen(seen: NDArray[np.bool_], ends: Floats, start: Floats, block_m: float) -> None:
+    """Mark the blocks that beams to end points (K, 2) pass, up to a block before the end [m]."""
+    rows, cols = seen.shape
+    for i in range(len(ends)):
+        dx, dy = ends[i, 0] - start[0], ends[i, 1] - start[1]
+        length = math.hypot(dx, dy)
+        steps = math.floor(length / block_m - 1.0)
+        for k in range(steps + 1):
+            share = k * block_m / length
+            col = math.floor((start[0] + share * dx) / block_m)
+            row = math.floor((start[1] + share * dy) / block_m)
+            if 0 <= row < rows and 0 <= col < cols:
+                seen[row, col] = True

@@ -1,55 +1,63 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Placing a scan on the local map: refine from every prediction, search where that is doubtful."""
+"""Finding the places on the local map that a scan may have.
+
+Refinement from the likeliest prediction proposes a place. Where that is surprising, others are
+proposed beside it: the prediction itself, the same leaning on the prediction as far as a scan's
+evidence really goes, refinement from the other predictions, and searches of the windows that they
+allow; for a scan that fits nowhere of these, a search all round.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from slarm_graph.config import MatchingConfig
-from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans.correlative import search, search_every_pose
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
+from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.places import (
+    BASIN,
+    Outlook,
+    Place,
+    UsualFit,
+    chance_fit,
+    distinct,
+    fit,
+    is_same,
+    judged,
+    pieces,
+    unmatched,
+)
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
-from slarm_graph.geometry import Floats, Pose2, between, compose
+from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
+from slarm_graph.geometry import Floats, Pose2
 
-_DOUBTFUL_SURPRISE = 16.0
-_DOUBTFUL_SHIFT = 0.3
-_DOUBTFUL_SHARE = 0.85
-_LOST_SHARE = 0.67
-_BETTER = 0.02
-_PER_SIGMA = 0.02
-_MAX_MARGIN = 0.4
+_SURPRISE = 16.27
+"""Chi-square quantile of 99.9 % for 3 degrees of freedom."""
+_UNUSUAL = 2.33
+"""Standard deviations below the usual fit of which 1 % of the scans are."""
+_LOST = 4.0
+"""Standard deviations below the usual fit at which a scan is looked for all round."""
+_VAGUE_M, _VAGUE_RAD = 0.1, 0.1
+"""Standard deviations of a prediction from which it agrees with anything: beyond them refinement
+may find another place than the nearest."""
 _SEARCH_POINTS = 80
+"""Returns looked up in a search: more repeat each other."""
 _BRUTE_LOOKUPS = 4_000_000
+"""Up to so many, trying every pose is faster than preparing a pyramid (5 ms)."""
 _PLENTY_OF_POINTS = 20
-_FROM_PREDICTION = np.empty(0)
+"""Between fewer returns much of the walls is not seen at all; each then says less."""
 _LOST_REACH_M = 3.0
-_LOST_SCORE = 0.6
-_UNSURE_RAD = 0.5
+"""Window of a lost scan: what a robot drives in the seconds until it is noticed."""
 _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
-
-
-@dataclass(frozen=True, slots=True)
-class _Refined:
-    """A refined pose (3,) and its covariance (3, 3), compared with the prediction.
-
-    `surprise` is in squared sigmas, `shift` the distance [m] plus the angle [rad].
-    """
-
-    pose: Floats
-    covariance: Floats
-    score: float
-    inliers: int
-    iterations: int
-    surprise: float
-    shift: float
+_FROM_PREDICTION = np.empty(0)
 
 
 class LocalMatcher:
@@ -62,227 +70,176 @@ class LocalMatcher:
 
     def __init__(self, config: MatchingConfig) -> None:
         self._config = config
-        self._usual_score = 0.0
-        self.lost = 0
-        """How many scans on end could not be placed."""
+        self.usual = UsualFit()
 
-    def match(
-        self,
-        points: Floats,
-        grid: LikelihoodGrid | None,
-        base: Pose2,
-        predictions: tuple[Prediction, ...],
-    ) -> MatchResult:
-        """Align points with the local map, starting from (and leaning on) what is expected.
+    def places(
+        self, points: Floats, local_map: LocalMap, outlook: Outlook, *, all_round: bool, alone: bool
+    ) -> list[Place]:
+        """Return the places a scan may have, the likeliest first, with their posteriors.
 
         Parameters
         ----------
         points : (K, 2) float64
             Returns in the robot's frame [m].
-        grid : LikelihoodGrid or None
-            Local map; None before there is one.
-        base : Pose2
-            Last pose in the map's frame.
-        predictions : tuple of Prediction
-            Motions since then, the likeliest first.
-
-        Returns
-        -------
-        MatchResult
-            On failure falsy, with the first prediction's pose and covariance.
+        local_map : LocalMap
+        outlook : Outlook
+            The likeliest prediction first.
+        all_round : bool
+            Whether to search all round, where nothing fits near the predictions.
+        alone : bool
+            Whether there is no other story to weigh a usual place against.
         """
-        if grid is None:
-            return _failed(base, predictions[0], "first scan")
-        if len(points) < self._config.min_points:
-            self.lost += 1
-            return _failed(base, predictions[0], f"only {len(points)} returns")
-        found: _Refined | None = None
+        grid, prediction = local_map.grid, outlook.predictions[0]
+        if grid is None or len(points) < self._config.min_points:
+            return [unmatched(prediction, outlook)]
+        first = self._refine(points, grid, outlook.base, _loosened(prediction))
+        is_usual = self._is_usual(first, points, local_map, outlook)
+        if is_usual and alone:
+            return [first]
+        expected = compose3(outlook.base, prediction.motion)
+        chance = chance_fit(points, local_map, expected, self.usual.mean)
+        outlook = replace(outlook, chance=chance)
+        if is_usual:
+            return [judged(first, points, local_map, outlook, self.usual)]
+        return self._proposals(first, points, local_map, outlook, all_round)
+
+    def _is_usual(
+        self, place: Place, points: Floats, local_map: LocalMap, outlook: Outlook
+    ) -> bool:
+        """Whether a scan fits as others do, near where all agree that it should be."""
+        if place.score < self._config.min_score or not _agree(outlook.predictions):
+            return False
+        sigma = np.sqrt(np.diag(outlook.predictions[0].covariance))
+        if len(outlook.predictions) > 1 and (max(sigma[:2]) > _VAGUE_M or sigma[2] > _VAGUE_RAD):
+            return False
+        if self._below(place, points, local_map) > _UNUSUAL:
+            return False
+        expected = outlook.predictions[0]
+        away = between3(outlook.base, place.pose) - expected.motion
+        spread = expected.covariance + outlook.covariance_of(place.information)
+        return squared_sigmas(away, spread) <= _SURPRISE
+
+    def _below(self, place: Place, points: Floats, local_map: LocalMap) -> float:
+        fits = fit(points, place.pose, local_map, self.usual.mean)
+        return self.usual.below(fits, pieces(points))
+
+    def _proposals(
+        self,
+        first: Place,
+        points: Floats,
+        local_map: LocalMap,
+        outlook: Outlook,
+        all_round: bool,
+    ) -> list[Place]:
+        """Propose places and judge them, the likeliest first."""
+        grid, base, predictions = local_map.grid, outlook.base, outlook.predictions
+        assert grid is not None
+        found = [first]
+        evidence = pieces(points) / len(points)
+        few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
-            other = self._refine(points, grid, base, prediction)
-            if found is None or other.score > found.score + _BETTER:
-                found = other
-            if not self._is_doubtful(found):
-                break
-        assert found is not None
-        if self._is_doubtful(found):
-            found = self._search(points, grid, base, predictions, found)
-        if self._is_lost(found, predictions[0]):
-            found = self._search_widely(points, grid, base, predictions, found)
-        return self._conclude(found, base, predictions)
-
-    def _conclude(
-        self, found: _Refined, base: Pose2, predictions: tuple[Prediction, ...]
-    ) -> MatchResult:
-        if found.score < self._config.min_score:
-            self.lost += 1
-            return _failed(base, predictions[0], f"score {found.score:.2f} is too low", found)
-        self.lost = 0
-        usual = self._usual_score or found.score
-        self._usual_score = usual + 0.05 * (found.score - usual)
-        return MatchResult(
-            Pose2.from_array(found.pose),
-            self._honest_covariance(found, base, predictions[0]),
-            found.score,
-            found.inliers,
-            found.iterations,
-        )
-
-    def _honest_covariance(self, found: _Refined, base: Pose2, prediction: Prediction) -> Floats:
-        """Spread a doubtful match over its own place and the predicted one.
-
-        Moments of a mixture of both, the match weighing the less the worse it fits than usual.
-        """
-        least, usual = self._config.min_score, _DOUBTFUL_SHARE * self._usual_score
-        if found.score >= usual:
-            return found.covariance
-        share = (found.score - least) / (usual - least)
-        away = between(found.pose, compose(base.as_array(), prediction.motion))
-        between_them = share * (1.0 - share) * np.outer(away, away)
-        return share * found.covariance + (1.0 - share) * prediction.covariance + between_them
+            leaning = self._refine(points, grid, base, prediction, evidence=evidence)
+            if not is_same(leaning, first):
+                found.append(leaning)
+            if prediction is not predictions[0]:
+                found.append(self._refine(points, grid, base, _loosened(prediction)))
+        places = [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
+        places += [unmatched(p, outlook) for p in predictions]
+        best = max(places, key=lambda p: p.log_posterior)
+        below = min(self._below(p, points, local_map) for p in found)
+        if below <= _UNUSUAL and np.array_equal(best.pose, first.pose):
+            return distinct(places)
+        found = []
+        for prediction in predictions:
+            start = _best_in_window(few, grid, base, prediction)
+            loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
+            found.append(self._refine(points, grid, base, loose, start))
+            below = min(below, self._below(found[-1], points, local_map))
+        if all_round and below > _LOST:
+            found += self._all_round(points, few, grid, base, predictions[0])
+        places += [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
+        return distinct(places)
 
     def _refine(
         self,
         points: Floats,
         grid: LikelihoodGrid,
-        base: Pose2,
+        base: Floats,
         prediction: Prediction,
         start: Floats = _FROM_PREDICTION,
-    ) -> _Refined:
+        evidence: float = 1.0,
+    ) -> Place:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
-        # Between few returns much of the wall is not seen at all; each then says less.
-        trust = min(1.0, len(points) / _PLENTY_OF_POINTS)
-        return _Refined(
-            *refine_motion(
-                grid.values,
-                grid.origin_x_m,
-                grid.origin_y_m,
-                grid.resolution_m,
-                points,
-                base.as_array(),
-                prediction.motion,
-                prediction.covariance,
-                start,
-                trust * (grid.sigma_m / self._config.point_sigma_m) ** 2,
-                self._config.max_iterations,
-                grid.sigma_m,
-            )
+        trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
+        pose, covariance, score, inliers, used, _, _ = refine_motion(
+            grid.values,
+            grid.origin_x_m,
+            grid.origin_y_m,
+            grid.resolution_m,
+            points,
+            base,
+            prediction.motion,
+            prediction.covariance,
+            start,
+            trust * (grid.sigma_m / self._config.point_sigma_m) ** 2,
+            self._config.max_iterations,
+            grid.sigma_m,
         )
+        information = invert3(covariance) - invert3(prediction.covariance)
+        return Place(pose, information / evidence, score, inliers, used)
 
-    def _is_doubtful(self, found: _Refined) -> bool:
-        """Whether the scan fits worse than usual, or fits far from where it was expected."""
-        usual = max(_DOUBTFUL_SHARE * self._usual_score, self._config.min_score)
-        is_far = found.surprise > _DOUBTFUL_SURPRISE and found.shift > _DOUBTFUL_SHIFT
-        return found.score < usual or is_far
-
-    def _search(
+    def _all_round(
         self,
         points: Floats,
+        few: Floats,
         grid: LikelihoodGrid,
-        base: Pose2,
-        predictions: tuple[Prediction, ...],
-        found: _Refined,
-    ) -> _Refined:
-        """Look for a better place in the windows the predictions allow."""
-        few = points[:: max(1, len(points) // _SEARCH_POINTS)]
-        for prediction in predictions:
-            start = _best_in_window(few, grid, base, prediction)
-            loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
-            other = self._refine(points, grid, base, loose, start)
-            found = _better(found, other, base, predictions)
-        return found
-
-    def _is_lost(self, found: _Refined, prediction: Prediction) -> bool:
-        """Whether a scan fits badly, or after a gap worse than usual: it may be from anywhere."""
-        could_be_turned = prediction.covariance[2, 2] > _UNSURE_RAD**2
-        share = _DOUBTFUL_SHARE if could_be_turned else _LOST_SHARE
-        return found.score < max(share * self._usual_score, self._config.min_score)
-
-    def _search_widely(
-        self,
-        points: Floats,
-        grid: LikelihoodGrid,
-        base: Pose2,
-        predictions: tuple[Prediction, ...],
-        found: _Refined,
-    ) -> _Refined:
-        """Look all round where the robot should be, and where it last was; rarer when lost long."""
-        if self.lost & (self.lost - 1):
-            return found
-        motion = predictions[0].motion
-        expected = base @ Pose2.from_array(motion)
+        base: Floats,
+        prediction: Prediction,
+    ) -> list[Place]:
+        """Look all round where the robot should be, and where it last was."""
+        motion = prediction.motion
+        expected = compose3(base, motion)
         is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
-        pyramid, few = build_pyramid(grid), points[:: max(1, len(points) // _SEARCH_POINTS)]
+        pyramid = build_pyramid(grid)
+        found = []
         for center in (expected, base) if is_far else (expected,):
             hit = search(
                 pyramid,
                 few,
-                center,
+                Pose2.from_array(center),
                 reach_m=_LOST_REACH_M,
-                min_score=max(_LOST_SCORE, found.score + _BETTER),
+                min_score=self._config.min_score,
             )
-            if hit is None:
-                continue
-            anywhere = Prediction(motion, _ANYWHERE)
-            other = self._refine(points, grid, base, anywhere, hit.grid_from_robot.as_array())
-            if self._outweighs(other, found, predictions):
-                found = other
-            else:
-                found = _better(found, other, base, predictions)
+            if hit is not None:
+                anywhere = Prediction(motion, _ANYWHERE)
+                start = hit.grid_from_robot.as_array()
+                found.append(self._refine(points, grid, base, anywhere, start))
         return found
 
-    def _outweighs(
-        self, other: _Refined, found: _Refined, predictions: tuple[Prediction, ...]
-    ) -> bool:
-        """Whether a scan fits as usual elsewhere, however far that is from the predictions.
 
-        Odometry that stands still agrees with whatever wrong place is near, so its distance tells
-        nothing. Alone, the one prediction is the velocity of the matches so far, and its does.
-        """
-        usual = _DOUBTFUL_SHARE * self._usual_score
-        return len(predictions) > 1 and other.score > max(found.score, usual)
+def _loosened(prediction: Prediction) -> Prediction:
+    """Widen a prediction, so that what the scan says is found; both are weighed afterwards."""
+    return Prediction(prediction.motion, prediction.covariance + BASIN)
 
 
-def _failed(
-    base: Pose2, prediction: Prediction, reason: str, found: _Refined | None = None
-) -> MatchResult:
-    """Report a failed match at the predicted pose."""
-    expected = base @ Pose2.from_array(prediction.motion)
-    if found is None:
-        return MatchResult(expected, prediction.covariance, reason=reason)
-    return MatchResult(
-        expected, prediction.covariance, found.score, found.inliers, found.iterations, reason
+def _agree(predictions: tuple[Prediction, ...]) -> bool:
+    """Whether all stories tell of the same motion."""
+    one = predictions[0]
+    return all(
+        squared_sigmas(one.motion - other.motion, one.covariance + other.covariance) < _SURPRISE
+        for other in predictions[1:]
     )
 
 
-def _better(
-    found: _Refined, other: _Refined, base: Pose2, predictions: tuple[Prediction, ...]
-) -> _Refined:
-    """Choose the other place when it fits better by more than its distance may explain."""
-    margin = _BETTER + _margin(other, base, predictions)
-    return other if other.score > found.score + margin else found
-
-
-def _margin(found: _Refined, base: Pose2, predictions: tuple[Prediction, ...]) -> float:
-    """Score by which a place must be better, for how far it is from every prediction.
-
-    A passer-by before the laser can make a wrong place fit a little better than the right one.
-    """
-    least = math.inf
-    for prediction in predictions:
-        away = between(compose(base.as_array(), prediction.motion), found.pose)
-        least = min(least, float(away @ invert3(prediction.covariance) @ away))
-    return min(_PER_SIGMA * math.sqrt(least), _MAX_MARGIN)
-
-
 def _best_in_window(
-    points: Floats, grid: LikelihoodGrid, base: Pose2, prediction: Prediction
+    points: Floats, grid: LikelihoodGrid, base: Floats, prediction: Prediction
 ) -> Floats:
     """Best pose (3,) in a window of four sigmas around the prediction, within bounds."""
     far = max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75)), 1.0)
     sigma = np.sqrt(np.diag(prediction.covariance))
-    start = compose(base.as_array(), prediction.motion)
-    reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), 1.0)
-    reach_rad = min(max(4.0 * float(sigma[2]), 0.2), 0.7)
+    start = compose3(base, prediction.motion)
+    reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), _LOST_REACH_M)
+    reach_rad = min(max(4.0 * float(sigma[2]), 0.2), math.pi)
     step_rad = grid.resolution_m / far
     cells, turns = math.ceil(reach_m / grid.resolution_m), math.ceil(reach_rad / step_rad)
     if 8 * cells * cells * turns * len(points) > _BRUTE_LOOKUPS:

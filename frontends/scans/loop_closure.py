@@ -43,6 +43,8 @@ _MOST_FRUITLESS = 100
 _MOST_DRIFT = 0.03
 """Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
+_ALIKE_REACH_M = 5.0
+"""Window around the middle of a submap that looks alike: half of what a submap shows."""
 
 
 class LoopCloser:
@@ -140,6 +142,41 @@ class LoopCloser:
             self._last_search = k
             self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
         return done
+
+    def look(
+        self, k: int, submap: int, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
+    ) -> Closure | None:
+        """Look for a keyframe anywhere in an old submap, wherever the graph believes it to be."""
+        query = self._query(k, keyframes)
+        if not len(query):
+            return None
+        middle = np.median(query, axis=0)
+        center = np.array([*submaps[submap].center_m, 0.0])
+        hit = search(
+            self._coarse.of(submaps[submap], keyframes),
+            query - middle,
+            Pose2.from_array(center),
+            reach_m=_ALIKE_REACH_M,
+            min_score=self._config.search_score,
+        )
+        if hit is None:
+            return None
+        back = np.array([-middle[0], -middle[1], 0.0])
+        start = compose(hit.grid_from_robot.as_array(), back)
+        found = self._refine(k, submap, start, keyframes, submaps)
+        return replace(found, searched=True, reason=self._doubt(found, keyframes, submaps))
+
+    def compare(
+        self,
+        k: int,
+        submap: int,
+        predicted: Floats,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> Closure:
+        """Match a keyframe in an old submap at the place where the graph is sure it is."""
+        found = self._refine(k, submap, predicted, keyframes, submaps)
+        return replace(found, reason=self._doubt(found, keyframes, submaps))
 
     def _at_prediction(
         self,

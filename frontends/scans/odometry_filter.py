@@ -1,29 +1,46 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How far the robot moved before anything was matched: odometry, constant velocity, or both."""
+"""How far the robot moved before anything was matched, and how much of that to believe.
+
+Two stories are kept beside each other. Wheels: odometry, its systematic errors calibrated on the
+way, with a noise that is learned from how well matches agree. Inertia: the robot went on as before;
+true also while wheels slip, encoders hang or odometry jumps. Which of the two holds is a state with
+two values that changes rarely: a hidden Markov chain, whose probability matches update.
+"""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.kalman import KalmanFilter
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas
+from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.geometry import Floats, Pose2
 
 _FIRST_SPEED = np.array([0.5, 0.2, 0.5])
+"""Standard deviation of the velocity before anything is known [m/s, m/s, rad/s]: indoor robots."""
 _ACCELERATION = np.array([1.0, 0.5, 2.0])
-_FLOOR = np.array([0.004, 0.004, 0.004])
-_PER_DISTANCE = np.array([0.10, 0.06, 0.15])
-_PER_ANGLE = np.array([0.06, 0.06, 0.20])
-_MEMORY = 0.95
-_MAX_COASTING_S = 1.0
-_CONTRADICTION = 9.0
+"""Of indoor robots, sideways by what turning mixes in [m/s^2, m/s^2, rad/s^2]; scaled by what is
+learned, so only the first scans depend on it."""
 _ANYWHERE = np.array([1.0, 1.0, 1.5])
+"""Speed in a gap of which nothing is known [m/s, m/s, rad/s]."""
+_MAX_COASTING_S = 1.0
+"""At 1 m/s^2 a velocity older than this says as little as none."""
+_MEMORY = 0.95
+"""Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
+_CONTRADICTION = 11.34
+"""Chi-square quantile of 99 % for 3 degrees of freedom."""
 _FADING = 0.7
+"""Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
+_FAILS = 1.0 / 300.0
+"""Probability that odometry begins to fail in a step, before failures are counted."""
+_RECOVERS = 0.2
+"""Probability that it ends in a step: slips and jumps last for some scans, hung encoders longer."""
+_COUNTED = 300.0
+"""Steps that the first guess of a failure's probability is worth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,29 +53,38 @@ class Prediction:
         Previous robot frame from the present one [m, m, rad].
     covariance : (3, 3) float64
         Of `motion`, in the body frame.
+    probability : float
+        That this story is the true one.
+    unlearned : (3, 3) float64
+        What to add to the covariance where errors of many steps add up.
     """
 
     motion: Floats
     covariance: Floats
+    probability: float = 1.0
+    unlearned: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 class OdometryFilter:
     """Predicts the motion between scans with its covariance, and learns from the matches.
 
     A Kalman filter whose state is the robot's velocity in its own frame. Odometry, where there is
-    any that ever moved, measures it by the way made in between, with a noise that grows when
-    matches contradict it; where there is none, the velocity is constant but for accelerations,
-    which grow when matches show the robot, or the log's clock, to be less steady than that.
+    any that ever moved, measures it by the way made in between; where there is none, the velocity
+    is constant but for accelerations, which grow when matches show the robot, or the log's clock,
+    to be less steady than that.
     """
 
     def __init__(self) -> None:
         self._kalman = KalmanFilter(np.zeros(3), np.diag(_FIRST_SPEED**2))
+        self.wheels = WheelCalibration()
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
-        self._distrust = 1.0
+        self._holds = 1.0 - _FAILS
+        self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
         self._unsteadiness = 1.0
         self._steady_motion: Prediction | None = None
-        self._measured: tuple[Floats, Floats] | None = None
+        self._increment: Floats | None = None
+        self._measured: Prediction | None = None
         self._usual_span_s = 0.0
 
     def predict(
@@ -77,35 +103,40 @@ class OdometryFilter:
         Returns
         -------
         tuple of Prediction
-            The best first. When odometry contradicts the velocity so far (a slip, a jump, a frozen
-            encoder, or a true jerk), both stand apart; else they are fused to one.
+            One per story, the likeliest first: odometry, made surer by the velocity where they
+            agree, and the velocity alone.
         """
         span = self._steady(span_s)
         if span_s > _MAX_COASTING_S:
             self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
             self._kalman.predict(Q=self._unsteadiness * np.diag((_ACCELERATION * span) ** 2))
-        self._steady_motion = steady = self._motion(span)
+        steady = self._motion(span)
         self._measured = None
-        increment = self._increment(odom_from_robot)
-        if increment is None:
+        self._increment = self._odometry_increment(odom_from_robot)
+        if self._increment is None:
+            self._steady_motion = steady
             return (steady,)
-        noise = odometry_covariance(increment, self._distrust) + self.lag_covariance(lag_s)
-        self._measured = (increment, noise)
-        measured = Prediction(increment, noise)
-        if squared_sigmas(increment - steady.motion, steady.covariance + noise) > _CONTRADICTION:
-            return (measured, steady)
-        self._kalman.update(increment, R=noise, H=span * np.eye(3))
-        return (self._motion(span), measured, steady)
+        self._holds = self._holds * (1.0 - self._failures / self._steps)
+        self._holds += (1.0 - self._holds) * _RECOVERS
+        motion, noise = self.wheels.predict(self._increment)
+        noise = noise + self.lag_covariance(lag_s)
+        self._measured = wheels = Prediction(motion, noise, self._holds)
+        self._steady_motion = Prediction(steady.motion, steady.covariance, 1.0 - self._holds)
+        apart = squared_sigmas(motion - steady.motion, steady.covariance + noise)
+        if apart < _CONTRADICTION:
+            self._kalman.update(motion, R=noise, H=span * np.eye(3))
+            fused = self._motion(span)
+            wheels = Prediction(fused.motion, fused.covariance, self._holds)
+        unlearned = self.wheels.unlearned(self._increment)
+        wheels = Prediction(wheels.motion, wheels.covariance, self._holds, unlearned)
+        both = (wheels, self._steady_motion)
+        return both if self._holds >= 0.5 else both[::-1]
 
     def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
-        """Learn from the motion (robot frame before from now) that came out of matching."""
+        """Learn the velocity from the motion (robot frame before from now) that was found."""
         span = max(span_s, 0.5 * self._usual_span_s, 1e-3)
         moved = motion.as_array()
-        if self._measured is not None:
-            increment, noise = self._measured
-            apart = squared_sigmas(increment - moved, noise / self._distrust + covariance)
-            self._distrust = _learned(self._distrust, apart)
         if self._steady_motion is not None:
             steady = self._steady_motion
             noise = steady.covariance / self._unsteadiness + covariance
@@ -113,6 +144,35 @@ class OdometryFilter:
             self._unsteadiness = _learned(self._unsteadiness, apart)
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
+
+    def judge(self, found: Floats, covariance: Floats) -> None:
+        """Update by Bayes' rule whether odometry holds.
+
+        Parameters
+        ----------
+        found : (3,) float64
+            Motion by the match alone [m, m, rad].
+        covariance : (3, 3) float64
+            Of it and of the pose before.
+        """
+        wheels, steady = self._measured, self._steady_motion
+        if wheels is None or steady is None:
+            return
+        for_it = math.log(max(self._holds, 1e-12)) + log_density(
+            wheels.motion - found, wheels.covariance + covariance
+        )
+        against = math.log(max(1.0 - self._holds, 1e-12)) + log_density(
+            steady.motion - found, steady.covariance + covariance
+        )
+        before = self._holds
+        self._holds = 1.0 / (1.0 + math.exp(min(against - for_it, 700.0)))
+        self._steps += before
+        self._failures += before * (1.0 - self._holds)
+
+    def learn(self, moved: Floats, claimed: Floats) -> None:
+        """Learn odometry's errors from the way (3,) between two matches; see `WheelCalibration`."""
+        if self._increment is not None:
+            self.wheels.learn(self._increment, moved, claimed, self._holds)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows."""
@@ -141,7 +201,7 @@ class OdometryFilter:
         self._usual_span_s += 0.05 * (min(span_s, 1.0) - self._usual_span_s)
         return max(span_s, 0.5 * self._usual_span_s, 1e-3)
 
-    def _increment(self, odom_from_robot: Pose2 | None) -> Floats | None:
+    def _odometry_increment(self, odom_from_robot: Pose2 | None) -> Floats | None:
         last, self._last_odom = self._last_odom, odom_from_robot
         if last is None or odom_from_robot is None:
             return None
@@ -154,22 +214,3 @@ class OdometryFilter:
 def _learned(factor: float, squared: float) -> float:
     """Bring a factor on a variance, at least 1, nearer to what the latest miss calls for."""
     return max(1.0, _MEMORY * factor + (1.0 - _MEMORY) * squared / 3.0)
-
-
-@njit(cache=True, nogil=True)
-def odometry_covariance(increment: Floats, distrust: float = 1.0) -> Floats:
-    """Covariance (3, 3) of a differential odometry's increment (3,) [m, m, rad]."""
-    distance = math.hypot(increment[0], increment[1])
-    covariance = np.zeros((3, 3))
-    for k in range(3):
-        sigma = _FLOOR[k] + _PER_DISTANCE[k] * distance + _PER_ANGLE[k] * abs(increment[2])
-        covariance[k, k] = distrust * sigma * sigma
-    return covariance
-
-
-@njit(cache=True, nogil=True)
-def squared_sigmas(miss: Floats, covariance: Floats) -> float:
-    """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
-    wrapped = miss.copy()
-    wrapped[2] -= 2.0 * math.pi * math.floor((wrapped[2] + math.pi) / (2.0 * math.pi))
-    return float(wrapped @ (invert3(covariance) @ wrapped))

@@ -8,16 +8,20 @@ deskewed with cancels; the pose at its first beam follows from the velocity that
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
+from slarm_graph.frontends.scans.hypotheses import Story, grown, is_decided, pruned
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
-from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
+from slarm_graph.frontends.scans.places import Outlook, Place, fit
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
+from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
 
@@ -25,6 +29,8 @@ _MAX_SWEEP_S = 1.0
 _MISTIMED_M = 0.01
 _MISTIMED_RAD = 0.01
 _GIVE_UP = 5
+_DECIDE_WITHIN_M = 2.0
+"""Way after which the best story is believed: beyond, the map no longer shows what is seen."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,51 +76,115 @@ class ScanTracker:
 
     def __init__(self, config: FrontendConfig) -> None:
         self._config = config
-        self._filter = OdometryFilter()
         self._map = LocalMap(config.keyframes, config.matching)
         self._matcher = LocalMatcher(config.matching)
-        self._local_from_robot = Pose2()
-        self._local_from_middle = Pose2()
+        self._stories = [Story()]
         self._last_stamp_ns: int | None = None
+        self._unplaced = 0
+        self._undecided_m = 0.0
+        self.local: list[Floats] = []
+        """`local_from_robot` (3,) at every scan so far; the last ones may be revised."""
 
     def track(self, reading: Reading) -> TrackedScan:
         """Follow the robot to the next reading."""
-        scan, previous, base = reading.scan, self._local_from_robot, self._local_from_middle
+        scan, best = reading.scan, self._stories[0]
         span_s = (reading.stamp_ns - (self._last_stamp_ns or reading.stamp_ns)) * 1e-9
         sweep_s = self._sweep_s(scan)
-        predictions = self._filter.predict(span_s, reading.odom_from_robot, 0.5 * sweep_s)
-        rate = self._filter.rate(predictions[0].motion, span_s)
         middle = 0.5 * (len(scan.ranges_m) - 1) if sweep_s else 0.0
+        outlooks = [
+            s.outlook(span_s, reading.odom_from_robot, 0.5 * sweep_s) for s in self._stories
+        ]
+        rate = best.motion.rate(outlooks[0].predictions[0].motion, span_s)
         points = points_for_matching(scan, self._config, rate, middle)
-        match = self._matcher.match(points, self._map.grid, base, predictions)
-        if sweep_s and match:
-            found = self._filter.rate(base.between(match.target_from_source).as_array(), span_s)
-            off = np.abs(found - rate) * sweep_s
-            rate = found
+        found = self._places(points, outlooks)
+        if sweep_s:
+            moved = between3(outlooks[0].base, found[0][0].pose)
+            better = best.motion.rate(moved, span_s)
+            off = np.abs(better - rate) * sweep_s
+            rate = better
             if max(off[0], off[1]) > _MISTIMED_M or off[2] > _MISTIMED_RAD:
                 points = points_for_matching(scan, self._config, rate, middle)
-                match = self._matcher.match(points, self._map.grid, base, predictions)
-        if match:
-            moved = base.between(match.target_from_source)
-            self._filter.correct(span_s, moved, match.covariance)
-        elif self._last_stamp_ns is not None:
-            self._filter.coast()
-        self._local_from_middle = match.target_from_source
-        if sweep_s:
-            match, points = self._at_first_beam(scan, match, rate, middle)
-            unsure = self._filter.lag_covariance(0.5 * sweep_s)
-            match = replace(match, covariance=match.covariance + unsure)
-        self._local_from_robot = match.target_from_source
+                found = self._places(points, outlooks)
+        self._go_on(found, outlooks, span_s, len(points))
         self._last_stamp_ns = reading.stamp_ns
+        return self._tracked(reading, points, rate if sweep_s else None, middle)
+
+    def _places(self, points: Floats, outlooks: Sequence[Outlook]) -> list[list[Place]]:
+        """Where each story could go on; all round is looked rarer the longer nothing fits."""
+        all_round = not self._unplaced & (self._unplaced - 1)
+        alone = len(outlooks) == 1
+        return [
+            self._matcher.places(points, self._map, o, all_round=all_round, alone=alone)
+            for o in outlooks
+        ]
+
+    def _go_on(
+        self,
+        found: Sequence[Sequence[Place]],
+        outlooks: Sequence[Outlook],
+        span_s: float,
+        count: int,
+    ) -> None:
+        """Grow the stories by the places found, and settle what is decided."""
+        grew: list[Story] = []
+        for story, places, outlook in zip(self._stories, found, outlooks, strict=True):
+            grew += grown(story, places, outlook, span_s)
+        self._stories = pruned(grew)
+        best = self._stories[0]
+        self.local.append(best.trail[-1])
+        self.local[len(self.local) - len(best.trail) :] = best.trail
+        self._unplaced = 0 if best.place else self._unplaced + 1
+        step = between3(best.trail[-2], best.trail[-1]) if len(best.trail) > 1 else np.zeros(3)
+        self._undecided_m += math.hypot(step[0], step[1])
+        if is_decided(self._stories) or self._undecided_m > _DECIDE_WITHIN_M:
+            self._settle()
+
+    def _settle(self) -> None:
+        """Believe the best story; where its last scan was placed, learn how well scans fit."""
+        best = self._stories[0]
+        if len(self._stories) > 1:
+            spread = sum(
+                math.exp(s.log_weight) * np.outer(d, d)
+                for s in self._stories[1:]
+                for d in (between3(best.pose, s.pose),)
+            )
+            best.covariance = best.covariance + spread / sum(
+                math.exp(s.log_weight) for s in self._stories
+            )
+        self._stories = [best]
+        best.trail, best.log_weight, self._undecided_m = [best.pose], 0.0, 0.0
+
+    def _tracked(
+        self, reading: Reading, points: Floats, rate: Floats | None, middle: float
+    ) -> TrackedScan:
+        best, scan = self._stories[0], reading.scan
+        pose, covariance = Pose2.from_array(best.pose), best.covariance
+        if rate is not None:
+            back = Pose2.from_array(-rate * scan.time_increment_s * middle)
+            pose = pose @ back
+            points = back.inverse().transform(points_for_matching(scan, self._config, rate, middle))
+            lag_s = middle * scan.time_increment_s
+            covariance = covariance + best.motion.lag_covariance(lag_s)
+            self.local[-1] = pose.as_array()
+        before = self.local[-2] if len(self.local) > 1 else self.local[-1]
+        place = best.place
+        match = MatchResult(
+            pose,
+            covariance,
+            place.score if place else 0.0,
+            place.inliers if place else 0,
+            place.iterations if place else 0,
+            "" if place else _why_not(self._map, points, self._config.matching.min_points),
+        )
         return TrackedScan(
             reading.stamp_ns,
             points,
-            self._local_from_robot,
-            previous.between(self._local_from_robot),
-            match.covariance,
+            pose,
+            Pose2.from_array(between3(before, pose.as_array())),
+            covariance,
             match,
             reading.odom_from_robot,
-            self._keep(points),
+            self._keep(points, pose, place),
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:
@@ -122,26 +192,32 @@ class ScanTracker:
         sweep_s = max(len(scan.ranges_m) - 1, 0) * scan.time_increment_s
         return sweep_s if self._config.deskew and 0.0 < sweep_s < _MAX_SWEEP_S else 0.0
 
-    def _at_first_beam(
-        self, scan: LaserScan, match: MatchResult, rate: Floats, middle: float
-    ) -> tuple[MatchResult, Floats]:
-        """Carry a match in the middle of the sweep back to the scan's stamp."""
-        back = Pose2.from_array(-rate * scan.time_increment_s * middle)
-        pose = match.target_from_source @ back
-        points = back.inverse().transform(points_for_matching(scan, self._config, rate, middle))
-        return replace(match, target_from_source=pose), points
-
-    def _keep(self, points: Floats) -> bool:
+    def _keep(self, points: Floats, pose: Pose2, place: Place | None) -> bool:
         """Add the scan to the local map when the robot has moved on since the last one.
 
-        What was not placed is not added; after several such scans a new map is begun.
+        What was not placed beyond doubt is not added; after several scans on end that fit nowhere
+        a new map is begun.
         """
         if len(points) < self._config.matching.min_points:
             return False
-        if self._matcher.lost >= _GIVE_UP:
+        if self._unplaced >= _GIVE_UP:
+            self._settle()
             self._map.clear()
-            self._matcher.lost = 0
-        if self._matcher.lost or not self._map.wants(self._local_from_robot):
-            return False
-        self._map.add(points, self._local_from_robot)
+            self._unplaced = 0
+        if self._map.grid is not None:
+            if place is None or len(self._stories) > 1:
+                return False
+            fits = fit(points, pose.as_array(), self._map, self._matcher.usual.mean)
+            self._matcher.usual.learn(fits)
+            if not self._map.wants(pose):
+                return False
+        self._map.add(points, pose)
         return True
+
+
+def _why_not(local_map: LocalMap, points: Floats, least: int) -> str:
+    if local_map.grid is None:
+        return "first scan"
+    if len(points) < least:
+        return f"only {len(points)} returns"
+    return "fits nowhere it could be"

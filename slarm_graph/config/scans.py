@@ -128,7 +128,9 @@ class PoseGraphConfig(Stage):
     """The GTSAM pose graph."""
 
     node_keyframes: int = Field(default=10, ge=2)
-    """Keyframes per submap node of the graph that is kept up while driving."""
+    """Keyframes per submap node of the graph that is kept up while driving, at most."""
+    node_m: float = Field(default=2.5, gt=0)
+    """Way per submap node, at most [m]: 10 keyframes of a dense recording."""
     submap_keyframes: int = Field(default=20, ge=2)
     """Keyframes a submap is made of."""
     recent_keyframes: int = Field(default=40, ge=1)

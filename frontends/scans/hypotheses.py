@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Stories of where the robot went: one as a rule, several while a scan leaves it open.
+
+A story is a chain of places with what its odometry and velocity have come to. Each scan grows every
+story by the places it may have there; what is the same place becomes one story again, what has
+become improbable ends. So a slip or a jump is believed when the scans after it agree with it, and
+a crowd before the laser is not, since what it pretends contradicts itself.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
+from slarm_graph.frontends.scans.places import (
+    Outlook,
+    Place,
+    best_story,
+    claimed_covariance,
+    fused,
+)
+from slarm_graph.frontends.scans.small_pose import between3, carried3
+from slarm_graph.geometry import Floats, Pose2
+
+_HOPELESS = 30.0
+"""Log odds at which a story ends: more than the one scan of a slip or a jump costs."""
+_DECIDED = math.log(100.0)
+"""Log odds at which the best story is the right one but for one in a hundred."""
+_MOST = 4
+"""Stories kept: two places after each of two doubtful scans."""
+_SAME_M, _SAME_RAD = 0.1, 0.05
+"""Poses nearer than this are one place: twice the fall-off of the likelihood."""
+
+
+@dataclass(slots=True)
+class Story:
+    """One account of where the robot went.
+
+    Parameters
+    ----------
+    motion : OdometryFilter
+        Velocity, odometry's errors and whether it holds, by this account.
+    pose : (3,) float64
+        Last pose in the local map [m, m, rad].
+    covariance : (3, 3) float64
+        Of it, in the body frame.
+    log_weight : float
+        Of this account, up to a constant that all share.
+    place : Place or None
+        Where the last scan fitted; None where it was not matched.
+    raw : (3,) float64 or None
+        Pose by the last match alone.
+    trail : list of (3,) float64
+        Poses since the stories parted, the last one included.
+    """
+
+    motion: OdometryFilter = field(default_factory=OdometryFilter)
+    pose: Floats = field(default_factory=lambda: np.zeros(3))
+    covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    log_weight: float = 0.0
+    place: Place | None = None
+    raw: Floats | None = None
+    trail: list[Floats] = field(default_factory=list)
+
+    def outlook(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> Outlook:
+        """What this account expects next: motions from a pose that is not quite sure itself."""
+        predictions = []
+        for told in self.motion.predict(span_s, odom_from_robot, lag_s):
+            covariance = told.covariance + carried3(self.covariance, told.motion)
+            predictions.append(replace(told, covariance=covariance))
+        return Outlook(self.pose, tuple(predictions), self.motion.wheels.match_excess)
+
+    def went(self, place: Place, outlook: Outlook, span_s: float) -> None:
+        """Go on to a place, and learn from it."""
+        before, covariance = self.pose, self.covariance
+        is_match = place.inliers > 0
+        if is_match:
+            self.pose, self.covariance = fused(place, outlook)
+            measured = outlook.covariance_of(place.information)
+            self.motion.judge(between3(before, place.pose), covariance + measured)
+            if self.raw is not None:
+                claimed = np.diag(claimed_covariance(place.information))
+                self.motion.learn(between3(self.raw, place.pose), claimed)
+            moved = Pose2.from_array(between3(before, self.pose))
+            self.motion.correct(span_s, moved, covariance + self.covariance)
+        else:
+            self.pose, self.covariance = place.pose, best_story(place, outlook).covariance
+            self.motion.wheels.interrupt()
+            self.motion.coast()
+        self.place = place if is_match else None
+        self.raw = place.pose if is_match else None
+        self.log_weight += place.log_posterior
+        self.trail.append(self.pose)
+
+
+def grown(story: Story, places: Sequence[Place], outlook: Outlook, span_s: float) -> list[Story]:
+    """Continue a story to each of the places worth it."""
+    best = places[0].log_posterior
+    worth = [p for p in places[:_MOST] if p.log_posterior > best - _HOPELESS]
+    branches = [story, *(copy.deepcopy(story) for _ in worth[1:])]
+    for branch, place in zip(branches, worth, strict=True):
+        branch.went(place, outlook, span_s)
+    return branches
+
+
+def pruned(stories: Sequence[Story]) -> list[Story]:
+    """Keep what is different and probable, the likeliest first; its weight becomes 0."""
+    ranked = sorted(stories, key=lambda s: -s.log_weight)
+    best = ranked[0].log_weight
+    kept: list[Story] = []
+    for story in ranked:
+        if story.log_weight > best - _HOPELESS and not any(_same(story, k) for k in kept):
+            story.log_weight -= best
+            kept.append(story)
+    return kept[:_MOST]
+
+
+def is_decided(stories: Sequence[Story]) -> bool:
+    """Whether the first story is beyond doubt."""
+    return len(stories) == 1 or stories[1].log_weight < -_DECIDED
+
+
+def _same(a: Story, b: Story) -> bool:
+    away = between3(a.pose, b.pose)
+    return math.hypot(away[0], away[1]) < _SAME_M and abs(away[2]) < _SAME_RAD

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Single poses and normal densities inside compiled loops; `slarm_graph.geometry` has the many."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.geometry import Floats
+
+_TAILS = 4.0
+"""Degrees of freedom of what odometry and velocity miss: of four recordings, 3 to 10 % of the steps
+lie beyond the 99.9 % quantile of a normal distribution."""
+
+
+@njit(cache=True, nogil=True)
+def wrapped(angle: float) -> float:
+    """Return the angle within (-pi, pi]."""
+    return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+
+
+@njit(cache=True, nogil=True)
+def compose3(a: Floats, b: Floats) -> Floats:
+    """Pose (3,) of c in frame a's parent, from a in it and c in a."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    out = np.empty(3)
+    out[0] = a[0] + c * b[0] - s * b[1]
+    out[1] = a[1] + s * b[0] + c * b[1]
+    out[2] = wrapped(a[2] + b[2])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def between3(a: Floats, b: Floats) -> Floats:
+    """Pose (3,) of b seen from a."""
+    c, s = math.cos(a[2]), math.sin(a[2])
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    out = np.empty(3)
+    out[0] = c * dx + s * dy
+    out[1] = -s * dx + c * dy
+    out[2] = wrapped(b[2] - a[2])
+    return out
+
+
+@njit(cache=True, nogil=True)
+def carried3(covariance: Floats, motion: Floats) -> Floats:
+    """Covariance (3, 3) of a pose in its own frame, in the frame that a motion (3,) leads to."""
+    c, s = math.cos(motion[2]), math.sin(motion[2])
+    adjoint = np.zeros((3, 3))
+    adjoint[0, 0], adjoint[0, 1] = c, s
+    adjoint[1, 0], adjoint[1, 1] = -s, c
+    # A turn before the motion swings its end sideways.
+    adjoint[0, 2] = -c * motion[1] + s * motion[0]
+    adjoint[1, 2] = s * motion[1] + c * motion[0]
+    adjoint[2, 2] = 1.0
+    return adjoint @ covariance @ adjoint.T
+
+
+@njit(cache=True, nogil=True)
+def squared_sigmas(miss: Floats, covariance: Floats) -> float:
+    """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
+    away = miss.copy()
+    away[2] = wrapped(away[2])
+    return float(away @ (invert3(covariance) @ away))
+
+
+@njit(cache=True, nogil=True)
+def log_volume(covariance: Floats) -> float:
+    """Log of the determinant of 2 pi times a covariance (3, 3)."""
+    m = covariance
+    determinant = (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        - m[0, 1] * (m[1, 0] * m[2, 2] - m[1, 2] * m[2, 0])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+    return 3.0 * math.log(2.0 * math.pi) + math.log(max(determinant, 1e-300))
+
+
+@njit(cache=True, nogil=True)
+def log_tails(squared: float) -> float:
+    """Log of Student's t in 3 dimensions at a squared Mahalanobis length, less that at 0."""
+    return -0.5 * (_TAILS + 3.0) * math.log1p(squared / _TAILS)
+
+
+@njit(cache=True, nogil=True)
+def log_density(miss: Floats, covariance: Floats) -> float:
+    """Log density at a difference of motions (3,), its angle wrapped: Student's t."""
+    return log_tails(squared_sigmas(miss, covariance)) - 0.5 * log_volume(covariance)

@@ -1,0 +1,199 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What wheel odometry gets wrong systematically, and how noisy odometry and matches are.
+
+Systematic errors are three numbers: the scale of the way, the scale of turns, and a turn per metre
+(unequal wheels), as in Borenstein and Feng, "Measurement and Correction of Systematic Odometry
+Errors in Mobile Robots", IEEE T-RA 12(6), 1996. They are a Gaussian state, measured by every match.
+
+What is left between odometry and matches is noise of both. They are told apart by its correlation
+in time: an error of odometry stays in the path, an error of a match is taken back by the next one
+(covariance matching: Mehra, "On the Identification of Variances and Adaptive Kalman Filtering",
+IEEE T-AC 15(2), 1970).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_pose import wrapped
+from slarm_graph.geometry import Floats
+
+_UNSURE = np.array([0.1, 0.1, 0.035])
+"""Of the systematic errors before they are known [1, 1, rad/m]: 10 % of way and turns, 2 deg/m."""
+_CHANGES_M = 200.0
+"""Way in which their variance doubles: loads, tyres, floors."""
+_FLOOR = np.array([0.004, 0.004, 0.004])
+"""Noise of a step of length zero [m, m, rad]: encoder ticks, and stamps off by a few ms."""
+_PER_DISTANCE = np.array([0.05, 0.03, 0.05])
+"""Noise of the way and the turn per metre, before it is learned [m/m, m/m, rad/m]."""
+_PER_ANGLE = np.array([0.03, 0.03, 0.10])
+"""The same per radian turned [m/rad, m/rad, rad/rad]."""
+_FIRST_STEPS, _MOST_STEPS = 20.0, 100.0
+"""Steps that the first guess of the noise is worth, and that are remembered."""
+_PATH_STEPS = 10
+"""Steps that are added up: longer than an error of a match lasts, shorter than a drive."""
+_NOTHING = 1e6
+_LEAST_PATH = 1.0
+"""Variance of a step along a path, over the guessed one, that is believed at least: what wheels do
+over many steps depends on floors and loads to come. Twice as much lengthens bare corridors."""
+_LEAST_STEP = 0.01
+"""Share of odometry's guessed variance that is believed at least: a tenth of its noise."""
+_MOST_MATCH = 1000.0
+"""Most of what a match's variance may be more than by its points alone: 30 times its noise."""
+_MOVED_M, _MOVED_RAD = 0.005, 0.005
+"""Shorter steps tell nothing of the errors of driving."""
+
+
+class WheelCalibration:
+    """Systematic errors and noise of odometry, and noise of matches, as known so far."""
+
+    def __init__(self) -> None:
+        self.errors: Floats = np.zeros(3)
+        """Scale of the way and of turns, less 1, and turn per metre [1, 1, rad/m]."""
+        self.covariance: Floats = np.diag(_UNSURE**2)
+        """Of the errors (3, 3)."""
+        self.excess: Floats = np.ones(3)
+        """Variance of odometry's noise in x, y and theta over the guessed one."""
+        self.match_excess: Floats = np.ones(3)
+        """Variance of a match's noise over that which its points alone would have, at least 1."""
+        self.path_excess: Floats = np.ones(3)
+        """As `excess`, per step of a path of many steps: errors that go on add up."""
+        self._sum: Floats = np.zeros(3)
+        self._summed = 0
+        self._sum_square: Floats = np.zeros(3)
+        self._sums = _FIRST_STEPS / _PATH_STEPS
+        self._steps = _FIRST_STEPS
+        self._square: Floats = np.full(3, np.nan)
+        self._product: Floats = np.zeros(3)
+        self._guess: Floats = np.zeros(3)
+        self._claim: Floats = np.zeros(3)
+        self._last: Floats | None = None
+
+    def predict(self, increment: Floats) -> tuple[Floats, Floats]:
+        """Return the motion (3,) [m, m, rad] that an increment (3,) means, and its covariance."""
+        effect = _effect(increment)
+        motion = increment + effect @ self.errors
+        noise = np.diag(self.excess * _noise(increment))
+        return motion, noise + effect @ self.covariance @ effect.T
+
+    def unlearned(self, increment: Floats) -> Floats:
+        """Return how much the covariance (3, 3) of a step is more where many steps add up.
+
+        Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
+        """
+        return np.diag(
+            np.maximum(np.maximum(self.path_excess, 9.0) - self.excess, 0.0) * _noise(increment)
+        )
+
+    def interrupt(self) -> None:
+        """Note that the next match does not follow one."""
+        self._last = None
+
+    def learn(self, increment: Floats, moved: Floats, claimed: Floats, share: float) -> None:
+        """Learn from the way between two matches, in so far as odometry held.
+
+        Parameters
+        ----------
+        increment : (3,) float64
+            By odometry [m, m, rad].
+        moved : (3,) float64
+            From one match, odometry left aside, to the next [m, m, rad].
+        claimed : (3,) float64
+            Variances of a match by its points alone.
+        share : float
+            Probability that odometry held in this step.
+        """
+        distance = math.hypot(increment[0], increment[1])
+        if share < 0.5 or (distance < _MOVED_M and abs(increment[2]) < _MOVED_RAD):
+            self._last = None
+            return
+        motion, _ = self.predict(increment)
+        miss = moved - motion
+        miss[2] = wrapped(float(miss[2]))
+        guess = _noise(increment)
+        # A match less certain than odometry tells nothing of it, such as along a bare corridor.
+        tells = claimed < guess
+        noise = self.excess * guess + 2.0 * self.match_excess * claimed
+        noise = np.where(tells, noise, _NOTHING)
+        self._learn_errors(_effect(increment), miss, np.diag(noise))
+        aged = self.covariance * (1.0 + distance / _CHANGES_M)
+        self.covariance = aged * min(1.0, float(np.min(_UNSURE**2 / np.diag(aged))))
+        # Beyond three sigmas a miss is an event, not noise.
+        limit = 3.0 * np.sqrt(noise)
+        self._learn_noise(np.clip(miss, -limit, limit), guess, claimed, tells)
+
+    def _learn_noise(
+        self, miss: Floats, guess: Floats, claimed: Floats, tells: NDArray[np.bool_]
+    ) -> None:
+        if np.isnan(self._square[0]):
+            self._square, self._product = guess + 2.0 * claimed, -claimed
+            self._guess, self._claim = guess, claimed
+            self._sum_square = _PATH_STEPS * guess + 2.0 * claimed
+        last, self._last = self._last, miss
+        if last is None:
+            self._sum, self._summed = np.zeros(3), 0
+            return
+        self._steps = min(self._steps + 1.0, _MOST_STEPS)
+        rate = tells / self._steps
+        self._square = self._square + rate * (miss**2 - self._square)
+        self._product = self._product + rate * (miss * last - self._product)
+        self._guess = self._guess + rate * (guess - self._guess)
+        self._claim = self._claim + rate * (claimed - self._claim)
+        of_match = np.clip(-self._product, self._claim, 0.5 * self._square)
+        of_match = np.minimum(np.maximum(of_match, self._claim), _MOST_MATCH * self._claim)
+        of_step = np.maximum(self._square - 2.0 * of_match, _LEAST_STEP * self._guess)
+        self._add_up(miss, of_match, tells)
+        self.match_excess = of_match / self._claim
+        self.excess = of_step / self._guess
+
+    def _add_up(self, miss: Floats, of_match: Floats, tells: NDArray[np.bool_]) -> None:
+        """Learn how the misses of many steps add up (Allan, Proc. IEEE 54(2), 1966)."""
+        self._sum, self._summed = self._sum + miss, self._summed + 1
+        if self._summed < _PATH_STEPS:
+            return
+        self._sums = min(self._sums + 1.0, _MOST_STEPS / _PATH_STEPS)
+        self._sum_square = self._sum_square + tells * (self._sum**2 - self._sum_square) / self._sums
+        self._sum, self._summed = np.zeros(3), 0
+        of_step = (self._sum_square - 2.0 * of_match) / _PATH_STEPS
+        self.path_excess = np.maximum(of_step / self._guess, _LEAST_STEP)
+
+    def _learn_errors(self, effect: Floats, miss: Floats, noise: Floats) -> None:
+        """Kalman update of the systematic errors."""
+        self.errors, self.covariance = _updated(self.errors, self.covariance, effect, miss, noise)
+
+
+@njit(cache=True, nogil=True)
+def _effect(increment: Floats) -> Floats:
+    """Derivative (3, 3) of the motion by the systematic errors."""
+    x, y, turn = increment
+    effect = np.zeros((3, 3))
+    effect[0, 0], effect[1, 0] = x, y
+    effect[2, 1], effect[2, 2] = turn, math.hypot(x, y)
+    return effect
+
+
+@njit(cache=True, nogil=True)
+def _noise(increment: Floats) -> Floats:
+    """Guessed variances (3,) of an increment's noise."""
+    distance = math.hypot(increment[0], increment[1])
+    sigma = _FLOOR + _PER_DISTANCE * distance + _PER_ANGLE * abs(increment[2])
+    noise: Floats = sigma * sigma
+    return noise
+
+
+@njit(cache=True, nogil=True)
+def _updated(
+    errors: Floats, covariance: Floats, effect: Floats, miss: Floats, noise: Floats
+) -> tuple[Floats, Floats]:
+    """Kalman update of a state (3,) and its covariance by a miss (3,), in Joseph's form."""
+    innovation = effect @ covariance @ effect.T + noise
+    gain = covariance @ effect.T @ invert3(innovation)
+    left = np.eye(3) - gain @ effect
+    joseph = left @ covariance @ left.T + gain @ noise @ gain.T
+    return errors + gain @ miss, 0.5 * (joseph + joseph.T)
