@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.recordings.packed import Ints
+from slarm_graph.frontends.recordings.ranges import MOST_RANGE_M
 
 _OLD_LASERS = ("FLASER", "RLASER")
 _NEW_LASERS = tuple(f"ROBOTLASER{k}" for k in range(1, 6))
@@ -82,7 +83,8 @@ def _rest(words: list[str], at: int, least: int) -> list[str]:
 
 
 def _ranges(words: list[str], at: int, count: int) -> NDArray[np.float32]:
-    found = np.array(words[at : max(at, len(words) - _TAIL)][:count], np.float32)
+    told = np.array(words[at : max(at, len(words) - _TAIL)][:count], np.float64)
+    found = np.where(np.abs(told) > MOST_RANGE_M, np.nan, told).astype(np.float32)
     if count < 1 or len(found) != count:
         raise ValueError(f"{len(found)} readings where {count} are announced")
     return found

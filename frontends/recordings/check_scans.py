@@ -53,8 +53,10 @@ def _check_limits(where: str, limits: Floats, table: ScanTable) -> list[Finding]
 
 def _check_angles(where: str, limits: Floats, beams: Floats, table: ScanTable) -> list[Finding]:
     start, end, step = limits[:, 0], limits[:, 1], limits[:, 2]
-    span = np.abs(step) * np.maximum(beams - 1, 0)
-    last = start + step * np.maximum(beams - 1, 0)
+    with np.errstate(invalid="ignore", over="ignore"):
+        span = np.abs(step) * np.maximum(beams - 1, 0)
+        last = start + step * np.maximum(beams - 1, 0)
+        off = np.abs(last - end) > 1.5 * np.abs(step)
     found = counted(
         "warning", where, "{count} of {total} scans have no angle between beams",
         (step == 0) & (beams > 1), table.stamp_ns,
@@ -62,7 +64,7 @@ def _check_angles(where: str, limits: Floats, beams: Floats, table: ScanTable) -
     )  # fmt: skip
     found += counted(
         "note", where, "{count} of {total} scans end elsewhere than angle_max says",
-        np.abs(last - end) > 1.5 * np.abs(step), table.stamp_ns,
+        off, table.stamp_ns,
         "angle_max is not used; beams are counted from angle_min",
     )  # fmt: skip
     found += counted(

@@ -91,7 +91,7 @@ def beam_angles(block: ScanBlock) -> Floats:
     start, end, step = (block.limits[:, column] for column in range(3))
     intervals = block.ranges_m.shape[1] - 1
     if intervals > 0:
-        with np.errstate(invalid="ignore"):
+        with np.errstate(invalid="ignore", over="ignore"):
             derived = (end - start) / intervals
         step = np.where(step == 0, np.where(derived == 0, np.nan, derived), step)
     sensible = (np.abs(start) <= MOST_ANGLE_RAD) & (np.abs(step) <= MOST_ANGLE_RAD)

@@ -20,10 +20,11 @@ from slarm_graph.errors import BadInput, brief
 MAX_ARRAY_BYTES = 1 << 29
 """512 MB of one archive's arrays: the radio map of ten access points over 300 x 300 m at 0.05 m
 takes 1.8 GB as float32, but such maps are split; what is larger would not fit beside the run."""
-_FAILURES = (
+FAILURES = (
     OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, NotImplementedError,
     MemoryError, zipfile.BadZipFile, zlib.error, SyntaxError, UnicodeError, OverflowError,
 )  # fmt: skip
+"""What damaged archives raise in zipfile, zlib and numpy."""
 
 
 def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
@@ -41,20 +42,23 @@ def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
         When it is missing, damaged, or larger than `MAX_ARRAY_BYTES`.
     """
     try:
-        with zipfile.ZipFile(path) as archive:
-            total = sum(info.file_size for info in archive.infolist())
-            if total > MAX_ARRAY_BYTES:
-                raise BadInput(f"{path}: {what} of {total / 1e6:.0f} MB is too large")
-            return {
-                info.filename.removesuffix(".npy"): _array(archive.read(info))
-                for info in archive.infolist()
-            }
-    except BadInput:
-        raise
+        return load_arrays(path, MAX_ARRAY_BYTES)
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None
-    except _FAILURES as error:
+    except FAILURES as error:
         raise BadInput(f"{path}: not {what} written by slarm ({brief(str(error))})") from None
+
+
+def load_arrays(path: Path, at_most: int) -> Mapping[str, NDArray[Any]]:
+    """Read every array of an archive of at most so many bytes; `FAILURES` come through."""
+    with zipfile.ZipFile(path) as archive:
+        total = sum(info.file_size for info in archive.infolist())
+        if total > at_most:
+            raise ValueError(f"{total / 1e6:.0f} MB are too large")
+        return {
+            info.filename.removesuffix(".npy"): _array(archive.read(info))
+            for info in archive.infolist()
+        }
 
 
 def _array(data: bytes) -> NDArray[Any]:

@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph import __version__
 from slarm_graph.errors import BadInput
+from slarm_graph.files.arrays import FAILURES, load_arrays
 from slarm_graph.snapshots import State
 
 FORMAT: Final = 1
@@ -64,7 +66,7 @@ def read_states(path: Path) -> SavedStates:
         return _read(path)
     except BadInput:
         raise
-    except (OSError, EOFError, ValueError, LookupError, TypeError, zipfile.BadZipFile) as error:
+    except (*FAILURES, LookupError) as error:
         raise BadInput(f"{path}: the checkpoint is damaged ({_reason(error)}); {_ANEW}") from None
 
 
@@ -73,23 +75,23 @@ def _read(path: Path) -> SavedStates:
         # What is not compressed cannot be larger than the file.
         if any(member.compress_type != zipfile.ZIP_STORED for member in archive.infolist()):
             raise ValueError("it is compressed")
-    with np.load(path, allow_pickle=False) as archive:
-        header = json.loads(archive["header"].tobytes())
-        written = header["format"], header["program"]
-        if written != (FORMAT, __version__):
-            raise BadInput(
-                f"{path}: the checkpoint is of slarm-graph {str(written[1])[:20]}, format"
-                f" {str(written[0])[:20]}; this is {__version__}, format {FORMAT}; {_ANEW}"
-            )
-        states = {
-            str(name): State(archive[f"{name}.tree"].tobytes().decode(), _data(archive, name))
-            for name in header["states"]
-        }
-        return SavedStates(states, dict(header["facts"]))
+    arrays = load_arrays(path, path.stat().st_size)
+    header = json.loads(arrays["header"].tobytes())
+    written = header["format"], header["program"]
+    if written != (FORMAT, __version__):
+        raise BadInput(
+            f"{path}: the checkpoint is of slarm-graph {str(written[1])[:20]}, format"
+            f" {str(written[0])[:20]}; this is {__version__}, format {FORMAT}; {_ANEW}"
+        )
+    states = {
+        str(name): State(arrays[f"{name}.tree"].tobytes().decode(), _data(arrays, name))
+        for name in header["states"]
+    }
+    return SavedStates(states, dict(header["facts"]))
 
 
-def _data(archive: Any, name: str) -> np.ndarray:
-    data = archive[f"{name}.data"]
+def _data(arrays: Mapping[str, NDArray[Any]], name: str) -> np.ndarray:
+    data = arrays[f"{name}.data"]
     if data.dtype != np.uint8 or data.ndim != 1:
         raise ValueError(f"{name} is not bytes")
     return np.asarray(data)

@@ -24,6 +24,8 @@ from slarm_graph.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
 
+MOST = 1e9
+"""Coordinates beyond a million kilometres are damage; squares of them still fit into float64."""
 _HEADER = "# timestamp tx ty tz qx qy qz qw"
 _ESTIMATE, _TRUTH = "trajectory.tum", "ground_truth.tum"
 _Line = tuple[int, list[str], bool]
@@ -104,7 +106,7 @@ def read_spatial(path: Path) -> SpatialTrajectory:
         except ValueError as error:
             problem = f"{error}: {brief(' '.join(words))!r}; expected lines `{columns.words}`"
             raise BadInput(f"{path}:{number}: {problem}") from None
-        if all(math.isfinite(value) for value in row[1]):
+        if all(abs(value) <= MOST for value in row[1]):
             rows.append(row)
         else:
             first_bad, bad = first_bad or number, bad + 1

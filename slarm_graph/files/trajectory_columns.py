@@ -106,12 +106,18 @@ def _quaternion(turn: Sequence[float]) -> tuple[float, ...]:
     return tuple(part / norm for part in turn)
 
 
+_LARGEST_COSINE = 2.0
+"""Entries of a rotation are cosines; rounding and scale of some writers are far below this."""
+
+
 def _of_matrix(m: Sequence[float]) -> tuple[float, ...]:
     from scipy.spatial.transform import Rotation
 
     if not all(map(math.isfinite, m)):
         return (math.nan,) * 7
     turn = [[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]
+    if max(abs(part) for row in turn for part in row) > _LARGEST_COSINE:
+        raise ValueError("no rotation")
     return m[3], m[7], m[11], *Rotation.from_matrix(turn).as_quat().tolist()
 
 

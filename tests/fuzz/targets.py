@@ -20,8 +20,9 @@ from ros_bags import write_recording
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.app.checkpoint import load_checkpoint
-from slarm_graph.app.execution import resumed_job
+from slarm_graph.app.checkpoint import resume_from
+from slarm_graph.app.resuming import resumed_job
+from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig, SourceConfig
 from slarm_graph.eval.relations import read_relations
 from slarm_graph.files.config_text import config_yaml
@@ -29,6 +30,7 @@ from slarm_graph.files.configs import load_config
 from slarm_graph.files.coverage import read_coverage, write_coverage
 from slarm_graph.files.g2o import read_g2o
 from slarm_graph.files.maps import pgm_bytes, read_map, trinary_image
+from slarm_graph.files.states import SavedStates, write_states
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.check import check
@@ -166,23 +168,18 @@ def _images() -> tuple[bytes, ...]:
     return (pgm_bytes(image), text, *encoded)
 
 
+def _backend() -> SlamBackend:
+    """Make the backend with the smallest state."""
+    return backends.make("odometry", RunConfig(), np.random.default_rng(0), print)
+
+
 def _checkpoint() -> bytes:
-    backend = backends.make("odometry", RunConfig(), np.random.default_rng(0), print)
-    state = json.dumps(np.random.default_rng(0).bit_generator.state)
-    return _written(
-        lambda path: np.savez(
-            path,
-            stamps_ns=np.arange(3),
-            random_state=np.array(state),
-            backend=np.frombuffer(backend.snapshot(), np.uint8),
-        ),
-        "state.npz",
-    )
+    saved = SavedStates({"backend": _backend().snapshot()}, {"latest_ns": 3})
+    return _written(lambda path: write_states(path, saved), "state.npz")
 
 
-def _resume(path: Path) -> object:
-    backend = backends.make("odometry", RunConfig(), np.random.default_rng(0), print)
-    return load_checkpoint(path.parent.parent, backend, np.random.default_rng(0))
+def _resume(path: Path) -> None:
+    resume_from(path.parent.parent, lambda saved: _backend().restore(saved.states["backend"]))
 
 
 @functools.cache
