@@ -26,7 +26,7 @@ makes two views differ. Halved, the angle of a step is twice as uncertain."""
 REACH_M, REACH_RAD = 0.9, 0.7
 """How far the matching looks for a step, in every direction; steps up to two thirds of it count."""
 MOST_PAIRS = 40
-"""Pairs that are matched at most, spread over the recording: a third of a second."""
+"""MotionPairs that are matched at most, spread over the recording: a third of a second."""
 LEAST_PAIRS = 8
 """Fewer matches prove nothing: one of them in ten goes wrong in repetitive places."""
 CERTAIN_M = 0.05
@@ -44,7 +44,7 @@ SCALE = 1.5
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
+class MotionPairs:
     """Steps between scans as matched and as the odometry tells them, (N, 3) each [m, m, rad]."""
 
     matched: Floats
@@ -93,7 +93,7 @@ def _steps(poses: Floats, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
 
 def _matched_pairs(
     scan_at: Callable[[int], LaserScan], poses: Floats, steps: list[tuple[int, int]]
-) -> Pairs:
+) -> MotionPairs:
     """Match the scans of every pair from no guess at all; what is uncertain is left out."""
     from slarm_graph.frontends.scans.matcher import CorrelativeConfig, CorrelativeMatcher
     from slarm_graph.frontends.scans.scan_filter import points_for_matching
@@ -108,14 +108,14 @@ def _matched_pairs(
         if match and _is_certain(match.covariance):
             matched.append(match.target_from_source.as_array())
             odometry.append(between(poses[earlier], poses[later]))
-    return Pairs(np.array(matched).reshape(-1, 3), np.array(odometry).reshape(-1, 3))
+    return MotionPairs(np.array(matched).reshape(-1, 3), np.array(odometry).reshape(-1, 3))
 
 
 def _is_certain(covariance: Floats) -> bool:
     return float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) < CERTAIN_M**2
 
 
-def _turned_round(pairs: Pairs) -> str:
+def _turned_round(pairs: MotionPairs) -> str:
     """Whether all rotations have the other sign."""
     turning = np.abs(pairs.odometry[:, 2]) > STRAIGHT_RAD
     ratio = pairs.matched[turning, 2] / pairs.odometry[turning, 2]
@@ -128,7 +128,7 @@ def _turned_round(pairs: Pairs) -> str:
     )
 
 
-def _mounted_otherwise(pairs: Pairs) -> str:
+def _mounted_otherwise(pairs: MotionPairs) -> str:
     """Whether all translations are turned by one angle."""
     straight = _straight(pairs)
     matched, odometry = pairs.matched[straight], pairs.odometry[straight]
@@ -147,7 +147,7 @@ def _mounted_otherwise(pairs: Pairs) -> str:
     )
 
 
-def _stretched(pairs: Pairs) -> str:
+def _stretched(pairs: MotionPairs) -> str:
     """Whether all translations are longer or shorter by one ratio."""
     straight = _straight(pairs)
     lengths = [np.hypot(p[straight, 0], p[straight, 1]) for p in (pairs.odometry, pairs.matched)]
@@ -163,7 +163,7 @@ def _stretched(pairs: Pairs) -> str:
     )
 
 
-def _straight(pairs: Pairs) -> NDArray[np.bool_]:
+def _straight(pairs: MotionPairs) -> NDArray[np.bool_]:
     """Steps long and straight enough to tell a direction."""
     length = np.hypot(pairs.odometry[:, 0], pairs.odometry[:, 1])
     return np.asarray(

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from slarm_graph.errors import BadInput, brief
-from slarm_graph.frontends.recordings.sqlite_pages import Row, message_rows
+from slarm_graph.frontends.recordings.sqlite_pages import TableRow, message_rows
 from slarm_graph.frontends.recordings.storage import Key, Losses, Stored
 from slarm_graph.frontends.recordings.unpacking import MAX_CHUNK_BYTES, scratch_folder
 
@@ -147,7 +147,7 @@ class Db3File:
             found.setdefault(row.topic, []).append(row.stamp_ns)
         return [(number, len(some), min(some), max(some)) for number, some in found.items()]
 
-    def _rows(self, topics: Collection[int]) -> Iterator[Row]:
+    def _rows(self, topics: Collection[int]) -> Iterator[TableRow]:
         """Yield the messages of topics in order; after damage those of the pages that are left."""
         chosen = ", ".join(str(int(number)) for number in topics) or "NULL"
         query = (
@@ -160,13 +160,13 @@ class Db3File:
                 for number, topic, stamp_ns, data in self._database.execute(query):
                     last = int(number)
                     if isinstance(stamp_ns, int) and isinstance(data, bytes):
-                        yield Row(last, topic, stamp_ns, data)
+                        yield TableRow(last, topic, stamp_ns, data)
                 return
             except _BROKEN:
                 self._damaged = True
         yield from (row for row in self._salvaged() if row.number > last and row.topic in topics)
 
-    def _salvaged(self) -> list[Row]:
+    def _salvaged(self) -> list[TableRow]:
         """Every message in the pages of the file, in order, each once."""
         with (
             self._whole.open("rb") as file,

@@ -26,7 +26,7 @@ _MESSAGE_COLUMNS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TableRow:
     """A message as it is stored."""
 
     number: int
@@ -35,7 +35,7 @@ class Row:
     data: bytes
 
 
-def message_rows(raw: bytes | mmap) -> Iterator[Row]:
+def message_rows(raw: bytes | mmap) -> Iterator[TableRow]:
     """Yield the rows of all leaf pages that look like rosbag2's messages, page by page.
 
     A row whose overflow pages are missing is left out. Rows that were moved or deleted may come
@@ -60,7 +60,7 @@ def message_rows(raw: bytes | mmap) -> Iterator[Row]:
                 yield row
 
 
-def _row(raw: bytes | mmap, page: int, at: int, usable: int, size: int) -> Row | None:
+def _row(raw: bytes | mmap, page: int, at: int, usable: int, size: int) -> TableRow | None:
     """Read one cell; None where it is no whole message."""
     length, at = _varint(raw, at)
     number, at = _varint(raw, at)
@@ -82,7 +82,7 @@ def _row(raw: bytes | mmap, page: int, at: int, usable: int, size: int) -> Row |
     data = payload[at:]
     if not known or len(data) != (kinds[3] - 12) // 2:
         return None
-    return Row(number, topic, stamp_ns, data)
+    return TableRow(number, topic, stamp_ns, data)
 
 
 def _payload(

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 
 _DPI, _WIDTH_IN = 110, 9.0
+"""Dots per inch of a screen at twice its density, and a column's width in a report [in]."""
 _GROUND = "#d9d9d9"
 
 
