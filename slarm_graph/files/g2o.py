@@ -175,10 +175,12 @@ def _ids(words: list[str], count: int, where: str) -> list[int]:
         ids = [int(word) for word in words[:count]]
     except ValueError:
         raise BadInput(
-            f"{where}: expected a whole number, got {' '.join(words[:count])!r}"
+            f"{where}: expected a whole number, got {brief(' '.join(words[:count]))!r}"
         ) from None
     if len(ids) < count or any(key < 0 for key in ids):
-        raise BadInput(f"{where}: expected {count} identifiers from 0 on, got {words[:count]}")
+        raise BadInput(
+            f"{where}: expected {count} identifiers from 0 on, got {brief(words[:count])}"
+        )
     return ids
 
 

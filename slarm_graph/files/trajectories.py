@@ -104,7 +104,8 @@ def read_spatial(path: Path) -> SpatialTrajectory:
         try:
             row = columns.read(words, len(rows) + bad)
         except ValueError as error:
-            problem = f"{error}: {brief(' '.join(words))!r}; expected lines `{columns.words}`"
+            told = f"{brief(str(error), 120)}: {brief(' '.join(words))!r}"
+            problem = f"{told}; expected lines `{columns.words}`"
             raise BadInput(f"{path}:{number}: {problem}") from None
         if all(abs(value) <= MOST for value in row[1]):
             rows.append(row)
