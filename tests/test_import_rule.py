@@ -5,6 +5,8 @@
 from __future__ import annotations
 
 import ast
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,3 +75,14 @@ def test_rooms_are_never_imported_by_their_bare_names() -> None:
 def test_gtsam_stays_in_the_pose_graph_backend() -> None:
     users = {path.name for _, path in files() if "gtsam" in set(imported(path))}
     assert all(name.startswith("pose_graph") for name in users)
+
+
+def test_a_run_loads_what_it_uses() -> None:
+    """Each of these takes 3 to 30 MB and has no part in a run without access points."""
+    code = (
+        "import sys; import slarm_graph.app.execution, slarm_graph.backends.pose_graph\n"
+        "heavy = 'matplotlib.figure', 'netCDF4', 'scipy.optimize', 'scipy.stats', 'filterpy'\n"
+        "print([name for name in heavy if name in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

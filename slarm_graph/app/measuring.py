@@ -14,16 +14,8 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.signals.rss import beside, open_rss
 from slarm_graph.geographic import GeographicMap
-from slarm_graph.radio.measured.files import (
-    write_access_points_csv,
-    write_measured_csv,
-    write_measured_netcdf,
-    write_measured_npz,
-)
-from slarm_graph.radio.measured.fuse import fuse
 from slarm_graph.radio.measured.log import RssLog, merged, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.radio.measured.pictures import write_measured_png
 from slarm_graph.trajectory import Trajectory
 
 
@@ -49,6 +41,9 @@ def measured_map(
     """
     if not logs:
         return None
+    # Optimisers, NetCDF and matplotlib are loaded only where there is something for them to do.
+    from slarm_graph.radio.measured.fuse import fuse
+
     placed = place(merged(logs), trajectory, config.measured.position_sd_m)
     total = sum(map(len, logs))
     if placed.outside == total:
@@ -65,6 +60,14 @@ def save_measured(folder: RunFolder, measured: MeasuredMap | None) -> None:
     """Write the measured radio map in all its forms, where there is one."""
     if measured is None:
         return
+    from slarm_graph.radio.measured.files import (
+        write_access_points_csv,
+        write_measured_csv,
+        write_measured_netcdf,
+        write_measured_npz,
+    )
+    from slarm_graph.radio.measured.pictures import write_measured_png
+
     for name, write in (
         ("measured_radio_map.npz", write_measured_npz),
         ("measured_radio_map.nc", write_measured_netcdf),

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
-import netCDF4
 import numpy as np
 from numpy.typing import NDArray
 
@@ -86,6 +85,8 @@ def _fitted(values: dict[str, NDArray[Any]], index: int) -> FittedTerms:
 def write_measured_netcdf(path: Path, measured: MeasuredMap) -> None:
     """Write a measured map as compressed NetCDF with CF conventions; row 0 is the lowest y."""
     grid = measured.geometry
+    import netCDF4  # not for those who only want the tables
+
     with netCDF4.Dataset(path, "w") as file:
         file.Conventions = "CF-1.8"
         file.title = "Measured radio map: received signal strength per access point"
