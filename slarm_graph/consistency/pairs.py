@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Every visit against every other that saw the same cells: is one of the two in the wrong place?"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from slarm_graph.consistency.evidence import CELL_M, tally
+from slarm_graph.consistency.visits import Visits
+from slarm_graph.geometry import Floats
+
+MIN_CELLS = 30
+"""Wall cells that two visits must share to be compared: 3 m of wall."""
+
+RIGHT_SHARE, WRONG_SHARE = 0.03, 0.5
+"""Share of walls looked through between visits in the right place (people, doors, glass, noise;
+measured: 0.001 to 0.016 over whole recordings) and in a wrong one (measured: 0.35 to 1)."""
+
+CELLS_ALIKE = 10.0
+"""Cells that say the same, because one door or one cupboard has so many: a metre of wall counts
+as one observation. Halving it doubles all evidence."""
+
+MAX_PAIRS = 200_000
+"""Pairs compared at most; of more, an even selection. Reached after hours in one building."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pairs:
+    """P pairs of visits that share walls.
+
+    Parameters
+    ----------
+    visits : (P, 2) int64
+        Earlier and later visit.
+    confirmed, contradicted : (P,) int64
+        Wall cells of either visit that the other one sees, and looks through.
+    """
+
+    visits: NDArray[np.int64]
+    confirmed: NDArray[np.int64]
+    contradicted: NDArray[np.int64]
+
+    def evidence(self) -> Floats:
+        """Log-likelihood ratio (P,) [nat] of `one is in a wrong place` over `both are right`."""
+        return wrong_place_evidence(self.confirmed, self.contradicted)
+
+    def conflict_share(self) -> float:
+        """Share of the compared wall cells that are looked through; nan without any."""
+        compared = int(self.confirmed.sum() + self.contradicted.sum())
+        return float(self.contradicted.sum() / compared) if compared else math.nan
+
+    def only(self, which: NDArray[np.bool_]) -> Pairs:
+        """Return some of the pairs."""
+        return Pairs(self.visits[which], self.confirmed[which], self.contradicted[which])
+
+
+def wrong_place_evidence(confirmed: NDArray[np.int64], contradicted: NDArray[np.int64]) -> Floats:
+    """Log-likelihood ratio [nat] of a wrong place over the right one, of any shape.
+
+    Both are binomial, with `WRONG_SHARE` and `RIGHT_SHARE`, of observations that are
+    `CELLS_ALIKE` cells each.
+    """
+    per_conflict = math.log(WRONG_SHARE / RIGHT_SHARE) / CELLS_ALIKE
+    per_match = math.log((1.0 - WRONG_SHARE) / (1.0 - RIGHT_SHARE)) / CELLS_ALIKE
+    return per_conflict * np.asarray(contradicted) + per_match * np.asarray(confirmed)
+
+
+def cross_check(visits: Visits, poses: Floats | None = None, least_cells: int = MIN_CELLS) -> Pairs:
+    """Compare all visits that saw the same cells.
+
+    Parameters
+    ----------
+    visits : Visits
+    poses : (K, 3) float64, optional
+        `map_from_visit` to judge instead of the visits' own, as of a graph with other closures.
+    least_cells : int
+        Wall cells that a pair has to share.
+    """
+    poses = visits.poses if poses is None else np.ascontiguousarray(poses, dtype=np.float64)
+    if not len(visits):
+        return Pairs(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
+    candidates = _thinned(_overlapping(poses, visits.lows, visits.shapes))
+    counts = _compare(
+        candidates,
+        poses,
+        visits.walls,
+        visits.wall_start,
+        visits.states,
+        visits.state_start,
+        visits.lows,
+        visits.shapes,
+    )
+    enough = counts.sum(axis=1) >= least_cells
+    return Pairs(candidates[enough], counts[enough, 0], counts[enough, 1])
+
+
+def _thinned(candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Leave out pairs evenly so that at most `MAX_PAIRS` are left."""
+    if len(candidates) <= MAX_PAIRS:
+        return candidates
+    return candidates[np.linspace(0, len(candidates) - 1, MAX_PAIRS).astype(np.int64)]
+
+
+def _overlapping(poses: Floats, lows: Floats, shapes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the pairs (P, 2) of visits whose cells' circumscribed circles meet."""
+    half = 0.5 * CELL_M * shapes[:, ::-1]
+    middle = lows + half
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    x = poses[:, 0] + c * middle[:, 0] - s * middle[:, 1]
+    y = poses[:, 1] + s * middle[:, 0] + c * middle[:, 1]
+    radius, centre = np.hypot(*half.T), np.stack([x, y], axis=1)
+    pairs = cKDTree(centre).query_pairs(2.0 * radius.max(), output_type="ndarray")
+    apart = np.hypot(*(centre[pairs[:, 0]] - centre[pairs[:, 1]]).T)
+    pairs = pairs[apart < radius[pairs].sum(axis=1)].astype(np.int64)
+    return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
+
+
+@njit(cache=True, nogil=True)
+def _b_from_a(map_from_b: Floats, map_from_a: Floats) -> Floats:
+    c, s = math.cos(map_from_b[2]), math.sin(map_from_b[2])
+    dx, dy = map_from_a[0] - map_from_b[0], map_from_a[1] - map_from_b[1]
+    return np.array([c * dx + s * dy, -s * dx + c * dy, map_from_a[2] - map_from_b[2]])
+
+
+@njit(cache=True, nogil=True)
+def _compare(
+    pairs: NDArray[np.int64],
+    poses: Floats,
+    walls: Floats,
+    wall_start: NDArray[np.int64],
+    states: NDArray[np.uint8],
+    state_start: NDArray[np.int64],
+    lows: Floats,
+    shapes: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Count (P, 2): wall cells confirmed and contradicted, both ways together."""
+    counts = np.zeros((len(pairs), 2), dtype=np.int64)
+    for k in range(len(pairs)):
+        for way in range(2):
+            a, b = pairs[k, way], pairs[k, 1 - way]
+            seen = states[state_start[b] : state_start[b + 1]].reshape(shapes[b, 0], shapes[b, 1])
+            own = walls[wall_start[a] : wall_start[a + 1]]
+            confirmed, contradicted = tally(own, _b_from_a(poses[b], poses[a]), seen, lows[b])
+            counts[k, 0] += confirmed
+            counts[k, 1] += contradicted
+    return counts

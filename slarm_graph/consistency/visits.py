@@ -1,0 +1,198 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory in visits: stretches of a few metres, each with what it saw in its own frame."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.consistency.evidence import BEYOND_M, CELL_M, TOLERANCE_M, count_beams, judge_cells
+from slarm_graph.geometry import Floats, between, compose, transform_points
+from slarm_graph.readings import LaserScan
+
+THIN_M, THIN_RAD = 0.1, 0.1
+"""A scan is looked at when the robot moved as far since the last one [m, rad]: a cell, or what a
+cell subtends at a metre. Twice as far leaves single beams to testify beyond 5 m."""
+
+VISIT_M = 5.0
+"""Length of a visit along the way [m]: odometry or matching err by less than the tolerance over
+it. Half of it leaves less evidence to a pair, twice hides errors inside and blurs their place."""
+
+VISIT_SCANS = 8
+"""Scans that a visit has at least, where they are metres apart."""
+
+USED_RANGE_M = 15.0
+"""Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Visits:
+    """K stretches of a trajectory and what was seen from each, packed.
+
+    Parameters
+    ----------
+    poses : (K, 3) float64
+        `map_from_visit` [m, m, rad]: where each stretch's middle scan was taken.
+    scans : (K, 2) int64
+        Index of the first and of the last scan of each.
+    way_m : (K, 2) float64
+        Way driven before each stretch's first scan, and its last [m].
+    walls : (W, 2) float64
+        Walls of all visits, each in its visit's frame [m].
+    wall_start : (K + 1,) int64
+        Where each visit's walls begin, and their end.
+    states : (C,) uint8
+        States of the cells of all visits, row by row.
+    state_start : (K + 1,) int64
+        Where each visit's cells begin, and their end.
+    lows : (K, 2) float64
+        Corner of each visit's first cell, in its frame [m].
+    shapes : (K, 2) int64
+        Rows and columns of each visit's cells.
+    """
+
+    poses: Floats
+    scans: NDArray[np.int64]
+    way_m: Floats
+    walls: Floats
+    wall_start: NDArray[np.int64]
+    states: NDArray[np.uint8]
+    state_start: NDArray[np.int64]
+    lows: Floats
+    shapes: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    def at(self, trajectory: Floats) -> Visits:
+        """Return the same visits moved, each as one, to where another trajectory (N, 3) has them.
+
+        As good as building them anew while no visit is bent, and a thousand times as quick.
+        """
+        return replace(self, poses=trajectory[(self.scans[:, 0] + self.scans[:, 1]) // 2])
+
+
+def build_visits(scans: Sequence[LaserScan], poses: Floats, visit_m: float = VISIT_M) -> Visits:
+    """Cut a trajectory into visits and note what each saw.
+
+    Parameters
+    ----------
+    scans : sequence of N LaserScan
+    poses : (N, 3) float64
+        `map_from_robot` at each scan [m, m, rad].
+    visit_m : float
+        Least length of a visit [m].
+    """
+    kept, way_m = thinned_by_motion(poses), way_along_m(poses)
+    firsts = _first_scans(way_m[kept], visit_m)
+    parts = [kept[a:b] for a, b in pairwise(firsts)]
+    return pack_visits(scans, poses, way_m, parts)
+
+
+def pack_visits(
+    scans: Sequence[LaserScan], poses: Floats, way_m: Floats, parts: Sequence[NDArray[np.int64]]
+) -> Visits:
+    """Build a visit of each list of scans; those that saw nothing are left out."""
+    seen = [(part, *_seen(scans, poses, part)) for part in parts]
+    seen = [row for row in seen if row[2].size]
+    ends = np.array([(part[0], part[-1]) for part, *_ in seen], dtype=np.int64).reshape(-1, 2)
+    return Visits(
+        poses=poses[ends.sum(axis=1) // 2],
+        scans=ends,
+        way_m=way_m[ends],
+        walls=np.concatenate([np.zeros((0, 2)), *(walls for _, walls, _, _ in seen)]),
+        wall_start=_starts([len(walls) for _, walls, _, _ in seen]),
+        states=np.concatenate([np.zeros(0, np.uint8), *(s.ravel() for _, _, s, _ in seen)]),
+        state_start=_starts([states.size for _, _, states, _ in seen]),
+        lows=np.array([low for *_, low in seen]).reshape(-1, 2),
+        shapes=np.array([s.shape for _, _, s, _ in seen], dtype=np.int64).reshape(-1, 2),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _moved_enough(poses: Floats, least_m: float, least_rad: float) -> NDArray[np.int64]:
+    kept = np.empty(len(poses), dtype=np.int64)
+    kept[0] = 0
+    count = 1
+    for i in range(1, len(poses)):
+        last = poses[kept[count - 1]]
+        turn = abs((poses[i, 2] - last[2] + np.pi) % (2.0 * np.pi) - np.pi)
+        away = np.hypot(poses[i, 0] - last[0], poses[i, 1] - last[1])
+        if away >= least_m or turn >= least_rad:
+            kept[count] = i
+            count += 1
+    return kept[:count]
+
+
+def thinned_by_motion(
+    poses: Floats, least_m: float = THIN_M, least_rad: float = THIN_RAD
+) -> NDArray[np.int64]:
+    """Return the scans at which the robot had moved so far [m] or turned so far [rad]."""
+    return np.asarray(_moved_enough(poses, least_m, least_rad)) if len(poses) else np.arange(0)
+
+
+def way_along_m(poses: Floats) -> Floats:
+    """Return the way driven up to each pose (N,) [m]."""
+    steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+    return np.asarray(np.r_[0.0, np.cumsum(steps_m)][: len(poses)])
+
+
+def _first_scans(way_m: Floats, visit_m: float) -> list[int]:
+    """Return the first scan of each visit, and the number of scans."""
+    firsts = [0]
+    for i in range(len(way_m)):
+        if way_m[i] - way_m[firsts[-1]] >= visit_m and i - firsts[-1] >= VISIT_SCANS:
+            firsts.append(i)
+    return [*firsts, len(way_m)] if len(way_m) else [0]
+
+
+def _seen(
+    scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]
+) -> tuple[Floats, NDArray[np.uint8], Floats]:
+    """Return walls (W, 2) [m], states and corner (2,) [m] in the frame of the middle scan."""
+    visit_from_robot = between(poses[(part[0] + part[-1]) // 2], poses[part])
+    beams = np.concatenate(
+        [_returns(scans[i], pose) for i, pose in zip(part, visit_from_robot, strict=True)]
+    )
+    if not len(beams):
+        return np.zeros((0, 2)), np.zeros((0, 0), dtype=np.uint8), np.zeros(2)
+    corners = beams[:, :4].reshape(-1, 2)
+    low = corners.min(axis=0) - CELL_M
+    cols, rows = np.ceil((corners.max(axis=0) - low) / CELL_M).astype(int) + 1
+    hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
+    count_beams(hits, passes, low, beams)
+    states, cells = judge_cells(hits, passes)
+    return low + (cells[:, ::-1] + 0.5) * CELL_M, states, low
+
+
+def _returns(scan: LaserScan, pose: Floats) -> Floats:
+    """Return start x, y, end x, y and clear length (M, 5) [m] of returns, seen from a pose (3,)."""
+    laser = compose(pose, scan.robot_from_laser.as_array())[:2]
+    ends = transform_points(pose, scan.points_m())
+    ranges = np.hypot(*(ends - laser).T)
+    clear = ranges - np.maximum(BEYOND_M, TOLERANCE_M / _incidence(laser, ends, ranges))
+    near = ranges < USED_RANGE_M
+    starts = np.broadcast_to(laser, (near.sum(), 2))
+    return np.concatenate([starts, ends[near], clear[near, None]], axis=1)
+
+
+def _incidence(laser: Floats, ends: Floats, ranges: Floats) -> Floats:
+    """Sine (M,) of the angle at which each beam meets the line to the nearer neighbour's end."""
+    if len(ends) < 2:
+        return np.ones(len(ends))
+    along = np.diff(ends, axis=0)
+    gap = np.hypot(*along.T) + 1e-9
+    after = np.r_[gap, np.inf] <= np.r_[np.inf, gap]
+    side = np.where(after, np.arange(len(ends)), np.arange(-1, len(ends) - 1))
+    across = (ends - laser)[:, 0] * along[side, 1] - (ends - laser)[:, 1] * along[side, 0]
+    return np.asarray(np.clip(np.abs(across) / (ranges * gap[side] + 1e-9), 0.01, 1.0))
+
+
+def _starts(sizes: list[int]) -> NDArray[np.int64]:
+    return np.asarray(np.r_[0, np.cumsum(np.array(sizes, dtype=np.int64))])
