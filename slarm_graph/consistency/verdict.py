@@ -22,9 +22,9 @@ from slarm_graph.trajectory import Trajectory
 
 Verdict = Literal["consistent", "doubtful", "inconsistent"]
 
-DOUBT_NAT = 3.0
-"""Evidence of one pair of visits from which a map is doubtful [nat]. Held recordings reach 6.7,
-those with a pose off by 0.5 m 12 and more; at 6 one held run in ten is doubtful."""
+DOUBT_NAT = 5.0
+"""Evidence of one pair of visits from which a map is doubtful [nat]. Recordings that held without
+a pose off by 0.4 m stay below 4, pairs with one off by 0.5 m begin at 7."""
 
 SURE_EXCESS = 0.03
 """Share of conflicts above the expected one from which a doubtful map is inconsistent: 0.005 where
