@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
 from slarm_graph.eval.clocks import better_offset
@@ -54,9 +55,19 @@ def assess(subject: Subject) -> tuple[Metric, ...]:
     if known.relations is not None:
         errors = relation_errors(known.relations, trajectory, subject.robot_from_laser)
         metrics += relation_metrics(errors)
+    if subject.consistency is not None:
+        metrics += _consistency_metrics(subject.consistency)
     if subject.end_points_m is not None:
         metrics += sharpness_metrics(sharpness(subject.end_points_m))
     return in_table_order((*metrics, *measured_by_parts(subject)))
+
+
+def _consistency_metrics(result: Contradictions) -> tuple[Metric, ...]:
+    note = f"{result.verdict}; {result.expected_share:.4f} expected"
+    return (
+        Metric("map_conflict_share", result.share, note=note),
+        Metric("cross_checked_share", result.checked_share, note="of the way"),
+    )
 
 
 def _with_clock_advice(truth: Trajectory, trajectory: Trajectory) -> tuple[Metric, ...]:

@@ -12,6 +12,7 @@ from typing import Protocol
 
 from slarm_graph import parts as registry
 from slarm_graph.access_points import RadioMap
+from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.metrics import Metric, MetricKind
 from slarm_graph.eval.relations import Relations
 from slarm_graph.exploration.drive_report import DriveReport
@@ -61,6 +62,8 @@ class Subject:
     radio : RadioMap, optional
     drive : DriveReport, optional
         Where a robot explored.
+    consistency : Contradictions, optional
+        The run's verdict on itself.
     """
 
     trajectory: Trajectory
@@ -71,6 +74,7 @@ class Subject:
     geographic: GeographicMap | None = None
     radio: RadioMap | None = None
     drive: DriveReport | None = None
+    consistency: Contradictions | None = None
 
 
 class MetricPart(Protocol):

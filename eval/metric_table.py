@@ -110,8 +110,10 @@ _BUILT_IN: Final = (
     _K("relations_used", "", "relations used", "more", _RELATIONS, "within the trajectory's time"),
     _K("relations_total", "", "relations in the file", "", _RELATIONS, "all"),
     # --- without truth
-    _K("map_conflict_share", "", "map contradicts itself", "less", _ALWAYS, "share of what was seen"
-       " twice and differs", True),
+    _K("map_conflict_share", "", "map contradicts itself", "less", _ALWAYS, "share of the wall"
+       " cells seen by two visits that one of them looks through, over all pairs of visits", True),
+    _K("cross_checked_share", "", "seen again", "more", _ALWAYS, "share of the way whose walls were"
+       " seen again when the robot had come back"),
     _K("map_entropy_nat", "nat", "map entropy", "less", _ALWAYS, "mean over neighbourhoods of end"
        " points of 0.5 ln |2 pi e C| (Droeschel and Behnke 2018)", True),
     _K("wall_sigma_m", "m", "wall thickness, sigma", "less", _ALWAYS, "median spread of end points"

@@ -149,7 +149,8 @@ def test_tear_shows_against_odometry_and_slip_does_not(
     torn = moved_from(poses, first, (0.6, 0.3, 0.2))
     only = slice(0, 150)  # less than a lap: nothing is seen again
     (tear,) = contradictions(scans[only], stamped(torn[only]), poses[only]).tears
-    assert tear.scans[0] < first <= tear.scans[1] + 1
+    assert tear.stamps_ns[0] < first * 200_000_000 <= tear.stamps_ns[1] + 1
+    assert np.hypot(*(poses[first, :2] - tear.position_m)) < 1.0
     assert tear.evidence_nat > 6.0
     assert not contradictions(scans[only], stamped(poses[only]), torn[only]).tears
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that measure files from anywhere: eval trajectory, relations, map, radio."""
+"""Commands that measure files from anywhere: trajectories, relations, maps, radio maps."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from slarm_graph.app import cli_eval_trajectory
+from slarm_graph.app import cli_eval_consistency, cli_eval_trajectory
 from slarm_graph.app.cli_eval_trajectory import Json
 from slarm_graph.errors import BadInput
 
@@ -178,3 +178,4 @@ group.command("relations")(relations_command)
 group.command("map")(map_command)
 group.command("radio")(radio_command)
 group.command("metrics")(metrics_command)
+group.command("consistency")(cli_eval_consistency.consistency_command)

@@ -15,8 +15,15 @@ from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
 from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import Run
+from slarm_graph.app.judging import judge
 from slarm_graph.app.live_files import LiveFiles
-from slarm_graph.app.outputs import save_geographic, save_radio, save_slam, save_trajectory
+from slarm_graph.app.outputs import (
+    save_consistency,
+    save_geographic,
+    save_radio,
+    save_slam,
+    save_trajectory,
+)
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -73,6 +80,10 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         cells = {"resolution_m": config.explore.resolution_m}
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
+    # trajectory -> does it contradict itself
+    with folder.stage("consistency", progress):
+        verdict = judge(log, slam.trajectory)
+        save_consistency(folder, verdict)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         geographic = recover_scans(
@@ -98,6 +109,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
             geographic=geographic,
             radio=radio,
             drive=drive.report,
+            consistency=verdict,
         )
         accuracy = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
         both: tuple[Metric, ...] = sizes_metrics(world, log.scans, slam.trajectory, config)
@@ -106,7 +118,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         metrics = in_table_order((*accuracy, *both, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
-        run = Run(title, config, info, log, slam, grid, geographic, radio, metrics)
+        run = Run(title, config, info, log, slam, grid, geographic, radio, verdict, metrics)
         save_report(folder, run, truth)
     return run
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
+from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
@@ -74,9 +75,11 @@ class Run:
     geographic : GeographicMap
     radio : RadioMap or None
         None without an access point.
+    consistency : Contradictions
+        The run's verdict on itself.
+    metrics : tuple of Metric
     measured : MeasuredMap or None
         None without readings of signal strength.
-    metrics : tuple of Metric
     """
 
     title: str
@@ -87,6 +90,7 @@ class Run:
     grid: OccupancyGrid
     geographic: GeographicMap
     radio: RadioMap | None
+    consistency: Contradictions
     metrics: tuple[Metric, ...]
     measured: MeasuredMap | None = None
 
@@ -97,4 +101,6 @@ class Run:
         radio = radio_notices(self.geographic.geometry, points, self.config.radio)
         placed = placement_notices(self.geographic, points, self.config.radio.mount_radius_m)
         heard = self.measured.notices if self.measured else ()
-        return (*problem, *self.info.notices, *self.slam.notices, *radio, *placed, *heard)
+        verdict = self.consistency.notices()
+        known = (*problem, *verdict, *self.info.notices, *self.slam.notices)
+        return (*known, *radio, *placed, *heard)

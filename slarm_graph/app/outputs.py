@@ -17,6 +17,8 @@ from slarm_graph.access_points import RadioMap
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
 from slarm_graph.config import RadioConfig
+from slarm_graph.consistency import Contradictions
+from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
 from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
@@ -57,6 +59,12 @@ def save_slam(folder: RunFolder, slam: SlamResult, grid: OccupancyGrid) -> None:
             write_g2o(temporary, slam.pose_graph)
     for table in slam.tables:
         folder.write_text(f"{table.name}.csv", table_csv(table))
+
+
+def save_consistency(folder: RunFolder, result: Contradictions) -> None:
+    """Write the verdict of a run on itself, and where it contradicts itself."""
+    folder.write_text("consistency.json", consistency_json(result))
+    folder.write_text("conflicts.csv", csv_text(CONFLICT_COLUMNS, conflict_rows(result)))
 
 
 def save_map(

@@ -11,8 +11,10 @@ from slarm_graph.app.checkpoint import Checkpoint, resume_from
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
+from slarm_graph.app.judging import judge
 from slarm_graph.app.measuring import measured_map, save_measured, signal_logs
 from slarm_graph.app.outputs import (
+    save_consistency,
     save_geographic,
     save_radio,
     save_readings,
@@ -87,6 +89,10 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         progress.say(f"rendering {len(log)} scans")
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid)
+    # trajectory -> does it contradict itself
+    with folder.stage("consistency", progress):
+        verdict = judge(log, slam.trajectory)
+        save_consistency(folder, verdict)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
@@ -113,10 +119,13 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
                 grid,
                 geographic,
                 radio,
+                consistency=verdict,
             )
         )
         title = f"{job.paths[0].name}, {config.backend}"
-        done = Run(title, config, info, log, slam, grid, geographic, radio, metrics, measured)
+        done = Run(
+            title, config, info, log, slam, grid, geographic, radio, verdict, metrics, measured
+        )
         save_report(folder, done, references)
     return done
 

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
 from collections.abc import Iterator
 
 import numpy as np
@@ -15,6 +13,7 @@ from slarm_graph.app.outputs import save_trajectory
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import Table
 from slarm_graph.config import RunConfig
+from slarm_graph.consistency import Contradictions
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
@@ -54,12 +53,12 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         notices=run.notices(),
         config_text=config_yaml(run.config),
         config_changes=config_differences(RunConfig(), run.config),
-        marks=_marks(folder, run),
-        verdict=_verdict(folder),
+        marks=_marks(run),
+        verdict=run.consistency.verdict,
     )
 
 
-def _marks(folder: RunFolder, run: Run) -> Marks:
+def _marks(run: Run) -> Marks:
     """Return loop closures, contradictions and confidence, as far as the run knows them."""
     path, graph = run.slam.trajectory, run.slam.pose_graph
     closures = np.zeros((0, 2, 2))
@@ -74,7 +73,7 @@ def _marks(folder: RunFolder, run: Run) -> Marks:
         for stamp_s, reason in _not_accepted(table)
         for x, y, _ in path.at([round(stamp_s * 1e9)])
     ]
-    return Marks(closures, rejected, _conflicts(folder), run.slam.covariances)
+    return Marks(closures, rejected, conflict_marks(run.consistency), run.slam.covariances)
 
 
 def _not_accepted(table: Table) -> Iterator[tuple[float, str]]:
@@ -84,31 +83,14 @@ def _not_accepted(table: Table) -> Iterator[tuple[float, str]]:
             yield float(row[stamp]), str(row[verdict])
 
 
-def _conflicts(folder: RunFolder) -> list[tuple[float, float, str]]:
-    """Read where the map contradicts itself, if the run has looked for it."""
-    path = folder.path / "conflicts.csv"
-    if not path.is_file():
-        return []
-    with path.open(newline="", encoding="utf-8") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or not {"x_m", "y_m"} <= set(rows[0]):
-        return []
-    return [
-        (
-            float(row["x_m"]),
-            float(row["y_m"]),
-            ", ".join(f"{k} {v}" for k, v in row.items() if k not in ("x_m", "y_m")),
-        )
-        for row in rows
+def conflict_marks(result: Contradictions) -> list[tuple[float, float, str]]:
+    """Return where the map contradicts itself: x, y [m] and what is to be seen there."""
+    places = [(*p.position_m, f"{p.contradicted} wall cells looked through") for p in result.places]
+    steps = [(*t.position_m, "scans and odometry contradict this step") for t in result.tears]
+    walls = [
+        (float(x), float(y), "wall that another visit looks through") for x, y in result.points_m
     ]
-
-
-def _verdict(folder: RunFolder) -> str:
-    try:
-        content = json.loads((folder.path / "consistency.json").read_text(encoding="utf-8"))
-        return str(content["verdict"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
+    return [*places, *steps, *walls]
 
 
 def _scans_per_s(folder: RunFolder, run: Run) -> float:

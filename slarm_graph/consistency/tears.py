@@ -14,6 +14,7 @@ from slarm_graph.consistency.pairs import cross_check
 from slarm_graph.consistency.visits import pack_visits, thinned_by_motion, way_along_m
 from slarm_graph.geometry import Floats, between, compose, invert, wrap_angles
 from slarm_graph.readings import LaserScan
+from slarm_graph.trajectory import Trajectory
 
 STEP_M, STEP_RAD = 0.5, 0.5
 """Odometry and trajectory are compared over steps of this motion [m, rad]."""
@@ -44,8 +45,10 @@ class Tear:
 
     Parameters
     ----------
-    scans : (int, int)
-        The scans before and after it.
+    stamps_ns : (int, int)
+        Of the scans before and after it [ns].
+    position_m : (float, float)
+        Where the trajectory has the robot before it, in the map [m].
     off : (float, float, float)
         The trajectory's motion, seen from where odometry has it [m, m, rad].
     evidence_nat : float
@@ -53,22 +56,24 @@ class Tear:
         before and after [nat].
     """
 
-    scans: tuple[int, int]
+    stamps_ns: tuple[int, int]
+    position_m: tuple[float, float]
     off: tuple[float, float, float]
     evidence_nat: float
 
 
-def tears(scans: Sequence[LaserScan], poses: Floats, odometry: Floats) -> tuple[Tear, ...]:
+def tears(scans: Sequence[LaserScan], trajectory: Trajectory, odometry: Floats) -> tuple[Tear, ...]:
     """Find the steps where trajectory and odometry part, and ask the scans who is right.
 
     Parameters
     ----------
     scans : sequence of N LaserScan
-    poses : (N, 3) float64
-        `map_from_robot` [m, m, rad].
+    trajectory : Trajectory of N poses
+        `map_from_robot`.
     odometry : (N, 3) float64
         `odom_from_robot` [m, m, rad]; nan where there was none.
     """
+    stamps_ns, poses = trajectory.stamps_ns, trajectory.poses
     known = np.flatnonzero(np.isfinite(odometry).all(axis=1))
     if len(known) < 3:
         return ()
@@ -83,7 +88,12 @@ def tears(scans: Sequence[LaserScan], poses: Floats, odometry: Floats) -> tuple[
             chosen.append((a, b, off))
     way_m = way_along_m(poses)
     return tuple(
-        Tear((a, b), (off[0], off[1], off[2]), _evidence(scans, poses, way_m, a, b, off))
+        Tear(
+            stamps_ns=(int(stamps_ns[a]), int(stamps_ns[b])),
+            position_m=(float(poses[a, 0]), float(poses[a, 1])),
+            off=(float(off[0]), float(off[1]), float(off[2])),
+            evidence_nat=_evidence(scans, poses, way_m, a, b, off),
+        )
         for a, b, off in chosen
     )
 

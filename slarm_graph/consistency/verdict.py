@@ -80,6 +80,10 @@ class Contradictions:
     verdict: Verdict = "consistent"
     reasons: tuple[str, ...] = ()
 
+    def notices(self) -> tuple[str, ...]:
+        """Return what a user should be warned of."""
+        return () if self.verdict == "consistent" else (f"the trajectory is {self.summary()}",)
+
     def summary(self) -> str:
         """Say the verdict in one line."""
         share = f"{self.share:.1%} of shared wall cells in conflict"
@@ -113,7 +117,7 @@ def contradictions(
     visits = build_visits(scans, trajectory.poses) if visits is None else visits
     pairs = cross_check(visits)
     found, points = places(visits, pairs, trajectory.stamps_ns, DOUBT_NAT)
-    parted = () if odometry is None else tears(scans, trajectory.poses, odometry)
+    parted = () if odometry is None else tears(scans, trajectory, odometry)
     torn = tuple(t for t in parted if t.evidence_nat >= TEAR_DOUBT_NAT)
     checked = checked_share(visits, pairs)
     expected, sigma = _expected(pairs)

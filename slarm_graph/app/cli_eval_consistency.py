@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that judges anyone's trajectory by the recording it is of: eval consistency."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from slarm_graph.app.cli_eval_trajectory import Json
+
+
+def consistency_command(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="SOURCE... TRAJECTORY", help="A recording, and a trajectory of it."),
+    ],
+    odom: Annotated[
+        str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
+    ] = None,
+    scan: Annotated[
+        str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Does a trajectory contradict itself? Judged by its scans and odometry, without any truth."""
+    from slarm_graph.app.cli_output import show_notices, show_table
+    from slarm_graph.app.cli_run import source_config
+    from slarm_graph.app.judging import judge_file
+    from slarm_graph.errors import BadInput
+    from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
+
+    if len(sources) < 2:
+        raise BadInput("two files are needed: slarm eval consistency SOURCE TRAJECTORY")
+    *recording, trajectory = sources
+    result, notices = judge_file(
+        recording, trajectory, source_config(odom, scan, None, None, None, None)
+    )
+    show_notices(notices)
+    if as_json:
+        print(consistency_json(result), end="")
+        return
+    rows = [tuple(map(str, row)) for row in conflict_rows(result)]
+    if rows:
+        show_table(CONFLICT_COLUMNS, rows, title=f"conflicts of {trajectory}", right=range(1, 12))
+    print(result.summary())

@@ -1,0 +1,84 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A trajectory against the readings it was made from: of a run, or from anywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.config import SimulationConfig, SourceConfig
+from slarm_graph.consistency import Contradictions, contradictions
+from slarm_graph.errors import BadInput
+from slarm_graph.files.trajectories import read_trajectory, trajectory_file
+from slarm_graph.frontends.recordings.sources import existing_paths, open_source
+from slarm_graph.geometry import Floats
+from slarm_graph.reading_log import ReadingLog
+from slarm_graph.trajectory import Trajectory
+
+_LEAST_SHARE = 0.5
+"""Share of a recording's time that a trajectory must cover; less is another recording's."""
+
+_SAME_NS = 5_000_000
+"""A pose is a scan's when their stamps differ by less [ns]; a scan takes 13 ms and more."""
+
+
+def judge(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
+    """Judge a trajectory with a pose for every reading of a log."""
+    return contradictions(log.scans, trajectory, odometry_poses(log))
+
+
+def odometry_poses(log: ReadingLog) -> Floats:
+    """Return `odom_from_robot` of every reading (N, 3) [m, m, rad], nan where there was none."""
+    poses = np.full((len(log), 3), np.nan)
+    known = log.odometry()
+    if known is not None:
+        poses[np.isin(log.stamps_ns, known.stamps_ns)] = known.poses
+    return poses
+
+
+def judge_file(
+    recording: Sequence[Path], trajectory: Path, config: SourceConfig
+) -> tuple[Contradictions, tuple[str, ...]]:
+    """Judge a trajectory file, or a run folder's, by the recording it is of.
+
+    Returns
+    -------
+    result : Contradictions
+    notices : tuple of str
+        What was found and mended in the recording, and how many scans lie outside.
+
+    Raises
+    ------
+    BadInput
+        When a file cannot be read, or they are not of the same time.
+    """
+    path = trajectory_file(trajectory)
+    poses = read_trajectory(path)
+    source = open_source(existing_paths(recording), config, SimulationConfig())
+    readings = list(source)
+    stamps_ns = np.array([reading.stamp_ns for reading in readings], dtype=np.int64)
+    log = ReadingLog()
+    for index in np.flatnonzero(_with_pose(stamps_ns, poses.stamps_ns)):
+        log.append(readings[index])
+    if not len(log) or np.ptp(log.stamps_ns) < _LEAST_SHARE * np.ptp(stamps_ns):
+        raise BadInput(
+            f"{path}: only {len(log)} of {len(readings)} scans of {recording[0]} lie within its"
+            " time; is it of this recording, with the same clock?"
+        )
+    left_out = len(readings) - len(log)
+    said = (f"{left_out} of {len(readings)} scans have no pose",) if left_out else ()
+    result = judge(log, Trajectory(log.stamps_ns, poses.at(log.stamps_ns)))
+    return result, (*source.info().notices, *said)
+
+
+def _with_pose(stamps_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Tell which scans (N,) have a pose: of keyframes only those, else all within their time."""
+    within = (stamps_ns >= known_ns[0]) & (stamps_ns <= known_ns[-1])
+    after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, max(len(known_ns) - 1, 1))
+    around = np.stack([known_ns[after - 1], known_ns[np.minimum(after, len(known_ns) - 1)]])
+    exact = np.abs(around - stamps_ns).min(axis=0) <= _SAME_NS
+    return within & exact if exact.sum() >= 0.5 * len(known_ns) else within
