@@ -77,7 +77,7 @@ def judge_file(
 
 def _with_pose(stamps_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Tell which scans (N,) have a pose: of keyframes only those, else all within their time."""
-    within = (stamps_ns >= known_ns[0]) & (stamps_ns <= known_ns[-1])
+    within = (stamps_ns >= known_ns[0] - _SAME_NS) & (stamps_ns <= known_ns[-1] + _SAME_NS)
     after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, max(len(known_ns) - 1, 1))
     around = np.stack([known_ns[after - 1], known_ns[np.minimum(after, len(known_ns) - 1)]])
     exact = np.abs(around - stamps_ns).min(axis=0) <= _SAME_NS
