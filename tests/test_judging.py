@@ -16,13 +16,13 @@ import pytest
 from slarm_graph.app.judging import _with_pose
 from slarm_graph.app.outputs import csv_text
 from slarm_graph.app.run_report import conflict_marks
-from slarm_graph.consistency import Contradictions, Place, Tear
+from slarm_graph.consistency import ConflictPlace, Contradictions, Tear
 from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 from slarm_graph.trajectory import Trajectory
 
-PLACE = Place((0, 5), (10_000_000_000, 12_000_000_000), (1.0, -2.0), 0.7, 12.5, 20, 80, 4)
+PLACE = ConflictPlace((0, 5), (10_000_000_000, 12_000_000_000), (1.0, -2.0), 0.7, 12.5, 20, 80, 4)
 TEAR = Tear((3_000_000_000, 4_000_000_000), (5.0, 6.0), (0.3, 0.4, 0.2), 7.5)
 GOOD = Contradictions(
     share=0.01,

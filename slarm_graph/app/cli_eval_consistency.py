@@ -36,7 +36,7 @@ def consistency_command(
         raise BadInput("two files are needed: slarm eval consistency SOURCE TRAJECTORY")
     *recording, trajectory = sources
     result, notices = judge_file(
-        recording, trajectory, source_config(odom, scan, None, None, None, None)
+        recording, trajectory, source_config(odom, scan, None, None, None, None).source
     )
     show_notices(notices)
     if as_json:

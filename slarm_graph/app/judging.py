@@ -81,4 +81,4 @@ def _with_pose(stamps_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDA
     after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, max(len(known_ns) - 1, 1))
     around = np.stack([known_ns[after - 1], known_ns[np.minimum(after, len(known_ns) - 1)]])
     exact = np.abs(around - stamps_ns).min(axis=0) <= _SAME_NS
-    return within & exact if exact.sum() >= 0.5 * len(known_ns) else within
+    return np.asarray(within & exact if exact.sum() >= 0.5 * len(known_ns) else within)

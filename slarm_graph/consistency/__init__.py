@@ -2,18 +2,18 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does a trajectory contradict itself? Judged from scans and poses alone, without any truth."""
 
-from slarm_graph.consistency.pairs import Pairs, cross_check
-from slarm_graph.consistency.places import Place
+from slarm_graph.consistency.pairs import VisitPairs, cross_check
+from slarm_graph.consistency.places import ConflictPlace
 from slarm_graph.consistency.tears import Tear
 from slarm_graph.consistency.verdict import Contradictions, Verdict, contradictions
 from slarm_graph.consistency.visits import Visits, build_visits
 
 __all__ = [
+    "ConflictPlace",
     "Contradictions",
-    "Pairs",
-    "Place",
     "Tear",
     "Verdict",
+    "VisitPairs",
     "Visits",
     "build_visits",
     "contradictions",

@@ -28,11 +28,11 @@ CELLS_ALIKE = 10.0
 as one observation. Halving it doubles all evidence."""
 
 MAX_PAIRS = 200_000
-"""Pairs compared at most; of more, an even selection. Reached after hours in one building."""
+"""VisitPairs compared at most; of more, an even selection. Reached after hours in one building."""
 
 
 @dataclass(frozen=True, slots=True)
-class Pairs:
+class VisitPairs:
     """P pairs of visits that share walls.
 
     Parameters
@@ -56,9 +56,9 @@ class Pairs:
         compared = int(self.confirmed.sum() + self.contradicted.sum())
         return float(self.contradicted.sum() / compared) if compared else math.nan
 
-    def only(self, which: NDArray[np.bool_]) -> Pairs:
+    def only(self, which: NDArray[np.bool_]) -> VisitPairs:
         """Return some of the pairs."""
-        return Pairs(self.visits[which], self.confirmed[which], self.contradicted[which])
+        return VisitPairs(self.visits[which], self.confirmed[which], self.contradicted[which])
 
 
 def wrong_place_evidence(confirmed: NDArray[np.int64], contradicted: NDArray[np.int64]) -> Floats:
@@ -72,7 +72,9 @@ def wrong_place_evidence(confirmed: NDArray[np.int64], contradicted: NDArray[np.
     return per_conflict * np.asarray(contradicted) + per_match * np.asarray(confirmed)
 
 
-def cross_check(visits: Visits, poses: Floats | None = None, least_cells: int = MIN_CELLS) -> Pairs:
+def cross_check(
+    visits: Visits, poses: Floats | None = None, least_cells: int = MIN_CELLS
+) -> VisitPairs:
     """Compare all visits that saw the same cells.
 
     Parameters
@@ -85,7 +87,7 @@ def cross_check(visits: Visits, poses: Floats | None = None, least_cells: int = 
     """
     poses = visits.poses if poses is None else np.ascontiguousarray(poses, dtype=np.float64)
     if not len(visits):
-        return Pairs(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
+        return VisitPairs(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
     candidates = _thinned(_overlapping(poses, visits.lows, visits.shapes))
     counts = _compare(
         candidates,
@@ -98,7 +100,7 @@ def cross_check(visits: Visits, poses: Floats | None = None, least_cells: int = 
         visits.shapes,
     )
     enough = counts.sum(axis=1) >= least_cells
-    return Pairs(candidates[enough], counts[enough, 0], counts[enough, 1])
+    return VisitPairs(candidates[enough], counts[enough, 0], counts[enough, 1])
 
 
 def _thinned(candidates: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -13,16 +13,16 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from slarm_graph.consistency.evidence import FREE, state_at
-from slarm_graph.consistency.pairs import Pairs
+from slarm_graph.consistency.pairs import VisitPairs
 from slarm_graph.consistency.visits import Visits
 from slarm_graph.geometry import Floats, between, transform_points
 
 NEIGHBOURS = 2
-"""Pairs whose visits are so few apart, both the earlier and the later, are one place."""
+"""VisitPairs whose visits are so few apart, both the earlier and the later, are one place."""
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class ConflictPlace:
     """A place that two parts of the trajectory see differently.
 
     Parameters
@@ -38,7 +38,7 @@ class Place:
     confirmed, contradicted : int
         Wall cells of that pair.
     pairs : int
-        Pairs of visits that say so.
+        VisitPairs of visits that say so.
     """
 
     earlier_ns: tuple[int, int]
@@ -52,14 +52,14 @@ class Place:
 
 
 def places(
-    visits: Visits, pairs: Pairs, stamps_ns: NDArray[np.int64], least_nat: float
-) -> tuple[tuple[Place, ...], Floats]:
+    visits: Visits, pairs: VisitPairs, stamps_ns: NDArray[np.int64], least_nat: float
+) -> tuple[tuple[ConflictPlace, ...], Floats]:
     """Gather the pairs with so much evidence of a wrong place, the strongest first.
 
     Parameters
     ----------
     visits : Visits
-    pairs : Pairs
+    pairs : VisitPairs
         Of these visits.
     stamps_ns : (N,) int64
         Of every scan [ns].
@@ -68,7 +68,7 @@ def places(
 
     Returns
     -------
-    places : tuple of Place
+    places : tuple of ConflictPlace
     points_m : (M, 2) float64
         Walls in conflict, in the map [m], of the strongest pair of every place.
     """
@@ -89,14 +89,16 @@ def _groups(visits: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
 
 
-def _place(visits: Visits, pairs: Pairs, stamps_ns: NDArray[np.int64]) -> tuple[Place, Floats]:
+def _place(
+    visits: Visits, pairs: VisitPairs, stamps_ns: NDArray[np.int64]
+) -> tuple[ConflictPlace, Floats]:
     evidence = pairs.evidence()
     best = int(np.argmax(evidence))
     points = conflicts_m(visits, *pairs.visits[best])
     middle = np.median(points, axis=0)
     stamps = stamps_ns[visits.scans[pairs.visits]]
     first, last = stamps[..., 0].min(axis=0), stamps[..., 1].max(axis=0)
-    place = Place(
+    place = ConflictPlace(
         earlier_ns=(int(first[0]), int(last[0])),
         later_ns=(int(first[1]), int(last[1])),
         position_m=(float(middle[0]), float(middle[1])),

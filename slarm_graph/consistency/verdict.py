@@ -12,8 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.pairs import RIGHT_SHARE, Pairs, cross_check
-from slarm_graph.consistency.places import Place, places
+from slarm_graph.consistency.pairs import RIGHT_SHARE, VisitPairs, cross_check
+from slarm_graph.consistency.places import ConflictPlace, places
 from slarm_graph.consistency.tears import Tear, tears
 from slarm_graph.consistency.visits import Visits, build_visits
 from slarm_graph.geometry import Floats
@@ -58,7 +58,7 @@ class Contradictions:
         Share of the way whose walls were seen again when the robot had come back.
     compared : int
         Wall cells compared.
-    places : tuple of Place
+    places : tuple of ConflictPlace
         The strongest first.
     tears : tuple of Tear
         Steps at which odometry is right and the trajectory is not.
@@ -74,7 +74,7 @@ class Contradictions:
     expected_sigma: float
     checked_share: float
     compared: int
-    places: tuple[Place, ...]
+    places: tuple[ConflictPlace, ...]
     tears: tuple[Tear, ...]
     points_m: Floats
     verdict: Verdict = "consistent"
@@ -134,7 +134,7 @@ def contradictions(
     return _judged(result)
 
 
-def checked_share(visits: Visits, pairs: Pairs) -> float:
+def checked_share(visits: Visits, pairs: VisitPairs) -> float:
     """Share of the way that was seen again when the robot had come back."""
     length = np.diff(visits.way_m, axis=1)[:, 0]
     if not length.sum() > 0.0:
@@ -148,14 +148,14 @@ def checked_share(visits: Visits, pairs: Pairs) -> float:
     return float(length[seen].sum() / length.sum())
 
 
-def _expected(pairs: Pairs) -> tuple[float, float]:
+def _expected(pairs: VisitPairs) -> tuple[float, float]:
     """Return the share of conflicts between visits in the right place, and its deviation."""
     right = pairs.only(pairs.evidence() < 0.0)
     compared = right.confirmed + right.contradicted
     if not compared.sum():
         return (RIGHT_SHARE if len(pairs.visits) else math.nan), math.nan
     share = float(right.contradicted.sum() / compared.sum())
-    # Pairs, not cells, are what is drawn anew each time: the ratio estimator's deviation.
+    # VisitPairs, not cells, are what is drawn anew each time: the ratio estimator's deviation.
     spread = np.sqrt(((right.contradicted - share * compared) ** 2).sum())
     return share, float(spread / compared.sum())
 
