@@ -35,9 +35,8 @@ def consistency_command(
     if len(sources) < 2:
         raise BadInput("two files are needed: slarm eval consistency SOURCE TRAJECTORY")
     *recording, trajectory = sources
-    result, notices = judge_file(
-        recording, trajectory, source_config(odom, scan, None, None, None, None).source
-    )
+    chosen = source_config(odom, scan, None, None, None, None)
+    result, notices = judge_file(recording, trajectory, chosen.source_as_used())
     show_notices(notices)
     if as_json:
         print(consistency_json(result), end="")
