@@ -27,7 +27,15 @@ CONTRACT = {
     *("run.json", "config.yaml", "trajectory.tum", "odometry.tum", "map.pgm", "map.yaml"),
     *("geographic_map.pgm", "geographic_map.yaml", "coverage.npz"),
     *("radio_map.npz", "radio_map.nc", "radio_map.csv", "radio_map.png"),
-    *("scans.csv", "metrics.json", "metrics.csv", "report.html", "log.txt"),
+    *(
+        "consistency.json",
+        "conflicts.csv",
+        "scans.csv",
+        "metrics.json",
+        "metrics.csv",
+        "report.html",
+        "log.txt",
+    ),
 }
 BEAMS = 120
 

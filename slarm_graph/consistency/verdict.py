@@ -86,10 +86,12 @@ class Contradictions:
 
     def summary(self) -> str:
         """Say the verdict in one line."""
-        share = f"{self.share:.1%} of shared wall cells in conflict"
-        usual = f"{self.expected_share:.1%} expected"
+        share = "nothing was seen twice"
+        if self.compared:
+            share = f"{self.share:.1%} of shared wall cells in conflict"
+            share += f", {self.expected_share:.1%} expected"
         checked = f"{self.checked_share:.0%} of the way cross-checked"
-        return f"{self.verdict} ({share}, {usual}; {checked})" + "".join(
+        return f"{self.verdict} ({share}; {checked})" + "".join(
             f"; {reason}" for reason in self.reasons
         )
 
