@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
 from slarm_graph.constraint import PoseGraph
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
@@ -63,6 +65,14 @@ class SlamResult:
     pose_graph: PoseGraph | None = None
     tables: tuple[Table, ...] = ()
     notices: tuple[str, ...] = field(default=())
+
+
+def position_sds_m(slam: SlamResult) -> Floats | None:
+    """Return the standard deviation of every position along an axis (N,) [m]; None if unknown."""
+    if slam.covariances is None or not len(slam.covariances):
+        return None
+    variance = 0.5 * np.trace(slam.covariances[:, :2, :2], axis1=1, axis2=2)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 class SlamBackend(Protocol):

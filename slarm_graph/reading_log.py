@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.readings import LaserScan, Reading, ScanStatus, Source
+from slarm_graph.readings import LaserScan, Reading, ScanStatus, Signal, Source
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
 
@@ -28,6 +28,7 @@ class ReadingLog:
         self._stamps_ns: list[int] = []
         self._scans: list[LaserScan] = []
         self._odometry: list[tuple[float, float, float]] = []
+        self._signals: list[tuple[int, Signal]] = []
         self._statuses: tuple[ScanStatus, ...] | None = None
         self.problem = ""
         self.interrupted = False
@@ -41,6 +42,7 @@ class ReadingLog:
         self._stamps_ns.append(reading.stamp_ns)
         self._scans.append(reading.scan)
         self._odometry.append((pose.x, pose.y, pose.theta) if pose else _NO_POSE)
+        self._signals += [(reading.stamp_ns, signal) for signal in reading.signals]
 
     @property
     def scans(self) -> Sequence[LaserScan]:
@@ -56,6 +58,11 @@ class ReadingLog:
     def latest_ns(self) -> int | None:
         """Stamp of the latest reading [ns]; None before the first."""
         return self._stamps_ns[-1] if self._stamps_ns else None
+
+    @property
+    def signals(self) -> Sequence[tuple[int, Signal]]:
+        """Signal strengths that came with readings, with their stamps [ns]."""
+        return self._signals
 
     @property
     def robot_from_laser(self) -> Pose2:

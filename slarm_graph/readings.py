@@ -65,6 +65,14 @@ class LaserScan:
 
 
 @dataclass(frozen=True, slots=True)
+class Signal:
+    """How strong an access point was heard; nan: listened for and not heard [dBm]."""
+
+    access_point: str
+    rss_dbm: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reading:
     """A scan and the odometry pose at its stamp.
 
@@ -75,11 +83,14 @@ class Reading:
     scan : LaserScan
     odom_from_robot : Pose2 or None
         Wheel odometry interpolated at the stamp; None where there is none.
+    signals : tuple of Signal
+        Signal strength at the stamp, where the source hears access points.
     """
 
     stamp_ns: int
     scan: LaserScan
     odom_from_robot: Pose2 | None = None
+    signals: tuple[Signal, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,12 +25,14 @@ GRID = GridGeometry(-1.0, -2.0, 0.1, 60, 80)
 
 
 def brute_crossings(heights, eye, point, antenna_m):
-    """Runs of blocked samples, a tenth of a cell apart, along the segment."""
+    """Runs of blocked samples, a tenth of a cell apart, that are more than two cells apart."""
     shares = np.linspace(0.0, 1.0, 4000)
     plan = eye[:2] + shares[:, None] * (point - eye[:2])
     tops = GRID.sample(heights, plan, outside=0.0)
     blocked = tops > eye[2] + shares * (antenna_m - eye[2])
-    return int(blocked[0]) + int((blocked[1:] & ~blocked[:-1]).sum())
+    at = np.flatnonzero(blocked)
+    free_m = np.diff(at) * np.hypot(*(point - eye[:2])) / 3999
+    return int(len(at) > 0) + int((free_m > 2.0 * GRID.resolution_m + 0.01).sum())
 
 
 def test_crossings_are_those_of_a_finely_sampled_segment():

@@ -16,11 +16,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slarm_graph.config import SourceConfig
+from slarm_graph.config import SimulationConfig, SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.carmen import CARMEN_ENDINGS
 from slarm_graph.frontends.recordings.formats import Sections, format_of, format_written_as
-from slarm_graph.frontends.recordings.ros_writing import prepare_destination, remove, write_readings
+from slarm_graph.frontends.recordings.ros_writing import (
+    SIGNAL_OPTION,
+    prepare_destination,
+    remove,
+    write_readings,
+)
 from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
 from slarm_graph.frontends.recordings.sources import (
     existing_paths,
@@ -44,6 +49,7 @@ def convert(
     *,
     overwrite: bool = False,
     section: Sections | None = None,
+    simulation: SimulationConfig | None = None,
 ) -> str:
     """Convert a recording; the destination's ending says into what.
 
@@ -62,6 +68,8 @@ def convert(
     overwrite : bool
     section : callable, optional
         As for `open_source`.
+    simulation : SimulationConfig, optional
+        Of the robot that drives through a world.
 
     Returns
     -------
@@ -81,10 +89,12 @@ def convert(
         count = theirs.write(destination, source)
         return f"{destination}: {count} scans of {source.info().description}"
     to_carmen = destination.name.endswith(CARMEN_ENDINGS)
-    world = open_world(paths)
+    world = open_world(paths, simulation)
     if world is not None and not to_carmen:
         count = write_readings(destination, world, truth=_truth(world), overwrite=overwrite)
-        return f"{destination}: {count} scans of a {world.info().description}, with ground truth"
+        told = f"{destination}: {count} scans of a {world.info().description}, with ground truth"
+        heard = f" and signal strengths (--rss {SIGNAL_OPTION})"
+        return told + (heard if world.config.signals.rate_hz > 0.0 else "")
     loss = ""
     has_messages = not is_carmen(paths[0]) and format_of(paths, section) is None
     if not to_carmen and has_messages:

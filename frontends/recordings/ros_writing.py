@@ -21,14 +21,20 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.rotations import quaternion_of
 from slarm_graph.geometry import Pose2
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import LaserScan, Reading, Signal
 
 _TF = "tf2_msgs/msg/TFMessage"
 _ODOMETRY = "nav_msgs/msg/Odometry"
 _POSE = "geometry_msgs/msg/PoseStamped"
 _SCAN = "sensor_msgs/msg/LaserScan"
+_SIGNAL = "slarm_msgs/msg/SignalStrength"
+_SIGNAL_FIELDS = "std_msgs/Header header\nstring access_point\nfloat32 rss_dbm\n"
+"""ROS has no message for it. nan: listened for and not heard."""
 
 GROUND_TRUTH_TOPIC = "/ground_truth"
+SIGNAL_TOPIC = "/rss"
+SIGNAL_OPTION = f"{SIGNAL_TOPIC}:rss_dbm,access_point"
+"""What `--rss` is to say of it."""
 
 
 def write_readings(
@@ -40,6 +46,8 @@ def write_readings(
     overwrite: bool = False,
 ) -> int:
     """Record readings: /scan, /odom, /tf (odom -> base_link) and /tf_static (base_link -> laser).
+
+    Signal strengths that come with readings go to /rss.
 
     Parameters
     ----------
@@ -78,6 +86,8 @@ def write_readings(
             bag.scan(reading.stamp_ns, reading.scan, angle_sign=-1.0 if upside_down else 1.0)
             if reading.odom_from_robot is not None:
                 bag.odometry(reading.stamp_ns, reading.odom_from_robot)
+            for signal in reading.signals:
+                bag.signal(reading.stamp_ns, signal)
             count += 1
         for stamp_ns, pose in truth:
             bag.pose(GROUND_TRUTH_TOPIC, stamp_ns, pose)
@@ -135,6 +145,7 @@ class BagWriter:
         if self._ros1:
             transforms = "geometry_msgs/TransformStamped[] transforms"
             self._store.register(get_types_from_msg(transforms, _TF))
+        self._store.register(get_types_from_msg(_SIGNAL_FIELDS, _SIGNAL))
         plugin = StoragePlugin.SQLITE3 if suffix == ".db3" else StoragePlugin.MCAP
         self._writer: Writer1 | Writer2 = (
             Writer1(path) if self._ros1 else Writer2(path, version=9, storage_plugin=plugin)
@@ -188,6 +199,12 @@ class BagWriter:
         """Write a pose in the map as geometry_msgs/PoseStamped."""
         message = self._make(_POSE, self._header(stamp_ns, "map"), self._pose(map_from_robot))
         self._write(topic, stamp_ns, message, _POSE)
+
+    def signal(self, stamp_ns: int, signal: Signal) -> None:
+        """Write a signal strength to /rss."""
+        header = self._header(stamp_ns, "base_link")
+        message = self._make(_SIGNAL, header, signal.access_point, signal.rss_dbm)
+        self._write(SIGNAL_TOPIC, stamp_ns, message, _SIGNAL)
 
     def transform(
         self,

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from slarm_graph.config import SimulationConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.simulation.mujoco_model import WHEEL_RADIUS_M, robot_and_world_xml
+from slarm_graph.frontends.simulation.receiver import SimulatedReceiver
 from slarm_graph.frontends.simulation.simulator import START_NS, beam_directions, scan_from_ranges
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
@@ -56,7 +57,7 @@ class MujocoWorld:
     config : SimulationConfig
         `lidar.sweep_s` must be 0.
     rng : numpy.random.Generator
-        Source of range noise, the only randomness.
+        Source of range noise and of what is heard, the only randomness.
 
     Raises
     ------
@@ -71,6 +72,7 @@ class MujocoWorld:
             raise BadInput("simulation.lidar.sweep_s: the physics world takes scans at one instant")
         self.map, self.config = world, config
         self._rng = rng
+        self.receiver = SimulatedReceiver(world, config.signals, rng)
         self._mujoco = _import_mujoco()
         self._model = self._mujoco.MjModel.from_xml_string(robot_and_world_xml(world, config))
         self._data = self._mujoco.MjData(self._model)
@@ -91,7 +93,8 @@ class MujocoWorld:
     def read(self) -> Reading:
         """Return the scan and the wheel odometry at the present instant."""
         scan = scan_from_ranges(self.config.lidar, self._exact_ranges_m(), self._rng)
-        return Reading(self._stamp_ns, scan, self._odom)
+        signals = self.receiver.at(self._stamp_ns, self.truth())
+        return Reading(self._stamp_ns, scan, self._odom, signals)
 
     def drive(self, command: DriveCommand) -> None:
         """Hold the command until the next reading is due."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from slarm_graph.config import LidarConfig, SimulationConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.simulation.receiver import SimulatedReceiver
 from slarm_graph.frontends.simulation.segment_grid import (
     SegmentGrid,
     build_segment_grid,
@@ -64,6 +65,7 @@ class SimulatedWorld:
         self._touching = False
         self._collisions = 0
         self._check_start()
+        self.receiver = SimulatedReceiver(world, config.signals, rng)
 
     @property
     def period_s(self) -> float:
@@ -80,7 +82,9 @@ class SimulatedWorld:
         share = min(1.0, lidar.sweep_s * 1e9 / self._period_ns)
         scan = scan_from_ranges(lidar, self._exact_ranges_m(share), self._rng)
         odom = _between(self._previous_odom, self._odom, 1.0 - share)
-        return Reading(self._stamp_ns - round(lidar.sweep_s * 1e9), scan, odom)
+        stamp_ns = self._stamp_ns - round(lidar.sweep_s * 1e9)
+        signals = self.receiver.at(stamp_ns, self.truth_of_reading())
+        return Reading(stamp_ns, scan, odom, signals)
 
     def truth_of_reading(self) -> Pose2:
         """Return `world_from_robot` at the stamp of what `read` returns now."""

@@ -62,7 +62,15 @@ def convert_command(
     from slarm_graph.frontends.recordings.convert import convert
 
     chosen = source_config(odom, scan, segment, static_tf, config, settings)
-    print(convert(sources, destination, chosen.source, overwrite=overwrite, section=chosen.section))
+    told = convert(
+        sources,
+        destination,
+        chosen.source,
+        overwrite=overwrite,
+        section=chosen.section,
+        simulation=chosen.simulation,
+    )
+    print(told)
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:

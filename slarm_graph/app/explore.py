@@ -17,6 +17,7 @@ from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import Run
 from slarm_graph.app.judging import judge
 from slarm_graph.app.live_files import LiveFiles
+from slarm_graph.app.measuring import measured_map, save_measured
 from slarm_graph.app.outputs import (
     save_consistency,
     save_geographic,
@@ -40,6 +41,7 @@ from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.simulation.worlds import make_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
+from slarm_graph.radio.measured.log import heard_with
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
@@ -99,6 +101,11 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     with folder.stage("radio map", progress):
         radio = predicted_radio_map(geographic, world.access_points, config)
         save_radio(folder, radio, config.radio)
+    # readings of signal strength -> measured radio map
+    with folder.stage("measured radio map", progress):
+        known = world.access_points
+        measured = measured_map(heard_with(log), slam, geographic, known, config, progress.say)
+        save_measured(folder, measured)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
@@ -118,7 +125,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         metrics = in_table_order((*accuracy, *both, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
-        run = Run(title, config, info, log, slam, grid, geographic, radio, verdict, metrics)
+        run = Run(
+            title, config, info, log, slam, grid, geographic, radio, verdict, metrics, measured
+        )
         save_report(folder, run, truth)
     return run
 

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.backend import Heartbeat, SlamResult, position_sds_m, silent
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.signals.rss import beside, open_rss
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.radio.measured.log import RssLog, merged, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.trajectory import Trajectory
 
 
 def signal_logs(given: Sequence[str], recording: Sequence[Path]) -> tuple[RssLog, ...]:
@@ -27,12 +27,15 @@ def signal_logs(given: Sequence[str], recording: Sequence[Path]) -> tuple[RssLog
 
 def measured_map(
     logs: Sequence[RssLog],
-    trajectory: Trajectory,
+    slam: SlamResult,
     geographic: GeographicMap,
     access_points: Sequence[AccessPoint],
     config: RunConfig,
+    heartbeat: Heartbeat = silent,
 ) -> MeasuredMap | None:
     """Make the measured radio map; None without readings.
+
+    Positions are as sure as the SLAM result says, or as `measured.position_sd_m`.
 
     Raises
     ------
@@ -44,14 +47,19 @@ def measured_map(
     # Optimisers, NetCDF and matplotlib are loaded only where there is something for them to do.
     from slarm_graph.radio.measured.fuse import fuse
 
-    placed = place(merged(logs), trajectory, config.measured.position_sd_m)
+    sds_m = position_sds_m(slam)
+    placed = place(
+        merged(logs), slam.trajectory, config.measured.position_sd_m if sds_m is None else sds_m
+    )
     total = sum(map(len, logs))
     if placed.outside == total:
         raise BadInput(
             f"none of the {total} readings of signal strength lies within the trajectory's time:"
             " do both have the same clock?"
         )
-    made = fuse(geographic, placed.readings, access_points, config.radio, config.measured)
+    made = fuse(
+        geographic, placed.readings, access_points, config.radio, config.measured, heartbeat
+    )
     outside = f"{placed.outside} of {total} readings of signal strength lie outside the way's time"
     return replace(made, notices=(*made.notices, outside)) if placed.outside else made
 

@@ -31,6 +31,7 @@ from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.mapping import end_points_m, render, thinned
+from slarm_graph.radio.measured.log import heard_with
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover
@@ -105,7 +106,8 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_radio(folder, radio, config.radio)
     # readings of signal strength -> measured radio map
     with folder.stage("measured radio map", progress):
-        measured = measured_map(signals, slam.trajectory, geographic, aps, config)
+        heard = (*signals, *heard_with(log))
+        measured = measured_map(heard, slam, geographic, aps, config, progress.say)
         save_measured(folder, measured)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):

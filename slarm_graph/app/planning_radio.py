@@ -15,6 +15,7 @@ from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.measuring import measured_map, save_measured
 from slarm_graph.app.outputs import csv_text, save_map, save_radio
 from slarm_graph.app.run_folder import RunFolder
+from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
@@ -114,7 +115,7 @@ def _measured(
     if way is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
-    measured = measured_map(logs, read_trajectory(way), geographic, points, config)
+    measured = measured_map(logs, SlamResult(read_trajectory(way)), geographic, points, config)
     assert measured is not None
     names = ", ".join(ap.name for ap in measured.access_points)
     signal = SignalMap.of_measured(measured)

@@ -13,6 +13,7 @@ from slarm_graph.config.driving import (
     DrivingConfig,
     ExploreConfig,
     LidarConfig,
+    SignalConfig,
     SimulationConfig,
     WheelConfig,
 )
@@ -60,6 +61,7 @@ __all__ = [
     "RecoveryConfig",
     "ResamplingConfig",
     "RunConfig",
+    "SignalConfig",
     "SimulationConfig",
     "SourceConfig",
     "Stage",

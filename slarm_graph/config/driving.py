@@ -60,6 +60,30 @@ class WheelConfig(Stage):
     """Whether odometry begins at the true start pose instead of at zero."""
 
 
+class SignalConfig(Stage):
+    """What a receiver on the simulated robot hears of the world's access points."""
+
+    rate_hz: float = Field(default=0.0, ge=0, le=1000)
+    """Readings per second of every access point, at most one a sweep; 0 hears nothing."""
+    exponent: float = Field(default=2.0, gt=0)
+    """n of 10 n log10(d); the first metre is that of free space."""
+    wall_db: float = Field(default=5.0, ge=0)
+    """Loss of every wall or obstacle that the straight segment passes (COST 231: 3.4 to 6.9)."""
+    shadowing_db: float = Field(default=4.0, ge=0)
+    """Standard deviation of log-normal shadowing (TR 38.901, Table 7.5-6: 3 to 8 dB indoors)."""
+    shadowing_m: float = Field(default=2.0, gt=0)
+    """Where its correlation has fallen to 1/e (Gudmundson 1991)."""
+    rician_factor_db: float = 7.0
+    """Power of the direct path over that of all others where nothing is passed; else none."""
+    fades: int = Field(default=4, ge=1, le=1000)
+    """Independent fades that a reading averages: a channel of 20 MHz over a coherence bandwidth of
+    some 5 MHz indoors."""
+    threshold_dbm: float = -90.0
+    """What is weaker is not heard."""
+    quantum_db: float = Field(default=1.0, ge=0)
+    """Readings are multiples of this; 0 does not round."""
+
+
 class SimulationConfig(Stage):
     """A simulated robot in a world."""
 
@@ -69,6 +93,7 @@ class SimulationConfig(Stage):
     """Radius of the robot, which is round; its contacts are collisions."""
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()
+    signals: SignalConfig = SignalConfig()
 
 
 class DrivingConfig(Stage):

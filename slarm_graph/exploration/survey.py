@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.backend import SlamBackend, SlamResult, position_sds_m
 from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.geometry import Floats, Pose2
@@ -160,6 +160,5 @@ class Survey:
 
 def position_rmse_m(slam: SlamResult) -> float:
     """Root mean square error of positions by the backend's own covariances; 0 without them [m]."""
-    if slam.covariances is None or not len(slam.covariances):
-        return 0.0
-    return float(np.sqrt(np.mean(np.trace(slam.covariances[:, :2, :2], axis1=1, axis2=2))))
+    sds_m = position_sds_m(slam)
+    return 0.0 if sds_m is None else float(np.sqrt(np.mean(2.0 * sds_m**2)))

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint
+from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.config import MeasuredConfig, RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
@@ -30,6 +31,10 @@ _PIECE_S = 60.0
 
 _CLEARLY_ABOVE_DB = 15.0
 """So far above the threshold, silence is a lost packet: three to four sigmas of fading."""
+
+_SEARCH_SIDES = 2.0
+"""Hyperparameters are searched on pieces of floor so many times as wide: 0.4 m is still well below
+any range of shadowing, and a search is many times faster."""
 
 _CELLS_AT_A_TIME = 200_000
 """Bounds the memory of a prediction; more is not faster."""
@@ -66,6 +71,7 @@ def fuse(
     access_points: Sequence[AccessPoint],
     radio: RadioConfig,
     config: MeasuredConfig,
+    heartbeat: Heartbeat = silent,
 ) -> MeasuredMap:
     """Make the measured radio map.
 
@@ -77,6 +83,7 @@ def fuse(
         Those whose position is known, by name.
     radio : RadioConfig
     config : MeasuredConfig
+    heartbeat : Heartbeat
 
     Raises
     ------
@@ -86,7 +93,8 @@ def fuse(
     known = {ap.name: ap for ap in access_points}
     floor = floor_of(geographic)
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
-    coarse = make_nodes(geographic.geometry, floor, config.node_side_m, config.search_nodes)
+    side_m = _SEARCH_SIDES * config.node_side_m
+    coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
     floors = FloorField(nodes), FloorField(coarse)
     done, notices = {}, []
     for name, placed in readings.items():
@@ -94,14 +102,15 @@ def fuse(
         if heard < config.least_readings:
             notices.append(f"{name} was heard {heard} times; {config.least_readings} make a map")
             continue
+        heartbeat(f"measured map of {name}, {len(placed)} readings")
         mean = Mean(geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m)
-        spread = (0.0, 0.0, 0.0)
+        spread, hyper = (0.0, 0.0, 0.0), None
         if mean.access_point is None and config.locate:
             found = locate(floors[1], mean, placed, config)
             x, y, z = (float(v) for v in found.position_m)
             point = AccessPoint(name, x, y, z, radio.power_dbm, radio.frequency_hz)
-            mean, spread = replace(mean, access_point=point), found.sd_m()
-        fitted = fit_access_point(floors, mean, placed, config)
+            mean, spread, hyper = replace(mean, access_point=point), found.sd_m(), found.hyper
+        fitted = fit_access_point(floors, mean, placed, config, hyper)
         done[name] = replace(fitted, position_sd_m=spread)
     if not done:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
@@ -109,7 +118,11 @@ def fuse(
 
 
 def fit_access_point(
-    floors: tuple[FloorField, FloorField], mean: Mean, placed: Placed, config: MeasuredConfig
+    floors: tuple[FloorField, FloorField],
+    mean: Mean,
+    placed: Placed,
+    config: MeasuredConfig,
+    hyper: Hyperparameters | None = None,
 ) -> FittedAccessPoint:
     """Search one access point's hyperparameters on part of the readings, and fit all of them.
 
@@ -120,11 +133,14 @@ def fit_access_point(
     mean : Mean
     placed : Placed
     config : MeasuredConfig
+    hyper : Hyperparameters, optional
+        Known already, such as from locating it.
     """
     fine, coarse = floors
     heard = placed.only(placed.heard)
-    part = heard.only(_pieces(heard.times_s, config.search_readings))
-    hyper = fit_field(_problem(coarse, mean, part, Receiver())).hyper
+    if hyper is None:
+        part = heard.only(_pieces(heard.times_s, config.search_readings))
+        hyper = fit_field(_problem(coarse, mean, part, Receiver())).hyper
     if placed.heard.all() and config.saturation_dbm is None:
         return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, Receiver(), hyper))
     first = _fitted(fine, mean, heard, Receiver(), hyper)

@@ -15,7 +15,7 @@ import numpy as np
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import MeasuredConfig
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.fit import Problem, fit_field
+from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.mean import Mean
 from slarm_graph.radio.measured.posterior import Conditioned
 from slarm_graph.radio.measured.priors import FloorField
@@ -44,10 +44,13 @@ class Located:
         Posterior mean [m].
     covariance_m2 : (3, 3) float64
         Of the posterior [m^2]; plan and height.
+    hyper : Hyperparameters
+        Of field, drift and noise about it.
     """
 
     position_m: Floats
     covariance_m2: Floats
+    hyper: Hyperparameters
 
     def sd_m(self) -> tuple[float, float, float]:
         """Standard deviations along x, y, z [m]."""
@@ -71,12 +74,13 @@ def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig
     heard = heard.only(np.arange(0, len(heard), max(1, len(heard) // config.search_readings)))
     strong = heard.rss_dbm >= np.quantile(heard.rss_dbm, 1.0 - _STRONGEST)
     best = np.array([*heard.points_m[strong].mean(axis=0), HEIGHTS_M[3]])
-    lattice = _over_map(mean)
-    for step_m in STEPS_M:
-        search = _Search(floor, _at(mean, best), heard)
-        best = lattice[np.argmax([search.evidence(p) for p in lattice])]
-        lattice = _around(best, AROUND_M, step_m if step_m == STEPS_M[-1] else STEPS_M[-1])
     search = _Search(floor, _at(mean, best), heard)
+    best = _likeliest(search, _over_map(mean))
+    search = _Search(floor, _at(mean, best), heard, search.hyper)
+    best = _likeliest(search, _around(best, AROUND_M, STEPS_M[-1]))
+    # Once more about the best; hyperparameters have settled where the position has.
+    lattice = _around(best, AROUND_M, STEPS_M[-1])
+    search = _Search(floor, _at(mean, best), heard, search.hyper, again=False)
     logs = np.array([search.evidence(p) for p in lattice])
     share = np.exp(logs - logs.max())
     share /= share.sum()
@@ -84,7 +88,12 @@ def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig
     away = lattice - middle
     # Within a cell of the lattice anything goes: a uniform's variance.
     grain = np.diag(np.array([STEPS_M[-1], STEPS_M[-1], HEIGHTS_M[1] - HEIGHTS_M[0]]) ** 2 / 12.0)
-    return Located(middle, (share[:, None] * away).T @ away + grain)
+    return Located(middle, (share[:, None] * away).T @ away + grain, search.hyper)
+
+
+def _likeliest(search: _Search, lattice: Floats) -> Floats:
+    """Position (3,) of the greatest evidence among positions (P, 3)."""
+    return np.asarray(lattice[np.argmax([search.evidence(p) for p in lattice])])
 
 
 def _at(mean: Mean, position_m: Floats) -> Mean:
@@ -112,7 +121,15 @@ def _around(middle: Floats, half_m: float, step_m: float) -> Floats:
 class _Search:
     """Evidence of positions under one set of hyperparameters and weights."""
 
-    def __init__(self, floor: FloorField, mean: Mean, heard: Placed) -> None:
+    def __init__(
+        self,
+        floor: FloorField,
+        mean: Mean,
+        heard: Placed,
+        start: Hyperparameters | None = None,
+        *,
+        again: bool = True,
+    ) -> None:
         self._mean, self._heard = mean, heard
         self._coefficients = mean.coefficients(heard)
         problem = Problem(
@@ -123,7 +140,8 @@ class _Search:
             mean.slope_db_m(heard.points_m),
             Receiver(),
         )
-        fit = fit_field(problem)
+        fit = fit_field(problem, start, search=again)
+        self.hyper = fit.hyper
         where, variance = problem.where(), problem.noise_variance(fit.hyper)
         expected = fit.posterior.mean(problem.design, where)
         self._values, weights = gaussian_equivalent(

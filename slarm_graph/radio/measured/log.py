@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
 
@@ -58,6 +59,16 @@ class RssLog:
         )
 
 
+def heard_with(log: ReadingLog) -> tuple[RssLog, ...]:
+    """Return the signal strengths that came with readings: one log, or none."""
+    if not log.signals:
+        return ()
+    stamps_ns = np.array([stamp for stamp, _ in log.signals], dtype=np.int64)
+    names = [signal.access_point for _, signal in log.signals]
+    rss_dbm = np.array([signal.rss_dbm for _, signal in log.signals])
+    return (RssLog.of_rows(stamps_ns, names, rss_dbm, "heard with the scans"),)
+
+
 def merged(logs: Sequence[RssLog]) -> RssLog:
     """Return the readings of several logs as one; equal names are one access point."""
     names = [log.names[i] for log in logs for i in log.access_point.tolist()]
@@ -82,7 +93,7 @@ class PlacedLog:
     outside: int
 
 
-def place(log: RssLog, trajectory: Trajectory, position_sd_m: float) -> PlacedLog:
+def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) -> PlacedLog:
     """Give every reading the robot's pose at its own stamp.
 
     Whole decibels are single packets where other values are not: these are means of several, and
@@ -92,13 +103,15 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float) -> PlacedLo
     ----------
     log : RssLog
     trajectory : Trajectory
-    position_sd_m : float
-        Standard deviation of its positions along each axis [m].
+    position_sd_m : float or (N,)
+        Standard deviation of its positions along each axis, of all or of each pose [m].
     """
     first, last = trajectory.stamps_ns[0], trajectory.stamps_ns[-1]
     within = (log.stamps_ns >= first) & (log.stamps_ns <= last)
     poses = trajectory.at(log.stamps_ns[within])
     times_s = (log.stamps_ns[within] - first) * 1e-9
+    sds_m = np.broadcast_to(position_sd_m, len(trajectory))
+    sd_m = np.interp(times_s, (trajectory.stamps_ns - first) * 1e-9, sds_m)
     rss, owner = log.rss_dbm[within], log.access_point[within]
     whole = np.isnan(rss) | (rss == np.round(rss))
     classes = 2 if 0 < whole.sum() < len(whole) and (~whole).any() else 1
@@ -112,7 +125,7 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float) -> PlacedLo
             rss[mine],
             noise_class[mine],
             poses[mine, 2],
-            np.full(int(mine.sum()), position_sd_m),
+            sd_m[mine],
             classes,
         )
     return PlacedLog(readings, int((~within).sum()))

@@ -5,16 +5,24 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
+from slarm_graph.polygons import counter_clockwise
 from slarm_graph.raster.lines import first_crossing
+from slarm_graph.world import Solid
 
 Counts = NDArray[np.int16]
+
+_GAP_CELLS = 2.0
+"""Along a slanted face a segment leaves and enters cells of the same obstacle; without it 7 % of
+the links of the world `cluttered` count an obstacle twice, with 4 thin passages vanish."""
 
 
 def wall_crossings(
@@ -28,8 +36,8 @@ def wall_crossings(
 ) -> Counts:
     """Count the walls and obstacles that the straight segment to each antenna passes.
 
-    Every unbroken run of cells whose top is above the segment counts once, however thick. Outside
-    the grid there is nothing.
+    Every run of cells whose top is above the segment counts once, however thick; gaps of two cells
+    do not break it, for slanted faces are staircases. Outside the grid there is nothing.
 
     Parameters
     ----------
@@ -78,18 +86,75 @@ def _count(
         col, col_step, col_next, col_every = first_crossing(eye[0], dx)
         row, row_step, row_next, row_every = first_crossing(eye[1], dy)
         carried = mount_cells / max(math.hypot(dx, dy), 1e-12)
-        rise, entered, inside = end_height - eye_height, 0.0, False
+        rise, entered, left_at = end_height - eye_height, 0.0, -1.0
+        gap = _GAP_CELLS / max(math.hypot(dx, dy), 1e-12)
         while entered < 1.0:
             left = min(col_next, row_next, 1.0)
             lowest = eye_height + rise * (left if rise < 0.0 else entered)
             blocked = 0 <= row < rows and 0 <= col < cols and heights[row, col] > lowest
-            if blocked and not inside and left > carried:
-                counts[i] += 1
-                inside = True
-            elif not blocked:
-                inside = False
+            if blocked and left > carried:
+                if left_at < 0.0 or entered - left_at > gap:
+                    counts[i] += 1
+                left_at = left
             entered = left
             if col_next <= row_next:
                 col, col_next = col + col_step, col_next + col_every
             else:
                 row, row_next = row + row_step, row_next + row_every
+
+
+def solids_passed(
+    solids: Sequence[Solid],
+    access_point_m: ArrayLike,
+    points_m: ArrayLike,
+    antenna_height_m: float,
+    *,
+    mount_radius_m: float = 0.0,
+) -> Counts:
+    """Count the solids that the straight segment to each antenna passes below their top.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+    access_point_m : (3,)
+        x, y in the world, z above the floor [m].
+    points_m : (N, 2)
+        Antennas in plan [m].
+    antenna_height_m : float
+        Of all antennas.
+    mount_radius_m : float
+        A solid that the segment has left this near to the access point, in plan, carries it and
+        does not count.
+
+    Returns
+    -------
+    (N,) int16
+    """
+    x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    counts: Counts = np.zeros(len(ends), dtype=np.int16)
+    plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
+    for solid, pieces in zip(solids, plans, strict=True):
+        passed = np.zeros(len(ends), dtype=np.bool_)
+        for piece in pieces:
+            enter, leave = _inside(np.array([x, y]), ends, piece)
+            lowest = z + (antenna_height_m - z) * (leave if antenna_height_m < z else enter)
+            away_m = leave * np.hypot(*(ends - [x, y]).T)
+            passed |= (leave > enter) & (lowest < solid.height_m) & (away_m > mount_radius_m)
+        counts += passed
+    return counts
+
+
+def _inside(start: Floats, ends: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """Shares (N,) of segments at which they enter and leave a convex polygon (Cyrus and Beck)."""
+    way = ends - start
+    enter, leave = np.zeros(len(ends)), np.ones(len(ends))
+    for corner, edge in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
+        inward = np.array([-edge[1], edge[0]])
+        depth, rate = (start - corner) @ inward, way @ inward
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -depth / rate
+        enter = np.where(rate > 0.0, np.maximum(enter, at), enter)
+        leave = np.where(rate < 0.0, np.minimum(leave, at), leave)
+        leave = np.where((rate == 0.0) & (depth <= 0.0), -1.0, leave)
+    return enter, leave
