@@ -312,6 +312,7 @@ def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
 
 
 def put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None:
+    """Lay a picture of a map below everything else, over the cells it shows."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     fig.add_layout_image(
         source=picture,

@@ -39,7 +39,9 @@ class _Decompressor(Protocol):
 
     eof: bool
 
-    def decompress(self, data: bytes, max_length: int = -1) -> bytes: ...
+    def decompress(self, data: bytes, max_length: int = -1) -> bytes:
+        """Undo the next part, at most so many bytes of it."""
+        ...
 
 
 _KINDS = {

@@ -11,7 +11,7 @@ BUILT_IN = {
     "explore": "slarm_graph.app.cli_run:explore_command",
     "compare": "slarm_graph.app.cli_compare:compare_command",
     "demo": "slarm_graph.app.cli_compare:demo_command",
-    "reproduce": "slarm_graph.app.cli_compare:reproduce_command",
+    "reproduce": "slarm_graph.app.cli_reproduce:reproduce_command",
     "eval": "slarm_graph.app.cli_eval:group",
     "radio": "slarm_graph.app.cli_radio:radio_command",
     "check": "slarm_graph.app.cli_tools:check_command",

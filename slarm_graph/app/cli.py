@@ -17,13 +17,10 @@ from typing import Annotated, Any
 import typer
 
 from slarm_graph import __version__, parts
-from slarm_graph.app.cli_run import POINT_OPTIONS
-from slarm_graph.app.ending import end_on_signals
+from slarm_graph.app.ending import BAD_INPUT, FAILED, INTERRUPTED, OK, end_on_signals
+from slarm_graph.app.options import POINT_OPTIONS
 from slarm_graph.app.tied import die_with_starter
 from slarm_graph.errors import BadInput, RunFailed
-
-OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit codes as the README tells them; 130 is what shells give for 128 + SIGINT."""
 
 
 def _show_version(wanted: bool) -> None:
@@ -75,6 +72,7 @@ def _command(name: str) -> Any:
         problem = str(error)
 
     def unusable() -> None:
+        """Say so."""  # what is shown of it is set below
         raise BadInput(problem)
 
     unusable.__doc__ = f"({problem})"

@@ -1,20 +1,23 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run many: compare backends, demo, reproduce the paper."""
+"""Commands that run many: compare backends, demo."""
 
 from __future__ import annotations
 
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slarm_graph.app.cli_run import (
+from slarm_graph.app.ending import FAILED, OK
+from slarm_graph.app.options import (
     AccessPoints,
     ConfigFile,
+    Jobs,
     Name,
     Out,
     Overwrite,
@@ -29,15 +32,48 @@ if TYPE_CHECKING:
     from slarm_graph.app.trials import Trial
     from slarm_graph.eval.comparison import Outcome
 
-_FAILED = 1
-"""Exit code where a run failed, as the README tells."""
 _DEMO_BACKENDS = ("pose_graph", "gmapping")
 _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""
 
+Sources = Annotated[
+    list[str], typer.Argument(metavar="SOURCE...", help="Recordings, and worlds (YAML or name).")
+]
+Backends = Annotated[str, typer.Option(metavar="A,B", help="Backends, with commas between them.")]
+Seeds = Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")]
+Sweep = Annotated[
+    list[str] | None,
+    typer.Option(metavar="KEY=V1,V2", help="Run with every value of a setting; repeatable."),
+]
+Externals = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=TUM[,MAP]",
+        help="Another system's result, in the same tables; of several sources NAME@SOURCE=...",
+    ),
+]
+GroundTruths = Annotated[
+    list[Path] | None,
+    typer.Option(help="True trajectory: one for all sources or one each; none for none."),
+]
+RelationsFiles = Annotated[
+    list[Path] | None,
+    typer.Option(help="True relative poses: one for all sources or one each; none for none."),
+]
+Scheduler = Annotated[
+    str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
+]
+Upload = Annotated[
+    bool, typer.Option("--upload", help="Send sources to workers that do not share this folder.")
+]
+Budget = Annotated[
+    float | None, typer.Option(metavar="MINUTES", help="Start no further run after that long.")
+]
+
 
 def demo_command(out: Out = Path("runs"), name: Name = None, overwrite: Overwrite = False) -> int:
     """Explore the paper's room with both backends and compare; takes a minute or two."""
+    from slarm_graph.app.compare import compare
     from slarm_graph.app.comparison_folder import open_comparison
     from slarm_graph.app.trials import ComparisonPlan, find_sources
 
@@ -46,110 +82,21 @@ def demo_command(out: Out = Path("runs"), name: Name = None, overwrite: Overwrit
     limit = (f"explore.mission_time_s={_DEMO_LIMIT_S}",)
     plan = ComparisonPlan(find_sources(["paper_room"]), _DEMO_BACKENDS, 1, settings=limit)
     what = "The paper's room, explored in closed loop"
-    return _compare(plan.trials(folder.path), folder, what)
-
-
-def reproduce_command(
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Fewer resolutions, one speed, one seed.")
-    ] = False,
-    explorer: Annotated[
-        str | None, typer.Option(metavar="A,B", help="Explorers; ggmr is the paper's.")
-    ] = None,
-    prior: Annotated[
-        str | None, typer.Option(help="Show only `extent` or `extent+sizes` (both).")
-    ] = None,
-    expansion: Annotated[
-        str | None, typer.Option(metavar="A,B", help="R_e to show: cell, robot, zero (all).")
-    ] = None,
-    resolutions: Annotated[
-        str | None, typer.Option(metavar="M,M", help="Sides of cells, in m.")
-    ] = None,
-    speeds: Annotated[str | None, typer.Option(metavar="V,V", help="Of the robot, in m/s.")] = None,
-    seeds: Annotated[int | None, typer.Option(min=1, help="Seeds per setting.")] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
-    ] = None,
-    out: Out = Path("runs"),
-    name: Name = None,
-    overwrite: Overwrite = False,
-) -> int:
-    """Make the paper's figures and table; with --name a second time, only what is missing."""
-    from slarm_graph.app.execution import early_end_noted
-    from slarm_graph.app.progress import shown
-    from slarm_graph.app.run_folder import create_run_folder, open_run_folder
-    from slarm_graph.eval.gallery_page import gallery_html
-    from slarm_graph.paper.options import plan_of
-    from slarm_graph.paper.reproduce import reproduce
-
-    plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
-    again = not overwrite and name is not None and (out / name / "runs").is_dir()
-    folder = (
-        open_run_folder(out / str(name))
-        if again
-        else create_run_folder(out, name, overwrite=overwrite)
-    )
-    with early_end_noted(folder), shown() as progress:
-        outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
-    failed = sum(outcome.status != "ok" for outcome in outcomes)
-    lead = (
-        f"{len(outcomes)} closed loops in the paper's room, {failed} of them not finished;"
-        " resolutions in m, speeds in m/s. With sizes: the robot is told the length, width and"
-        " height of every wall and box, as Algorithm 1 is; without: nothing but the extent."
-        " Comparisons are looks at one cell: the paper's O(N^3) and O(N (log N)^N) are bounds far"
-        " above what is counted, which grows with the number of cells."
-    )
-    pictures = sorted(path.name for path in folder.path.glob("*.png"))
-    tables = ("results.csv", "hypotheses.csv", "complexity.csv")
-    page = gallery_html(folder.path, "The paper's figures, reproduced", lead, pictures, tables)
-    folder.write_text("report.html", page)
-    folder.note(status="partial" if failed else "ok", runs=len(outcomes))
-    print(f"{len(outcomes)} closed loops -> {folder.path}/report.html")
-    return _FAILED if failed else 0
+    return _compare(plan.trials(folder.path), folder, what, compare)
 
 
 def compare_command(
-    sources: Annotated[
-        list[str],
-        typer.Argument(metavar="SOURCE...", help="Recordings, and worlds (YAML or name)."),
-    ],
-    backends: Annotated[
-        str, typer.Option(metavar="A,B", help="Backends, with commas between them.")
-    ] = "odometry,gmapping,pose_graph",
-    seeds: Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")] = 1,
-    sweep: Annotated[
-        list[str] | None,
-        typer.Option(metavar="KEY=V1,V2", help="Run with every value of a setting; repeatable."),
-    ] = None,
-    external: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=TUM[,MAP]",
-            help="Another system's result, in the same tables; of several sources NAME@SOURCE=...",
-        ),
-    ] = None,
-    ground_truth: Annotated[
-        list[Path] | None,
-        typer.Option(help="True trajectory: one for all sources or one each; none for none."),
-    ] = None,
-    relations: Annotated[
-        list[Path] | None,
-        typer.Option(help="True relative poses: one for all sources or one each; none for none."),
-    ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
-    ] = None,
-    upload: Annotated[
-        bool,
-        typer.Option("--upload", help="Send sources to workers that do not share this folder."),
-    ] = False,
-    budget: Annotated[
-        float | None,
-        typer.Option(metavar="MINUTES", help="Start no further run after that long."),
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")
-    ] = None,
+    sources: Sources,
+    backends: Backends = "odometry,gmapping,pose_graph",
+    seeds: Seeds = 1,
+    sweep: Sweep = None,
+    external: Externals = None,
+    ground_truth: GroundTruths = None,
+    relations: RelationsFiles = None,
+    scheduler: Scheduler = None,
+    upload: Upload = False,
+    budget: Budget = None,
+    jobs: Jobs = None,
     ap: AccessPoints = None,
     out: Out = Path("runs"),
     name: Name = None,
@@ -162,38 +109,29 @@ def compare_command(
     The same command again with the same --name finishes only what is missing.
     """
     from slarm_graph.app.cli_output import show_notices
+    from slarm_graph.app.compare import compare
     from slarm_graph.app.comparison_folder import open_comparison
     from slarm_graph.app.external import find_externals
     from slarm_graph.app.trials import ComparisonPlan, find_sources
     from slarm_graph.files.configs import load_config
 
-    access_points(ap or (), load_config(config, settings or ()))
+    every, swept, points = tuple(settings or ()), tuple(sweep or ()), tuple(_points(ap or ()))
+    access_points(ap or (), load_config(config, every))
     found = find_sources(sources, ground_truth, relations)
     show_notices(text for source in found for text in source.truth.found)
-    points = [word for point in ap or () for word in ("--ap", *point.replace(",", " ").split())]
-    plan = ComparisonPlan(
-        found,
-        _chosen(backends),
-        seeds,
-        config,
-        tuple(settings or ()),
-        tuple(sweep or ()),
-        tuple(points),
-    )
+    plan = ComparisonPlan(found, _chosen(backends), seeds, config, every, swept, points)
     others = find_externals(external or (), found)
     plan.trials(out)  # what is wrong with it is told before there is a folder
     folder = open_comparison(out, name, overwrite=overwrite)
     what = f"{len(found)} sources, {len(plan.backends)} backends, {seeds} seeds"
-    return _compare(
-        plan.trials(folder.path),
-        folder,
-        what,
-        jobs=jobs,
-        scheduler=scheduler,
-        upload=upload,
-        budget_s=None if budget is None else 60.0 * budget,
-        others=others,
-    )
+    budget_s = None if budget is None else 60.0 * budget
+    run = partial(compare, workers=jobs, scheduler=scheduler, upload=upload, budget_s=budget_s)
+    return _compare(plan.trials(folder.path), folder, what, run, others)
+
+
+def _points(given: Sequence[str]) -> list[str]:
+    """Return access points as words of the command line of every run."""
+    return [word for point in given for word in ("--ap", *point.replace(",", " ").split())]
 
 
 def _chosen(backends: str) -> tuple[str, ...]:
@@ -211,17 +149,33 @@ def _compare(
     planned: Sequence[Trial],
     folder: RunFolder,
     what: str,
-    *,
-    jobs: int | None = None,
-    scheduler: str | None = None,
-    upload: bool = False,
-    budget_s: float | None = None,
+    run: Callable[..., tuple[Outcome, ...]],
     others: Sequence[External] = (),
 ) -> int:
     """Carry trials out, show and write the comparison; 1 when one of them failed."""
-    from slarm_graph.app.compare import compare
     from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.external import measure
+
+    _tell_found(planned)
+    with early_end_noted(folder):
+        measured = [measure(other, folder.path, planned) for other in others]
+        outcomes = _carried_out(planned, folder, what, run, measured)
+        # Only now is known where the laser sits.
+        measured = [measure(other, folder.path, planned) for other in others]
+        _show(folder, [*outcomes, *measured], what)
+    if any(outcome.status == "missing" for outcome in outcomes):
+        _tell_how_to_go_on(folder)
+    return OK if all(outcome.status == "ok" for outcome in outcomes) else FAILED
+
+
+def _carried_out(
+    planned: Sequence[Trial],
+    folder: RunFolder,
+    what: str,
+    run: Callable[..., tuple[Outcome, ...]],
+    measured: Sequence[Outcome],
+) -> tuple[Outcome, ...]:
+    """Run trials; when that is interrupted, show what there is, and how to go on."""
     from slarm_graph.app.progress import shown
 
     done: list[Outcome] = []
@@ -231,31 +185,14 @@ def _compare(
         done.append(outcome)
         _tell_outcome(outcome)
 
-    _tell_found(planned)
-    with early_end_noted(folder):
-        measured = [measure(other, folder.path, planned) for other in others]
-        try:
-            with shown() as progress:
-                outcomes = compare(
-                    planned,
-                    workers=jobs,
-                    scheduler=scheduler,
-                    upload=upload,
-                    budget_s=budget_s,
-                    tell=tell,
-                    progress=progress,
-                )
-        except KeyboardInterrupt:
-            if done:
-                _show(folder, [*done, *measured], f"{what}, interrupted")
-            _tell_how_to_go_on(folder)
-            raise
-        # Only now is known where the laser sits.
-        measured = [measure(other, folder.path, planned) for other in others]
-        _show(folder, [*outcomes, *measured], what)
-    if any(outcome.status == "missing" for outcome in outcomes):
+    try:
+        with shown() as progress:
+            return run(planned, tell=tell, progress=progress)
+    except KeyboardInterrupt:
+        if done:
+            _show(folder, [*done, *measured], f"{what}, interrupted")
         _tell_how_to_go_on(folder)
-    return 0 if all(outcome.status == "ok" for outcome in outcomes) else _FAILED
+        raise
 
 
 def _tell_found(planned: Sequence[Trial]) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from slarm_graph.app import cli_eval_consistency, cli_eval_trajectory
-from slarm_graph.app.cli_eval_trajectory import Json
+from slarm_graph.app.options import Json
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from slarm_graph.app.cli_eval_trajectory import Json
+from slarm_graph.app.options import Json, Odom, Scan, source_config
+from slarm_graph.errors import BadInput
 
 
 def consistency_command(
@@ -17,19 +18,13 @@ def consistency_command(
         list[Path],
         typer.Argument(metavar="SOURCE... TRAJECTORY", help="A recording, and a trajectory of it."),
     ],
-    odom: Annotated[
-        str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
-    ] = None,
-    scan: Annotated[
-        str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")
-    ] = None,
+    odom: Odom = None,
+    scan: Scan = None,
     as_json: Json = False,
 ) -> None:
     """Does a trajectory contradict itself? Judged by its scans and odometry, without any truth."""
     from slarm_graph.app.cli_output import show_notices, show_table
-    from slarm_graph.app.cli_run import source_config
     from slarm_graph.app.judging import judge_file
-    from slarm_graph.errors import BadInput
     from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 
     if len(sources) < 2:

@@ -11,58 +11,66 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from slarm_graph.app.options import Json
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions
     from slarm_graph.eval.trajectory_prints import MapBelow
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON, as in metrics.json.")]
-Align = Literal["se2", "sim2", "se3", "sim3", "yaw", "origin", "none"]
+Reference = Annotated[Path, typer.Argument(metavar="REF", help="True trajectory, or a run folder.")]
+Estimates = Annotated[
+    list[Path], typer.Argument(metavar="EST...", help="Trajectories to measure, or run folders.")
+]
+Align = Annotated[
+    Literal["se2", "sim2", "se3", "sim3", "yaw", "origin", "none"],
+    typer.Option(
+        help="How EST is laid onto REF: in the plane of motion (se2, sim2, origin, none) or in"
+        " space (se3, sim3, yaw and position)."
+    ),
+]
+NToAlign = Annotated[
+    int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
+]
+Assoc = Annotated[
+    Literal["interpolate", "nearest", "evo"],
+    typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
+]
+MaxDifference = Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")]
+TimeOffset = Annotated[
+    str, typer.Option(metavar="SECONDS|auto", help="Added to the stamps of EST; or found.")
+]
+Delta = Annotated[float, typer.Option(help="Step of the RPE.")]
+DeltaUnit = Annotated[Literal["frames", "m", "s"], typer.Option(help="Unit of it.")]
+Lengths = Annotated[
+    str | None,
+    typer.Option(
+        metavar="A,B",
+        help="Over which drift is measured, in m; a tenth to a half of the path when left out.",
+    ),
+]
+Plot = Annotated[
+    Path | None, typer.Option(metavar="DIR", help="Write figures there: PNG, PDF and SVG.")
+]
+MapFile = Annotated[
+    Path | None,
+    typer.Option("--map", metavar="YAML", help="Drawn below the paths, in REF's frame."),
+]
 
 
 def trajectory_command(
-    reference: Annotated[
-        Path, typer.Argument(metavar="REF", help="True trajectory, or a run folder.")
-    ],
-    estimates: Annotated[
-        list[Path],
-        typer.Argument(metavar="EST...", help="Trajectories to measure, or run folders."),
-    ],
-    align: Annotated[
-        Align,
-        typer.Option(
-            help="How EST is laid onto REF: in the plane of motion (se2, sim2, origin, none) or in"
-            " space (se3, sim3, yaw and position)."
-        ),
-    ] = "se2",
-    n_to_align: Annotated[
-        int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
-    ] = None,
-    assoc: Annotated[
-        Literal["interpolate", "nearest", "evo"],
-        typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
-    ] = "interpolate",
-    t_max_diff: Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")] = 0.01,
-    t_offset: Annotated[
-        str, typer.Option(metavar="SECONDS|auto", help="Added to the stamps of EST; or found.")
-    ] = "0",
-    delta: Annotated[float, typer.Option(help="Step of the RPE.")] = 1.0,
-    delta_unit: Annotated[Literal["frames", "m", "s"], typer.Option(help="Unit of it.")] = "frames",
-    lengths: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A,B",
-            help="Over which drift is measured, in m; a tenth to a half of the path when left out.",
-        ),
-    ] = None,
-    plot: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Write figures there: PNG, PDF and SVG.")
-    ] = None,
-    map_file: Annotated[
-        Path | None,
-        typer.Option("--map", metavar="YAML", help="Drawn below the paths, in REF's frame."),
-    ] = None,
+    reference: Reference,
+    estimates: Estimates,
+    align: Align = "se2",
+    n_to_align: NToAlign = None,
+    assoc: Assoc = "interpolate",
+    t_max_diff: MaxDifference = 0.01,
+    t_offset: TimeOffset = "0",
+    delta: Delta = 1.0,
+    delta_unit: DeltaUnit = "frames",
+    lengths: Lengths = None,
+    plot: Plot = None,
+    map_file: MapFile = None,
     as_json: Json = False,
 ) -> None:
     """ATE, RPE, drift and scale of trajectories: TUM, KITTI, EuRoC, tables with named columns."""

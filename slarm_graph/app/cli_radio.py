@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from slarm_graph.app.cli_run import (
+from slarm_graph.app.options import (
     AccessPoints,
     ConfigFile,
     Name,

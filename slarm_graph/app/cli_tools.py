@@ -10,9 +10,11 @@ from typing import Annotated
 
 import typer
 
-from slarm_graph.app.cli_run import (
+from slarm_graph.app.options import (
     ConfigFile,
+    Json,
     Odom,
+    Recording,
     Scan,
     Segment,
     Settings,
@@ -22,8 +24,8 @@ from slarm_graph.app.cli_run import (
 
 
 def check_command(
-    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
+    sources: Recording,
+    as_json: Json = False,
     odom: Odom = None,
     scan: Scan = None,
     segment: Segment = None,
@@ -41,7 +43,7 @@ def check_command(
 
 
 def convert_command(
-    sources: Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")],
+    sources: Recording,
     destination: Annotated[
         Path,
         typer.Argument(

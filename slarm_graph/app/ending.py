@@ -24,6 +24,8 @@ from typing import TYPE_CHECKING, Final, NoReturn
 if TYPE_CHECKING:
     from slarm_graph.config import LimitsConfig
 
+OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+"""Exit codes as the README tells them; 130 is what shells give for 128 + SIGINT."""
 GRACE_S: Final = 1.2
 """From a signal to the end of the process, of the two seconds that a terminal's user waits."""
 _POLL_S: Final = 0.05

@@ -10,21 +10,21 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph import backends
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.checkpoint import Checkpoint, resume_from
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
 from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import Run
-from slarm_graph.app.judging import judge
 from slarm_graph.app.live_files import LiveFiles
 from slarm_graph.app.measuring import measured_map, save_measured
 from slarm_graph.app.outputs import (
-    save_consistency,
     save_geographic,
     save_radio,
     save_slam,
     save_trajectory,
 )
+from slarm_graph.app.pipeline import judged
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -39,6 +39,8 @@ from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.simulation.worlds import make_world
+from slarm_graph.geographic import GeographicMap
+from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
 from slarm_graph.radio.measured.log import heard_with
@@ -46,6 +48,7 @@ from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import recover_scans
+from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 
 _log = logging.getLogger(__name__)
@@ -83,19 +86,12 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
     # trajectory -> does it contradict itself
-    with folder.stage("consistency", progress):
-        verdict = judge(log, slam.trajectory)
-        save_consistency(folder, verdict)
+    verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
-        geographic = recover_scans(
-            log.scans,
-            slam.trajectory,
-            config.mapping,
-            config.recovery,
-            geometry=GridGeometry.covering(*world.extent_m(), config.explore.resolution_m),
-            grid=grid,
-        )
+        around = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
+        how = (config.mapping, config.recovery)
+        geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
     # geographic map -> radio map
     with folder.stage("radio map", progress):
@@ -109,20 +105,10 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
-        subject = Subject(
-            slam.trajectory,
-            truth,
-            grid=grid,
-            geographic=geographic,
-            radio=radio,
-            drive=drive.report,
-            consistency=verdict,
-        )
-        accuracy = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
-        both: tuple[Metric, ...] = sizes_metrics(world, log.scans, slam.trajectory, config)
-        if config.explore.judge_variants:
-            both = (*both, *variant_metrics(world, log.scans, slam.trajectory, config))
-        metrics = in_table_order((*accuracy, *both, *assess(subject)))
+        maps = (grid, geographic, radio)
+        subject = Subject(slam.trajectory, truth, Pose2(), None, *maps, drive.report, verdict)
+        accuracy = _accuracy(world, config, log, slam.trajectory, geographic, radio)
+        metrics = in_table_order((*accuracy, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
         run = Run(
@@ -130,6 +116,21 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         )
         save_report(folder, run, truth)
     return run
+
+
+def _accuracy(
+    world: WorldMap,
+    config: RunConfig,
+    log: ReadingLog,
+    trajectory: Trajectory,
+    geographic: GeographicMap,
+    radio: RadioMap,
+) -> tuple[Metric, ...]:
+    """Compare the maps with the world, and those of other settings as far as that is wanted."""
+    own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
+    drive = (world, log.scans, trajectory, config)
+    others = variant_metrics(*drive) if config.explore.judge_variants else ()
+    return (*own, *sizes_metrics(*drive), *others)
 
 
 def _drive(

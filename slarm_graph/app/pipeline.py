@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slarm_graph import backends
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.checkpoint import Checkpoint, resume_from
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
@@ -25,15 +28,20 @@ from slarm_graph.app.placing import placed
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
-from slarm_graph.backend import SlamBackend
+from slarm_graph.backend import SlamBackend, SlamResult
+from slarm_graph.config import RunConfig
+from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.geographic import GeographicMap
 from slarm_graph.mapping import end_points_m, render, thinned
-from slarm_graph.radio.measured.log import heard_with
+from slarm_graph.radio.measured.log import RssLog, heard_with
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
+from slarm_graph.readings import Source
 from slarm_graph.recovery.recover import recover
 
 _ENOUGH_POINTS = 1_000_000
@@ -56,33 +64,15 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     BadInput, RunFailed
         When there is nothing to show for it.
     """
-    config, rng = job.config, np.random.default_rng(job.config.seed)
-    stop = Stop(config.limits)
+    config, stop = job.config, Stop(job.config.limits)
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
         signals = signal_logs(job.rss, job.paths)
-        source = open_source(
-            job.paths,
-            config.source_as_used(),
-            config.simulation,
-            seed=config.seed,
-            section=config.section,
-        )
-    with folder.stage("loading", progress):
-        backend = backends.make(config.backend, config, rng, progress.say)
+        source = _source(job)
     # readings -> SLAM backend
-    with folder.stage("slam", progress):
-        log, had_before = ReadingLog(), _restored(backend, folder)
-        checkpoint = Checkpoint(
-            folder,
-            config.checkpoint.every_s,
-            lambda: SavedStates({"backend": backend.snapshot()}, {"readings": len(log)}),
-        )
-        feed(source, backend, log, checkpoint, progress, stop, had_before=had_before)
-        info = source.info()
-    with folder.stage("reading", progress):
-        save_readings(folder, log)
+    backend, log = _fed(source, config, folder, progress, stop)
+    info = source.info()
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
         slam = placed(backend.result(), info.truth)
@@ -91,45 +81,80 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid)
     # trajectory -> does it contradict itself
-    with folder.stage("consistency", progress):
-        verdict = judge(log, slam.trajectory)
-        save_consistency(folder, verdict)
+    verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
         geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic)
-    # geographic map -> radio map
-    with folder.stage("radio map", progress):
-        aps = job.access_points
-        radio = predicted_radio_map(geographic, aps, config) if aps else None
-        save_radio(folder, radio, config.radio)
-    # readings of signal strength -> measured radio map
-    with folder.stage("measured radio map", progress):
-        heard = (*signals, *heard_with(log))
-        measured = measured_map(heard, slam, geographic, aps, config, progress.say)
-        save_measured(folder, measured)
+    # geographic map and readings of signal strength -> radio maps
+    heard = (*signals, *heard_with(log))
+    radio, measured = _radio_maps(geographic, job, heard, slam, folder, progress)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
-        references = references.or_truth(info.truth)
-        metrics = assess(
-            Subject(
-                slam.trajectory,
-                references,
-                log.robot_from_laser,
-                ends,
-                grid,
-                geographic,
-                radio,
-                consistency=verdict,
-            )
-        )
+        references, laser = references.or_truth(info.truth), log.robot_from_laser
+        known = (references, laser, ends, grid, geographic, radio)
+        metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
         title = f"{job.paths[0].name}, {config.backend}"
-        done = Run(
-            title, config, info, log, slam, grid, geographic, radio, verdict, metrics, measured
-        )
+        made = (log, slam, grid, geographic, radio, verdict, metrics, measured)
+        done = Run(title, config, info, *made)
         save_report(folder, done, references)
     return done
+
+
+def _source(job: Job) -> Source:
+    config = job.config
+    how, seed = config.source_as_used(), config.seed
+    return open_source(job.paths, how, config.simulation, seed=seed, section=config.section)
+
+
+def _fed(
+    source: Source, config: RunConfig, folder: RunFolder, progress: Progress, stop: Stop
+) -> tuple[SlamBackend, ReadingLog]:
+    """Give a backend all readings, from where a checkpoint in the folder was written."""
+    rng, log = np.random.default_rng(config.seed), ReadingLog()
+    with folder.stage("loading", progress):
+        backend = backends.make(config.backend, config, rng, progress.say)
+    with folder.stage("slam", progress):
+        had_before = _restored(backend, folder)
+        checkpoint = Checkpoint(
+            folder,
+            config.checkpoint.every_s,
+            lambda: SavedStates({"backend": backend.snapshot()}, {"readings": len(log)}),
+        )
+        feed(source, backend, log, checkpoint, progress, stop, had_before=had_before)
+    with folder.stage("reading", progress):
+        save_readings(folder, log)
+    return backend, log
+
+
+def judged(
+    log: ReadingLog, slam: SlamResult, folder: RunFolder, progress: Progress
+) -> Contradictions:
+    """Tell whether a trajectory contradicts itself."""
+    with folder.stage("consistency", progress):
+        verdict = judge(log, slam.trajectory)
+        save_consistency(folder, verdict)
+    return verdict
+
+
+def _radio_maps(
+    geographic: GeographicMap,
+    job: Job,
+    heard: Sequence[RssLog],
+    slam: SlamResult,
+    folder: RunFolder,
+    progress: Progress,
+) -> tuple[RadioMap | None, MeasuredMap | None]:
+    """Predict the radio map, and make the one of what was heard; each where there is any."""
+    aps, config = job.access_points, job.config
+    with folder.stage("radio map", progress):
+        radio = predicted_radio_map(geographic, aps, config) if aps else None
+        save_radio(folder, radio, config.radio)
+    with folder.stage("measured radio map", progress):
+        measured = measured_map(heard, slam, geographic, aps, config, progress.say)
+        save_measured(folder, measured)
+    return radio, measured
 
 
 def _restored(backend: SlamBackend, folder: RunFolder) -> int:

@@ -203,13 +203,8 @@ def _algorithm_1(
         if count + 2 > len(facings):
             cells, facings = _with_room(cells, facings, 2)
         if facing == 0:
-            # +x first, then -x.
-            facing = 1
-            tally[0] += 1
-            if not ((bits[here] & 1) and flat[here + 1] == OPEN):
-                tally[0] += 1
-                if (bits[here] >> 4) & 1 and flat[here - 1] == OPEN:
-                    facing = -1
+            facing, looks = _direction(flat, bits, here)
+            tally[0] += looks
         ahead_open = (bits[here] >> (0 if facing > 0 else 4)) & 1
         tally[0] += 1
         if ahead_open and flat[here + facing] == OPEN:
@@ -238,12 +233,21 @@ def _algorithm_1(
         path = walk_back(labels, goal, cols)
         tally[2] += len(path) - 2
         cells, facings = _with_room(cells, facings, count + len(path) - len(facings))
-        for cell in path[1:]:
-            cells[count, 0], cells[count, 1], facings[count] = cell // cols, cell % cols, 0
+        for here in path[1:]:
+            row, col = here // cols, here % cols
+            cells[count, 0], cells[count, 1], facings[count] = row, col, 0
             count += 1
-        here, row, col = goal, goal // cols, goal % cols
         flat[here] = VISITED
     return cells[:count], facings[:count], tally, False
+
+
+@njit(cache=True, nogil=True)
+def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> tuple[int, int]:
+    """Look along the row, +x first, then -x; return the direction of travel and the looks."""
+    if (bits[here] & 1) and flat[here + 1] == OPEN:
+        return 1, 1
+    behind_open = (bits[here] >> 4) & 1 and flat[here - 1] == OPEN
+    return (-1 if behind_open else 1), 2
 
 
 @njit(cache=True, nogil=True)

@@ -193,6 +193,7 @@ class _Laid:
 
     @staticmethod
     def on(geometry: GridGeometry, shape: _Shape) -> _Laid:
+        """Lay a recovered shape onto the cells of a grid."""
         rings = [outline.corners_m for outline in shape.outlines]
         free_faces, blocked_faces = _faces(rings, geometry.resolution_m)
         return _Laid(

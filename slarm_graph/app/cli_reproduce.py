@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The command that makes the paper's figures and table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slarm_graph.app.ending import FAILED, OK
+from slarm_graph.app.options import Jobs, Name, Out, Overwrite
+
+if TYPE_CHECKING:
+    from slarm_graph.app.run_folder import RunFolder
+    from slarm_graph.eval.comparison import Outcome
+
+_LEAD = (
+    "closed loops in the paper's room, {failed} of them not finished;"
+    " resolutions in m, speeds in m/s. With sizes: the robot is told the length, width and"
+    " height of every wall and box, as Algorithm 1 is; without: nothing but the extent."
+    " Comparisons are looks at one cell: the paper's O(N^3) and O(N (log N)^N) are bounds far"
+    " above what is counted, which grows with the number of cells."
+)
+_TABLES = ("results.csv", "hypotheses.csv", "complexity.csv")
+
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer resolutions, one speed, one seed.")]
+Explorers = Annotated[
+    str | None, typer.Option("--explorer", metavar="A,B", help="Explorers; ggmr is the paper's.")
+]
+Prior = Annotated[str | None, typer.Option(help="Show only `extent` or `extent+sizes` (both).")]
+Expansion = Annotated[
+    str | None, typer.Option(metavar="A,B", help="R_e to show: cell, robot, zero (all).")
+]
+Resolutions = Annotated[str | None, typer.Option(metavar="M,M", help="Sides of cells, in m.")]
+Speeds = Annotated[str | None, typer.Option(metavar="V,V", help="Of the robot, in m/s.")]
+SeedsPerSetting = Annotated[int | None, typer.Option(min=1, help="Seeds per setting.")]
+
+
+def reproduce_command(
+    quick: Quick = False,
+    explorer: Explorers = None,
+    prior: Prior = None,
+    expansion: Expansion = None,
+    resolutions: Resolutions = None,
+    speeds: Speeds = None,
+    seeds: SeedsPerSetting = None,
+    jobs: Jobs = None,
+    out: Out = Path("runs"),
+    name: Name = None,
+    overwrite: Overwrite = False,
+) -> int:
+    """Make the paper's figures and table; with --name a second time, only what is missing."""
+    from slarm_graph.app.execution import early_end_noted
+    from slarm_graph.app.progress import shown
+    from slarm_graph.paper.options import plan_of
+    from slarm_graph.paper.reproduce import reproduce
+
+    plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
+    folder = _folder(out, name, overwrite)
+    with early_end_noted(folder), shown() as progress:
+        outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
+    return _shown(folder, outcomes)
+
+
+def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
+    """Open the folder of that name where something was made in it, or make one."""
+    from slarm_graph.app.run_folder import create_run_folder, open_run_folder
+
+    if not overwrite and name is not None and (out / name / "runs").is_dir():
+        return open_run_folder(out / name)
+    return create_run_folder(out, name, overwrite=overwrite)
+
+
+def _shown(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
+    """Write the page, say where it is, and return the exit code."""
+    from slarm_graph.eval.gallery_page import gallery_html
+
+    failed = sum(outcome.status != "ok" for outcome in outcomes)
+    lead = f"{len(outcomes)} {_LEAD.format(failed=failed)}"
+    pictures = sorted(path.name for path in folder.path.glob("*.png"))
+    page = gallery_html(folder.path, "The paper's figures, reproduced", lead, pictures, _TABLES)
+    folder.write_text("report.html", page)
+    folder.note(status="partial" if failed else "ok", runs=len(outcomes))
+    print(f"{len(outcomes)} closed loops -> {folder.path}/report.html")
+    return FAILED if failed else OK

@@ -1,0 +1,140 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Options that several commands share, each with its help, and what their words mean."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.access_points import AccessPoint
+    from slarm_graph.config import RunConfig
+
+POINT_OPTIONS = ("--ap",)
+
+Backend = Annotated[
+    str | None, typer.Option("--backend", "-b", help="SLAM backend; `slarm backends` lists them.")
+]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for run folders.")]
+Name = Annotated[str | None, typer.Option("--name", help="Name of the run folder in it.")]
+AccessPoints = Annotated[
+    list[str] | None,
+    typer.Option("--ap", metavar="X Y Z", help="Access point in the map, in m; repeatable."),
+]
+Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.")]
+ConfigFile = Annotated[
+    Path | None, typer.Option("--config", "-c", help="YAML with any of the keys of `slarm config`.")
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="One key, such as mapping.resolution_m=0.1."),
+]
+Odom = Annotated[
+    str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
+]
+Scan = Annotated[str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")]
+Segment = Annotated[int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")]
+StaticTf = Annotated[
+    list[str] | None,
+    typer.Option(metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."),
+]
+GroundTruth = Annotated[
+    Path | None,
+    typer.Option("--ground-truth", help="True trajectory (TUM, EuRoC ...), or none."),
+]
+Resume = Annotated[
+    Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
+]
+Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Replace what an earlier run of that name left.")
+]
+MaxTime = Annotated[
+    float | None,
+    typer.Option(metavar="SECONDS", help="Read no longer than this, then end with what is known."),
+]
+MaxMemory = Annotated[
+    float | None,
+    typer.Option(metavar="MB", help="Never need more memory than this; end with what is known."),
+]
+RelationsFile = Annotated[
+    Path | None,
+    typer.Option("--relations", help="True relative poses (Freiburg benchmark), or none."),
+]
+Rss = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--rss",
+        metavar="FILE|/TOPIC:FIELD[,NAME...]",
+        help="Readings of signal strength: CSV (stamp, ap, rss_dbm; empty: not heard), a log of"
+        " Bluetooth anchors, or a topic's numeric field and those that name the access point;"
+        " repeatable. A NAME_ble.txt beside NAME_scan.txt is found by itself.",
+    ),
+]
+Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+Recording = Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")]
+
+
+def overriding(key: str, value: object) -> list[str]:
+    """Return an option as an override of the configuration; JSON is YAML."""
+    return [] if value is None else [f"{key}={json.dumps(value)}"]
+
+
+def source_settings(
+    odom: str | None, scan: str | None, segment: int | None, static_tf: list[str] | None
+) -> list[str]:
+    """Return the options that choose what to read of a recording as `KEY=VALUE`."""
+    return [
+        *overriding("source.odom", odom),
+        *overriding("source.scan_topic", scan),
+        *overriding("source.segment", segment),
+        *overriding("source.static_tf", static_tf or None),
+    ]
+
+
+def limit_settings(max_time: float | None, max_memory: float | None) -> list[str]:
+    """Return the options that end a run early as `KEY=VALUE`."""
+    return [
+        *overriding("limits.max_time_s", max_time),
+        *overriding("limits.max_memory_mb", max_memory),
+    ]
+
+
+def source_config(
+    odom: str | None,
+    scan: str | None,
+    segment: int | None,
+    static_tf: list[str] | None,
+    config: Path | None,
+    settings: list[str] | None,
+) -> RunConfig:
+    """Return what the options of `check` and `convert` say of how to read a recording."""
+    from slarm_graph.files.configs import load_config
+
+    chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
+    return load_config(config, chosen)
+
+
+def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:
+    """Build access points AP1, AP2, ... from texts `X Y Z` [m]."""
+    from slarm_graph.access_points import AccessPoint
+
+    points = []
+    for number, text in enumerate(given, start=1):
+        try:
+            x, y, z = (float(word) for word in text.replace(",", " ").split())
+        except ValueError:
+            raise BadInput(f"--ap {text}: expected three numbers X Y Z [m]") from None
+        if not all(map(math.isfinite, (x, y, z))) or z < 0.0:
+            raise BadInput(f"--ap {text}: X Y Z must be finite, and Z not below the floor [m]")
+        radio = config.radio
+        points.append(AccessPoint(f"AP{number}", x, y, z, radio.power_dbm, radio.frequency_hz))
+    return tuple(points)

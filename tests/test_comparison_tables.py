@@ -1,0 +1,137 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The tables of a comparison: what counts, what is best, and what agrees."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.eval.agreement import Estimate, agreements
+from slarm_graph.eval.comparison import Outcome, differences, groups, spread
+from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
+from slarm_graph.eval.comparison_tables import run_rows, summary_rows, summary_tables
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.trajectory import Trajectory
+
+
+def outcomes() -> list[Outcome]:
+    good = [Outcome("a.bag", "x", i, "ok", figures={"ate_rmse_m": 1.0 + i}) for i in range(3)]
+    return [*good, Outcome("a.bag", "x", 3, "failed", "it broke"), Outcome("b.bag", "x", 0, "ok")]
+
+
+def test_failures_stay_in_the_count_and_are_told() -> None:
+    median, mean = summary_tables(outcomes())
+    assert median.columns == ("source", "backend", "n", "ok", "ATE, RMSE [m]", "problems")
+    assert median.rows[0] == ("a.bag", "x", "4", "3", "2 | 3", "failed: it broke")
+    assert median.rows[1] == ("b.bag", "x", "1", "1", "-", "")
+    assert median.rows[2] == ("all sources", "x", "5", "4", "2 | 3", "failed: it broke")
+    assert mean.rows[0][4] == "2 ± 1"
+
+
+def test_runs_that_call_themselves_wrong_are_counted() -> None:
+    lost, fine = (
+        Outcome("a", "x", seed, "ok", verdict=verdict, figures={"ate_rmse_m": 1.0})
+        for seed, verdict in enumerate(("inconsistent", "consistent"))
+    )
+    runs = [lost, fine]
+    (group,) = groups(runs)
+    assert (group.runs, group.ok, group.lost, group.failed) == (2, 2, 1, 0)
+    assert "lost" in summary_tables(runs)[0].columns
+
+
+def test_one_seed_needs_one_table_of_plain_values() -> None:
+    (table,) = summary_tables(outcomes()[:1])
+    assert table.rows == (("a.bag", "x", "1", "1", "1"),)
+
+
+def test_the_best_of_a_source_is_marked_the_way_its_figure_is_good() -> None:
+    runs = [
+        Outcome("a", name, 0, "ok", figures={"accuracy": value, "ate_rmse_m": value})
+        for name, value in (("x", 0.9), ("y", 0.8))
+    ]
+    (table,) = summary_tables(runs)
+    columns = list(table.columns)
+    assert (0, columns.index("radio-map accuracy")) in table.best
+    assert (1, columns.index("ATE, RMSE [m]")) in table.best
+    assert len(table.best) == 2
+    assert "**0.9**" in table.markdown()
+    assert r"\textbf{0.8}" in table.latex()
+
+
+def test_tables_are_latex_that_survives_any_name() -> None:
+    table = summary_tables([Outcome("a_b & 5%{x}", "p=1", 0, "ok", figures={"accuracy": 1.0})])[0]
+    text = table.latex()
+    assert r"a\_b \& 5\%\{x\}" in text
+    assert r"\toprule" in text
+    assert text.count("&") == text.count(r"\&") + 2 * (len(table.columns) - 1)
+
+
+def test_the_summary_says_what_the_runs_say() -> None:
+    columns, rows = summary_rows(outcomes()[:4])
+    row = dict(zip(columns, rows[0], strict=True))
+    assert (row["figure"], row["unit"], row["runs"], row["n"]) == ("ate_rmse_m", "m", 4, 3)
+    assert (row["median"], row["worst"], row["mean"], row["sd"]) == (2.0, 3.0, 2.0, 1.0)
+    assert 1.0 <= row["mean_low_95"] < 2.0 < row["mean_high_95"] <= 3.0
+
+
+def test_the_worst_accuracy_is_the_least() -> None:
+    runs = [Outcome("a", "x", i, "ok", figures={"accuracy": 0.9 + i / 100}) for i in range(3)]
+    columns, rows = summary_rows(runs)
+    assert rows[0][columns.index("worst")] == 0.9
+
+
+def test_differences_are_paired_by_source_and_seed() -> None:
+    runs = [
+        Outcome(source, name, seed, "ok", figures={"ate_rmse_m": level + better + 0.01 * seed})
+        for source, level in (("a", 1.0), ("b", 50.0))
+        for name, better in (("x", 0.0), ("y", -0.2))
+        for seed in range(3)
+    ]
+    (found,) = differences([*runs, Outcome("c", "y", 0, "ok", figures={"ate_rmse_m": 9.0})])
+    assert (found.variant, found.than, found.pairs) == ("y", "x", 6)
+    assert found.mean == pytest.approx(-0.2)
+    assert found.interval == pytest.approx((-0.2, -0.2))
+
+
+def test_every_run_has_a_row_with_every_figure() -> None:
+    columns, rows = run_rows(outcomes())
+    assert len(rows) == 5
+    assert all(len(row) == len(columns) for row in rows)
+    assert rows[3][columns.index("problem")] == "it broke"
+    assert rows[3][columns.index("ate_rmse_m")] is None
+
+
+def test_spread_is_that_of_a_sample() -> None:
+    s = spread([1.0, 2.0, 6.0])
+    assert (s.mean, s.median, s.worst, s.count) == (3.0, 2.0, 6.0, 3)
+    assert s.sd == pytest.approx(7.0**0.5)
+    assert spread([1.0, 2.0], more_is_better=True).worst == 1.0
+    assert spread([]).count == 0
+
+
+def test_runs_agree_with_themselves_and_not_with_others() -> None:
+    stamps = np.arange(20) * 100_000_000
+    line = np.column_stack([np.arange(20) * 0.2, np.sin(np.arange(20.0)), np.zeros(20)])
+    cells = np.zeros((40, 60), dtype=np.float32)
+    cells[10, :] = 1.0
+    geometry = GridGeometry(0.0, 0.0, 0.1, 40, 60)
+    one = Estimate(Trajectory(stamps, line), OccupancyGrid(geometry, cells))
+    other = Estimate(
+        Trajectory(stamps, line + np.array([0.3, 0.4, 0.0])),
+        OccupancyGrid(geometry, np.roll(cells, 1, axis=0)),
+    )
+    found = agreements({("a", "x", 0): one, ("a", "x", 1): one, ("a", "y", 0): other})
+    seeds, backends = found
+    assert (seeds.between, seeds.end_spread_m, seeds.walls_iou) == ("seeds of x", 0.0, 1.0)
+    assert (backends.between, backends.walls_iou) == ("x and y", 0.0)
+    assert backends.end_spread_m == pytest.approx(0.5)
+    assert backends.path_rms_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_page_escapes_what_it_shows() -> None:
+    page = comparison_html(ComparisonContent("t", "l", [Outcome("<b>", "x", 0, "failed", "a & b")]))
+    body = page[page.index("<header>") :]
+    assert "&lt;b&gt;" in body
+    assert "a &amp; b" in body
+    assert '<td class="short"><b></td>' not in body
