@@ -34,5 +34,6 @@ def make(name: str, config: RunConfig, rng: Generator, heartbeat: Heartbeat) -> 
     BadInput
         When there is no such backend, or something it needs is not installed.
     """
-    backend: SlamBackend = parts.make("backend", name, config, config.frontend, rng, heartbeat)
+    frontend = config.frontend.with_matcher(config.section(config.frontend.matcher))
+    backend: SlamBackend = parts.make("backend", name, config, frontend, rng, heartbeat)
     return backend

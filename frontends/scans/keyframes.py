@@ -51,6 +51,11 @@ class LocalMap:
         distance = math.hypot(moved.x, moved.y)
         return distance >= self._rule.distance_m or abs(moved.theta) >= self._rule.angle_rad
 
+    def latest_points(self, keyframes: int) -> Floats:
+        """Return the points (M, 2) of the latest keyframes, one after the other [m]."""
+        latest = self._sights[-keyframes:]
+        return np.concatenate([transform_points(pose, points) for points, pose in latest])
+
     def clear(self) -> None:
         """Forget everything."""
         self._segments, self._sights = [], []

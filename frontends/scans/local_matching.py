@@ -34,6 +34,7 @@ from slarm_graph.frontends.scans.places import (
     pieces,
     unmatched,
 )
+from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
@@ -66,10 +67,12 @@ class LocalMatcher:
     Parameters
     ----------
     config : MatchingConfig
+    refine_by : callable, optional
+        Refines in place of the likelihood grid.
     """
 
-    def __init__(self, config: MatchingConfig) -> None:
-        self._config = config
+    def __init__(self, config: MatchingConfig, refine_by: Refinement | None = None) -> None:
+        self._config, self._refine_by = config, refine_by
         self.usual = UsualFit()
 
     def places(
@@ -170,6 +173,8 @@ class LocalMatcher:
         evidence: float = 1.0,
     ) -> Place:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
+        if self._refine_by is not None:
+            return self._refine_by(points, base, prediction, start, evidence)
         trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
         pose, covariance, score, inliers, used, _, _ = refine_motion(
             grid.values,

@@ -20,6 +20,7 @@ from slarm_graph.frontends.scans.hypotheses import Story, grown, is_decided, pru
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
 from slarm_graph.frontends.scans.places import Outlook, Place, fit
+from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2
@@ -77,7 +78,7 @@ class ScanTracker:
     def __init__(self, config: FrontendConfig) -> None:
         self._config = config
         self._map = LocalMap(config.keyframes, config.matching)
-        self._matcher = LocalMatcher(config.matching)
+        self._matcher = LocalMatcher(config.matching, chosen_refinement(config, self._map))
         self._stories = [Story()]
         self._last_stamp_ns: int | None = None
         self._unplaced = 0

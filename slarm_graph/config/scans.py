@@ -4,10 +4,11 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, PrivateAttr
 
+from slarm_graph.config.sections import PartName
 from slarm_graph.config.stage import Count, Reach, Resolution, Sigma, Stage
 
 
@@ -77,6 +78,8 @@ class KeyframeConfig(Stage):
 class FrontendConfig(Stage):
     """The shared scan frontend."""
 
+    matcher: Annotated[str, PartName("matcher")] = "likelihood"
+    """What refines the place of a scan: likelihood, icp, correlative, or one of another package."""
     max_range_m: Reach = 30.0
     """Returns farther away are not matched."""
     deskew: bool = True
@@ -85,6 +88,17 @@ class FrontendConfig(Stage):
     """Returns denser than this along the beam order are thinned for matching."""
     matching: MatchingConfig = MatchingConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
+    _matcher_settings: Stage | None = PrivateAttr(None)
+
+    def with_matcher(self, settings: Stage) -> FrontendConfig:
+        """Return the same with the settings of the matcher that is chosen."""
+        changed = self.model_copy()
+        changed._matcher_settings = settings
+        return changed
+
+    def matcher_settings(self) -> Stage | None:
+        """Return the settings of the matcher that is chosen; None for its defaults."""
+        return self._matcher_settings
 
 
 class LoopClosureConfig(Stage):
