@@ -77,6 +77,8 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         backend = backends.make(config.backend, config, for_backend, progress.say)
         drive = _drive(simulated, backend, world, config, folder, progress)
         log = drive.log
+        # Its submaps or particles take more memory than what comes of them.
+        del backend, simulated
     # trajectory -> occupancy grid
     with folder.stage("map", progress):
         notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")

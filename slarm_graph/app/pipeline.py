@@ -73,9 +73,12 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # readings -> SLAM backend
     backend, log = _fed(source, config, folder, progress, stop)
     info = source.info()
+    del source
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
         slam = placed(backend.result(), info.truth)
+        # Its submaps or particles take more memory than what comes of them.
+        del backend
         save_trajectory(folder, "trajectory", slam.trajectory)
         progress.say(f"rendering {len(log)} scans")
         grid = render(log.scans, slam.trajectory, config.mapping)

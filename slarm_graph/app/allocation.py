@@ -1,0 +1,25 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a stage frees goes back to the system, and not only to the next stage."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from typing import Final
+
+_MMAP_THRESHOLD: Final = -3
+"""M_MMAP_THRESHOLD of the GNU C library's malloc.h."""
+_LARGE_BYTES: Final = 1 << 17
+"""Blocks from here on are mapped one by one: the library's own threshold, which it raises with what
+is freed, to 32 MB, so that what lies between smaller blocks never goes back. With half or double of
+this a whole run takes the same memory and time."""
+
+
+def return_large_blocks() -> None:
+    """Have large arrays of this process returned to the system when freed; GNU libraries only."""
+    if sys.platform != "linux":
+        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
