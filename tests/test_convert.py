@@ -14,9 +14,14 @@ from rosbags.highlevel import AnyReader
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.files.worlds import world_path
+from slarm_graph.frontends.recordings.carmen_format import Carmen
 from slarm_graph.frontends.recordings.convert import convert
+from slarm_graph.frontends.recordings.formats import format_of, format_written_as
+from slarm_graph.frontends.recordings.ros_format import Ros
 from slarm_graph.frontends.recordings.ros_writing import GROUND_TRUTH_TOPIC, write_readings
 from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.recordings.world_format import WorldFile
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import LaserScan, Reading
 
@@ -146,3 +151,19 @@ def test_a_folder_without_metadata(tmp_path: Path) -> None:
     write_readings(tmp_path / "folder" / "a.db3", drive())
     assert "every message" in convert(tmp_path / "folder", tmp_path / "b.bag")
     assert_same(read(tmp_path / "b.bag"), drive())
+
+
+@pytest.mark.parametrize("name", ENDINGS)
+def test_what_a_format_writes_is_of_that_format(tmp_path: Path, name: str) -> None:
+    target = format_written_as(tmp_path / name)
+    assert target.write(tmp_path / name, drive()) == 20
+    kind = format_of([tmp_path / name])
+    assert type(kind) is type(target) is (Carmen if ".clf" in name or ".log" in name else Ros)
+    assert not list(kind.check([tmp_path / name], SourceConfig()))
+
+
+def test_a_world_is_read_and_not_written(tmp_path: Path) -> None:
+    kind = format_of([world_path("paper_room")])
+    assert isinstance(kind, WorldFile)
+    with pytest.raises(BadInput, match="worlds are read, not written"):
+        kind.write(tmp_path / "a.yaml", drive())

@@ -7,4 +7,10 @@ A recording format of another package is a class with what
 `slarm_graph.config.Stage`) and the constructor `(settings,)`.
 """
 
-BUILT_IN = {"lidar-text": "slarm_graph.frontends.recordings.lidar_text:LidarText"}
+BUILT_IN = {
+    "carmen": "slarm_graph.frontends.recordings.carmen_format:Carmen",
+    "lidar-text": "slarm_graph.frontends.recordings.lidar_text:LidarText",
+    "world": "slarm_graph.frontends.recordings.world_format:WorldFile",
+    "ros": "slarm_graph.frontends.recordings.ros_format:Ros",
+}
+"""In the order in which they are asked, after those of other packages; the last takes the rest."""

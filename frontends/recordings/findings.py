@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Literal
 
@@ -14,6 +15,8 @@ from slarm_graph.frontends.recordings.packed import Ints
 
 Severity = Literal["error", "warning", "note"]
 
+WARNING = "warning: "
+"""Begins the notices of a source that are more than notes."""
 _SIGNS: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "note": "note   "}
 
 
@@ -66,6 +69,27 @@ class TopicFacts:
     first_stamp_ns: int | None = None
     last_stamp_ns: int | None = None
     step_histogram: tuple[tuple[float, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What a format says of its files, besides what opening them says.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    description : str
+        Of the recording; empty: its name.
+    topics : tuple of TopicFacts
+    """
+
+    findings: Sequence[Finding]
+    description: str = ""
+    topics: tuple[TopicFacts, ...] = ()
+
+    def __iter__(self) -> Iterator[Finding]:
+        """Yield the findings."""
+        return iter(self.findings)
 
 
 @dataclass(frozen=True, slots=True)

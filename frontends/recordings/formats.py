@@ -11,6 +11,7 @@ from typing import Protocol
 
 from slarm_graph import parts
 from slarm_graph.config import RunConfig, SourceConfig, Stage
+from slarm_graph.frontends.recordings import BUILT_IN
 from slarm_graph.frontends.recordings.findings import Finding
 from slarm_graph.readings import Reading, Source
 
@@ -41,7 +42,7 @@ class RecordingFormat(Protocol):
         ...
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Iterable[Finding]:
-        """Tell what is wrong with the files, besides what `open` says."""
+        """Tell what is wrong with the files, besides what `open` says; a `Look` tells more."""
         ...
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:
@@ -49,22 +50,25 @@ class RecordingFormat(Protocol):
         ...
 
 
-def format_of(paths: Sequence[Path], section: Sections | None = None) -> RecordingFormat | None:
-    """Return the registered format that files are of; None for those that come along."""
-    return next((f for f in _registered(section) if f.sniff(paths)), None)
+def format_of(paths: Sequence[Path], section: Sections | None = None) -> RecordingFormat:
+    """Return the format that files are of, by their content."""
+    return next(f for f in _registered(section) if f.sniff(paths))
 
 
-def format_written_as(destination: Path, section: Sections | None = None) -> RecordingFormat | None:
-    """Return the registered format that a file's ending stands for."""
+def format_written_as(destination: Path, section: Sections | None = None) -> RecordingFormat:
+    """Return the format that a file's ending stands for."""
     name = destination.name
-    return next((f for f in _registered(section) if f.endings and name.endswith(f.endings)), None)
+    return next(f for f in _registered(section) if f.endings and name.endswith(f.endings))
 
 
 def _registered(section: Sections | None) -> Iterator[RecordingFormat]:
-    """Build every format that can be used; the others are told."""
+    """Build every format that can be used, those of others first; what cannot is told."""
     section = section or RunConfig().section
-    for name in parts.registered("recording format"):
+    names = parts.registered("recording format")
+    for name in (*(name for name in names if name not in BUILT_IN), *BUILT_IN):
         try:
-            yield parts.load("recording format", name)(section(name))
+            made: RecordingFormat = parts.load("recording format", name)(section(name))
         except Exception as error:  # whatever a stranger's module does: other formats still work
             _log.warning("%s", error)
+        else:
+            yield made

@@ -1,0 +1,92 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The recording format `ros`: bags of ROS 1 and 2 opened, looked into, written and copied."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import shutil
+import tempfile
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+from slarm_graph.config import SourceConfig, Stage
+from slarm_graph.frontends.recordings.check_ros import look_into
+from slarm_graph.frontends.recordings.findings import Look
+from slarm_graph.frontends.recordings.readings_from import RecordedSource
+from slarm_graph.frontends.recordings.ros_source import open_ros
+from slarm_graph.frontends.recordings.ros_writing import remove, write_readings
+from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
+from slarm_graph.geometry import Pose2
+from slarm_graph.readings import Reading
+
+
+class Ros:
+    """Bags of ROS 1 and 2; what no other format knows is taken for one, and told what it is not."""
+
+    settings: ClassVar[type[Stage]] = Stage
+    endings = ("",)
+    """`.bag` is ROS 1, `.mcap` and `.db3` are single ROS 2 files, any other name is a folder."""
+
+    def __init__(self, settings: Stage) -> None:
+        del settings
+
+    def sniff(self, paths: Sequence[Path]) -> bool:
+        """Take everything: opening tells what it is."""
+        return True
+
+    def open(self, paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
+        """Open ROS 1 bags, or one ROS 2 recording."""
+        return open_ros(paths, config)
+
+    def check(self, paths: Sequence[Path], config: SourceConfig) -> Look:
+        """Look into every topic that matters."""
+        return look_into(paths, config)
+
+    def write(self, destination: Path, readings: Iterable[Reading]) -> int:
+        """Write /scan, /odom, /tf and /tf_static, and the true poses that a source knows."""
+        return write_readings(destination, readings, truth=_truth(readings), overwrite=True)
+
+
+def _truth(readings: Iterable[Reading]) -> Iterator[tuple[int, Pose2]]:
+    """Stamped true poses of a source that knows them, once it is over."""
+    path = readings.info().truth if hasattr(readings, "info") else None
+    for stamp_ns, pose in zip(path.stamps_ns.tolist(), path.poses, strict=True) if path else ():
+        yield stamp_ns, Pose2.from_array(pose)
+
+
+def copy_messages(paths: Sequence[Path], destination: Path) -> str:
+    """Copy every message by rosbags, beside the destination first; return why it cannot.
+
+    Raises
+    ------
+    BadInput
+        When a file is no recording.
+    """
+    open_recording(paths)
+    from rosbags.convert.converter import ConverterError
+    from rosbags.convert.converter import convert as convert_bags
+    from rosbags.typesys import Stores, get_typestore
+
+    folder = Path(tempfile.mkdtemp(dir=destination.parent, prefix=".converting-"))
+    single = destination.suffix in (".mcap", ".db3")
+    made = folder / (destination.stem if single else destination.name)
+    storage = "sqlite3" if destination.suffix == ".db3" else "mcap"
+    inputs = [path.parent if path.name == "metadata.yaml" else path for path in paths]
+    if any(path.is_dir() and not (path / "metadata.yaml").exists() for path in inputs):
+        inputs, _ = storage_files(paths)
+    try:
+        with contextlib.redirect_stdout(io.StringIO()):
+            convert_bags(
+                inputs, made, storage, 9, None, "file", get_typestore(Stores.LATEST),
+                None, (), (), (), (),
+            )  # fmt: skip
+        remove(destination)
+        shutil.move(made / f"{made.name}{destination.suffix}" if single else made, destination)
+    except (ConverterError, AssertionError, OSError) as error:
+        return str(error) or "its index is damaged"
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+    return ""
