@@ -11,26 +11,35 @@ Merging", ICRA 2018), and again with the corrected poses until nothing new is fo
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 
 import networkx as nx
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
-from slarm_graph.frontends.scans.loop_closure import LoopCloser
-from slarm_graph.frontends.scans.place_recognition import describe
-from slarm_graph.geometry import Floats, between, compose, transform_points, wrap_angles
+from slarm_graph.frontends.scans.place_recognition import Look, PlaceIndex, look_of
+from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
+from slarm_graph.geometry import between, compose, transform_points, wrap_angles
 
 _ROUNDS = 3
 """Most passes over the recording: each needs the corrections of the one before."""
-_ALIKE = 3
-"""Submaps looked at per node: of revisits, half are among the three most alike."""
+_ALIKE, _ALIGNED = 10, 5
+"""Submaps whose pictures are compared with a node's, and ways to lie on one that are then aligned:
+of revisits two in three are among the ten most alike; twice as many find no more."""
 _APART_M = 15.0
 """Way from which a return is a revisit: the local map has forgotten what lies behind."""
 _SURE_M, _SURE_RAD = 0.5, 0.15
 """Uncertainty up to which matching from the expected pose finds the place without a search."""
+_SEEN_TOGETHER_M = 3.0
+"""Distance of submaps that show the same."""
+_SIDEWAYS_M = 10.0
+"""Distance from which two submaps may still show the same."""
+_SIGMAS = 4.0
+"""Of the graph's uncertainty, within which a place is looked for."""
 _HEADING_VARIANCE_PER_M, _POSITION_VARIANCE_PER_M = 2e-5, 1e-4
 """Drift of lidar odometry, as in `graph_reach`."""
 _CONSISTENT = 11.34
@@ -45,85 +54,80 @@ _SPAN_M = 2.0
 """Way that a set must span; from one place all finds may err alike."""
 
 
-def close_finally(graph: SubmapGraph, closer: LoopCloser, heartbeat: Heartbeat) -> None:
+def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> None:
     """Find what was missed while driving, until nothing new is found."""
     if len(graph.submaps) < 3:
         return
-    looks = descriptors(graph)
+    index = PlaceIndex([_look(matcher, submap) for submap in range(len(graph.submaps))])
     tried: set[tuple[int, int]] = set()
     for round_number in range(_ROUNDS):
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
-        found = [*_near(graph, closer, tried), *_alike(graph, closer, looks, tried)]
+        found = [*_near(graph, matcher, tried), *_alike(graph, matcher, index, tried)]
         believed = consistent_sets(found, graph)
         if not believed:
             break
         graph.close(believed, heartbeat)
 
 
-def descriptors(graph: SubmapGraph) -> Floats:
-    """Return how every submap looks, (S, D)."""
-    rows = []
-    for submap in graph.submaps:
-        anchor = graph.keyframes[submap.anchor].local_from_robot.as_array()
-        parts = [
-            transform_points(between(anchor, m.local_from_robot.as_array()), m.points_m)
-            for m in graph.keyframes[submap.first : submap.last]
-        ]
-        points = np.concatenate(parts)
-        near = np.hypot(*(points - submap.center_m).T) < 14.0
-        rows.append(describe(points[near] if near.any() else points))
-    return np.array(rows)
+def _look(matcher: SubmapMatcher, submap: int) -> Look:
+    """Describe a submap with its neighbours, around the middle of its own returns."""
+    middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
+    return look_of(matcher.points_of(matcher.region(submap)), middle)
 
 
-def _near(graph: SubmapGraph, closer: LoopCloser, tried: set[tuple[int, int]]) -> Iterator[Closure]:
+def _near(
+    graph: SubmapGraph, matcher: SubmapMatcher, tried: set[tuple[int, int]]
+) -> Iterator[Closure]:
     """Compare nodes with old submaps that the graph is sure they are near."""
-    nodes, ways = graph.poses(), graph.ways_m()
+    nodes = graph.poses()
     centers = np.array(
         [transform_points(nodes[i], s.center_m) for i, s in enumerate(graph.submaps)]
     )
-    linked = graph.linked()
-    for j in range(len(graph.submaps)):
-        old = np.flatnonzero(ways[: len(centers)] < ways[j] - _APART_M)
-        if not len(old) or j in linked:
-            continue
+    for j, old in _unlinked(graph):
         away = np.hypot(*(centers[old] - centers[j]).T)
         i = int(old[np.argmin(away)])
-        if away.min() > 3.0 or (i, j) in tried:
+        if away.min() > _SEEN_TOGETHER_M or (i, j) in tried:
             continue
         sigma_m, sigma_rad = graph.sigmas_between(i, j)
         if sigma_m > _SURE_M or sigma_rad > _SURE_RAD:
             continue
         tried.add((i, j))
-        k = graph.first_of(j)
-        found = closer.compare(k, i, between(nodes[i], nodes[j]), graph.keyframes, graph.submaps)
+        found = matcher.align(j, i, between(nodes[i], nodes[j]))
         if not found.reason:
             yield found
 
 
 def _alike(
-    graph: SubmapGraph, closer: LoopCloser, looks: Floats, tried: set[tuple[int, int]]
+    graph: SubmapGraph, matcher: SubmapMatcher, index: PlaceIndex, tried: set[tuple[int, int]]
 ) -> Iterator[Closure]:
-    """Search nodes in the submaps that look most like their own."""
-    ways, linked, nodes = graph.ways_m(), graph.linked(), graph.poses()
-    for j in range(len(graph.submaps)):
-        old = np.flatnonzero(ways[: len(looks)] < ways[j] - _APART_M)
-        if not len(old) or j in linked:
+    """Align nodes with the submaps that look most like their own, as they then lie."""
+    nodes = graph.poses()
+    for j, old in _unlinked(graph):
+        sigmas_m, _ = graph.sigmas_from(j)
+        reach_m = _SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
+        possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + _SIDEWAYS_M]
+        fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
+        if not len(fresh):
             continue
-        likeness = looks[old] @ looks[j]
-        for i in old[np.argsort(-likeness)][:_ALIKE].tolist():
-            if (i, j) in tried or not _possible(graph, nodes, i, j):
-                continue
+        for alike in index.alike(j, fresh, _ALIKE)[:_ALIGNED]:
+            i = alike.place
             tried.add((i, j))
-            found = closer.look(graph.last_of(j), i, graph.keyframes, graph.submaps)
-            if found is not None and not found.reason:
+            shift = between(between(nodes[i], nodes[j]), alike.place_from_query)
+            if math.hypot(shift[0], shift[1]) > _SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
+                continue
+            found = matcher.align(j, i, alike.place_from_query)
+            if not found.reason:
                 yield found
 
 
-def _possible(graph: SubmapGraph, nodes: Floats, i: int, j: int) -> bool:
-    """Whether two nodes may be near each other for all that is known of their poses."""
-    sigma_m, _ = graph.sigmas_between(i, j)
-    return float(np.hypot(*(nodes[i] - nodes[j])[:2])) < 10.0 + 4.0 * sigma_m
+def _unlinked(graph: SubmapGraph) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield nodes that no closure ties to an older one, with the submaps left far behind."""
+    ways, linked = graph.ways_m(), graph.linked()
+    for j in range(len(graph.submaps)):
+        old = np.flatnonzero(ways[: len(graph.submaps)] < ways[j] - _APART_M)
+        if len(old) and j not in linked:
+            yield j, old
 
 
 def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closure]:

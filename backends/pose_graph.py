@@ -16,6 +16,7 @@ from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
+from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2
@@ -62,6 +63,7 @@ class PoseGraphBackend:
         del rng
         self._heartbeat = heartbeat
         self._tracker = ScanTracker(frontend)
+        self._settings, self._frontend = settings, frontend
         self._closer = LoopCloser(settings.loops, frontend.matching)
         self._graph = SubmapGraph(settings)
         self._stamps_ns: list[int] = []
@@ -94,11 +96,15 @@ class PoseGraphBackend:
         """
         if not self._graph.keyframes:
             raise RunFailed("no scan had enough returns to be matched; see scans.csv")
-        close_finally(self._graph, self._closer, self._heartbeat)
-        graph, weights = self._graph.settle(self._heartbeat)
-        poses = self._graph.corrected(np.array([pose.as_array() for pose in self._local]))
+        graph, frontend = self._graph, self._frontend
+        matcher = SubmapMatcher(
+            self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
+        )
+        close_finally(graph, matcher, self._heartbeat)
+        settled, weights = graph.settle(self._heartbeat)
+        poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
         trajectory = Trajectory(np.array(self._stamps_ns, dtype=np.int64), poses)
-        return SlamResult(trajectory, pose_graph=graph, tables=(self._closure_table(weights),))
+        return SlamResult(trajectory, pose_graph=settled, tables=(self._closure_table(weights),))
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

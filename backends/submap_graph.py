@@ -121,8 +121,12 @@ class SubmapGraph:
 
     def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations of where node j is as seen from node i [m, rad]."""
-        sigma_m, sigma_rad = self._reach.sigmas(len(self._nodes), j)
+        sigma_m, sigma_rad = self.sigmas_from(j)
         return float(sigma_m[i]), float(sigma_rad[i])
+
+    def sigmas_from(self, j: int) -> tuple[Floats, Floats]:
+        """Standard deviations (N,) of where all nodes are as seen from node j [m, rad]."""
+        return self._reach.sigmas(len(self._nodes), j)
 
     def map_from_local(self) -> Pose2:
         """Return where the newest node puts the tracker's frame."""

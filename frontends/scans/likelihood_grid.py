@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, transform_points
 
 Grid = NDArray[np.float32]
 
@@ -161,6 +161,27 @@ def _splat(
                 d2 = ex * ex + ey * ey
                 if d2 < reach * reach:
                     line[i] = max(line[i], _FALL_OFF[int(d2 * scale + 0.5)])
+
+
+def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float:
+    """Mean likelihood, 0 to 1, of points (K, 2) [m] in the frame of a pose (3,) on the grid."""
+    return _mean(
+        grid.values,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        transform_points(pose, points),
+    )
+
+
+@njit(cache=True, nogil=True)
+def _mean(
+    values: Grid, origin_x: float, origin_y: float, resolution: float, points: Floats
+) -> float:
+    total = 0.0
+    for i in range(len(points)):
+        total += interpolate(values, origin_x, origin_y, resolution, points[i, 0], points[i, 1])[0]
+    return total / max(len(points), 1)
 
 
 @njit(cache=True, nogil=True, inline="always")

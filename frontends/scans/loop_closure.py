@@ -43,8 +43,6 @@ _MOST_FRUITLESS = 100
 _MOST_DRIFT = 0.03
 """Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
-_ALIKE_REACH_M = 5.0
-"""Window around the middle of a submap that looks alike: half of what a submap shows."""
 
 
 class LoopCloser:
@@ -143,41 +141,6 @@ class LoopCloser:
             self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
         return done
 
-    def look(
-        self, k: int, submap: int, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
-    ) -> Closure | None:
-        """Look for a keyframe anywhere in an old submap, wherever the graph believes it to be."""
-        query = self._query(k, keyframes)
-        if not len(query):
-            return None
-        middle = np.median(query, axis=0)
-        center = np.array([*submaps[submap].center_m, 0.0])
-        hit = search(
-            self._coarse.of(submaps[submap], keyframes),
-            query - middle,
-            Pose2.from_array(center),
-            reach_m=_ALIKE_REACH_M,
-            min_score=self._config.search_score,
-        )
-        if hit is None:
-            return None
-        back = np.array([-middle[0], -middle[1], 0.0])
-        start = compose(hit.grid_from_robot.as_array(), back)
-        found = self._refine(k, submap, start, keyframes, submaps)
-        return replace(found, searched=True, reason=self._doubt(found, keyframes, submaps))
-
-    def compare(
-        self,
-        k: int,
-        submap: int,
-        predicted: Floats,
-        keyframes: Sequence[Keyframe],
-        submaps: Sequence[Submap],
-    ) -> Closure:
-        """Match a keyframe in an old submap at the place where the graph is sure it is."""
-        found = self._refine(k, submap, predicted, keyframes, submaps)
-        return replace(found, reason=self._doubt(found, keyframes, submaps))
-
     def _at_prediction(
         self,
         k: int,
@@ -264,16 +227,10 @@ class LoopCloser:
         self, found: Closure, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
     ) -> str:
         """Say what is wrong with a match on its own; empty when nothing is."""
-        if found.score < self._config.min_score:
-            return f"score {found.score:.2f}"
-        weakest = np.linalg.eigvalsh(found.information[:2, :2])[0]
-        if weakest < 1.0 / self._config.max_sigma_m**2:
-            return "slides along a wall"
         sides = self._sides.of(submaps[found.submap], keyframes)
-        pose = found.submap_from_keyframe
-        if share_from_behind(sides, keyframes[found.keyframe].points_m, pose) > _MOST_FROM_BEHIND:
-            return "sees the other side of its walls"
-        return ""
+        points, pose = keyframes[found.keyframe].points_m, found.submap_from_keyframe
+        behind = share_from_behind(sides, points, pose)
+        return doubt(found.score, found.information, behind, self._config)
 
     def _refine(
         self,
@@ -312,6 +269,24 @@ class LoopCloser:
         _, first = np.unique(cells, axis=0, return_index=True)
         thinned = points[np.sort(first)]
         return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
+
+
+def doubt(score: float, information: Floats, behind: float, config: LoopClosureConfig) -> str:
+    """Say what is wrong with a match on its own; empty when nothing is.
+
+    Parameters
+    ----------
+    score : float
+    information : (3, 3) float64
+    behind : float
+        Share of the walls matched that are seen from their unknown side.
+    config : LoopClosureConfig
+    """
+    if score < config.min_score:
+        return f"score {score:.2f}"
+    if np.linalg.eigvalsh(information[:2, :2])[0] < 1.0 / config.max_sigma_m**2:
+        return "slides along a wall"
+    return "sees the other side of its walls" if behind > _MOST_FROM_BEHIND else ""
 
 
 def _pyramid(points: Sequence[Floats], poses: Floats, matching: MatchingConfig) -> SearchPyramid:

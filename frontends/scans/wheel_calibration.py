@@ -87,9 +87,8 @@ class WheelCalibration:
 
         Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
         """
-        return np.diag(
-            np.maximum(np.maximum(self.path_excess, 9.0) - self.excess, 0.0) * _noise(increment)
-        )
+        along = np.maximum(self.path_excess, _LEAST_PATH)
+        return np.diag(np.maximum(along - self.excess, 0.0) * _noise(increment))
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""

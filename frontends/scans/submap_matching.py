@@ -1,0 +1,131 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Matching a whole submap in what was seen around another: surer than a scan in a submap.
+
+A scan that looks back along a corridor shares little with a submap of a few metres that looked
+ahead; twelve scans share something with twelve metres of the way, from whichever side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from slarm_graph.config import LoopClosureConfig, MatchingConfig
+from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
+from slarm_graph.frontends.scans.loop_closure import doubt
+from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
+from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
+from slarm_graph.geometry import Floats, between, compose, transform_points
+
+_NEIGHBOURS = 2
+"""Submaps to either side that a region reaches: 12 m of way, as far as drift does not blur it."""
+_QUERY_POINTS = 600
+"""Returns of a submap that are aligned: more repeat each other."""
+_QUERY_CELL_M = 0.1
+"""One return is kept per cell: a wall's likelihood is as wide."""
+_POINT_INFORMATION = 0.3
+"""Of a return, as in loop closure; the floor of a closure's noise bounds many returns."""
+_LOOSE_INFORMATION = np.diag([1 / 1.5**2, 1 / 1.5**2, 1 / 0.6**2])
+"""Of where a search puts a submap: three cells and three steps of the turn that it tries."""
+_MOST_GRIDS = 64
+
+
+class SubmapMatcher:
+    """Aligns submaps with the regions around others.
+
+    Parameters
+    ----------
+    loops : LoopClosureConfig
+    matching : MatchingConfig
+    keyframes, submaps : sequences
+        All of a recording.
+    """
+
+    def __init__(
+        self,
+        loops: LoopClosureConfig,
+        matching: MatchingConfig,
+        keyframes: Sequence[Keyframe],
+        submaps: Sequence[Submap],
+    ) -> None:
+        self._loops, self._matching = loops, matching
+        self._keyframes, self._submaps = keyframes, submaps
+        self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(
+            _MOST_GRIDS, partial(likelihood_of, matching=matching)
+        )
+        self._sides = SubmapCache(_MOST_GRIDS, wall_sides)
+
+    def region(self, submap: int, neighbours: int = _NEIGHBOURS) -> Submap:
+        """Return the run of keyframes of a submap and its neighbours, in its frame."""
+        last = len(self._submaps) - 1
+        return replace(
+            self._submaps[submap],
+            first=self._submaps[max(submap - neighbours, 0)].first,
+            last=self._submaps[min(submap + neighbours, last)].last,
+        )
+
+    def points_of(self, submap: Submap) -> Floats:
+        """Return all returns (K, 2) of a submap in its frame [m]."""
+        poses = self._poses_of(submap)
+        members = self._keyframes[submap.first : submap.last]
+        parts = [transform_points(p, m.points_m) for p, m in zip(poses, members, strict=True)]
+        return np.concatenate(parts)
+
+    def align(self, query: int, target: int, start: Floats) -> Closure:
+        """Align one submap with the region around another.
+
+        Parameters
+        ----------
+        query, target : int
+        start : (3,) float64
+            Where the query's frame may lie in the target's [m, m, rad].
+
+        Returns
+        -------
+        Closure
+            Of the query's first keyframe, with the median score of its keyframes; with a reason
+            where it is not good enough.
+        """
+        submap, region = self._submaps[query], self.region(target)
+        grid = self._grids.of(region, self._keyframes)
+        pose, information, _, _, _ = refine(
+            grid.values,
+            grid.origin_x_m,
+            grid.origin_y_m,
+            grid.resolution_m,
+            self._thinned(submap),
+            start,
+            start,
+            _LOOSE_INFORMATION,
+            _POINT_INFORMATION,
+            2 * self._matching.max_iterations,
+            grid.sigma_m,
+        )
+        members = self._keyframes[submap.first : submap.last]
+        poses = compose(pose, self._poses_of(submap))
+        scores = [mean_likelihood(grid, m.points_m, p) for p, m in zip(poses, members, strict=True)]
+        sides = self._sides.of(region, self._keyframes)
+        behind = np.median(
+            [share_from_behind(sides, m.points_m, p) for p, m in zip(poses, members, strict=True)]
+        )
+        score = float(np.median(scores))
+        reason = doubt(score, information, float(behind), self._loops)
+        return Closure(target, submap.anchor, pose, information, score, True, reason)
+
+    def _poses_of(self, submap: Submap) -> Floats:
+        members = self._keyframes[submap.first : submap.last]
+        anchor = self._keyframes[submap.anchor].local_from_robot.as_array()
+        return between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
+
+    def _thinned(self, submap: Submap) -> Floats:
+        points = self.points_of(submap)
+        cells = np.floor(points / _QUERY_CELL_M).astype(np.int64)
+        _, first = np.unique(cells, axis=0, return_index=True)
+        kept = points[np.sort(first)]
+        return np.ascontiguousarray(kept[:: 1 + len(kept) // _QUERY_POINTS])
