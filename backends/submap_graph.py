@@ -25,10 +25,10 @@ _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 """Of a keyframe's place on the local map, whatever its points say [m, m, rad]. Half of it, and of
 the closures' floor, has graduated non-convexity turn down every closure of the paper's room."""
 _ADDS_UP = 3.0
-"""Of a keyframe's variance, along a way: neighbours are matched to one local map and err alike, with
-a correlation of one half 1 + 2 (1/2 + 1/4 + ...) = 3 times as much adds up. With a tenth of it, true
-closures are voted down where matches are unsure; a third or three times as much changes the plain
-recordings by 1 %."""
+"""Of a keyframe's variance, along a way: neighbours are matched to one local map and err alike;
+with a correlation of one half 1 + 2 (1/2 + 1/4 + ...) = 3 times as much adds up. With a tenth, true
+closures are voted down where matches are unsure; a third of it changes the plain recordings by 1 %
+at most."""
 _CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
 """Of a keyframe's place on an old submap [m, m, rad]: a fifth of a cell, as far as submaps bend."""
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
