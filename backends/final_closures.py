@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
-from slarm_graph.frontends.scans.place_recognition import Look, PlaceIndex, look_of
+from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import between, compose, transform_points, wrap_angles
 
@@ -58,7 +58,7 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
     """Find what was missed while driving, until nothing new is found."""
     if len(graph.submaps) < 3:
         return
-    index = PlaceIndex([_look(matcher, submap) for submap in range(len(graph.submaps))])
+    index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
     tried: set[tuple[int, int]] = set()
     for round_number in range(_ROUNDS):
         graph.settle(heartbeat)
@@ -70,10 +70,10 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
         graph.close(believed, heartbeat)
 
 
-def _look(matcher: SubmapMatcher, submap: int) -> Look:
+def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
     """Describe a submap with its neighbours, around the middle of its own returns."""
     middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
-    return look_of(matcher.points_of(matcher.region(submap)), middle)
+    return appearance_of(matcher.points_of(matcher.region(submap)), middle)
 
 
 def _near(

@@ -42,7 +42,7 @@ Complexes = NDArray[np.complex64]
 
 
 @dataclass(frozen=True, slots=True)
-class Look:
+class Appearance:
     """How a place looks.
 
     Parameters
@@ -81,7 +81,7 @@ class Alike:
     likeness: float
 
 
-def look_of(points: Floats, middle_m: Floats) -> Look:
+def appearance_of(points: Floats, middle_m: Floats) -> Appearance:
     """Describe a place by its returns (K, 2) [m] around a middle (2,) [m] of its frame."""
     away = points - middle_m
     cells = np.floor(away / _RING_CELL_M).astype(np.int64)
@@ -91,7 +91,7 @@ def look_of(points: Floats, middle_m: Floats) -> Look:
     picture = _draw(walls, _SHIFT_CELL_M, _SHIFT_SIDE)
     energy = max(float(np.linalg.norm(picture)), 1e-12)
     transform = np.asarray(rfft2(picture / energy), dtype=np.complex64)
-    return Look(middle_m, walls, _spectrum_on_rings(walls), transform)
+    return Appearance(middle_m, walls, _spectrum_on_rings(walls), transform)
 
 
 class PlaceIndex:
@@ -99,12 +99,12 @@ class PlaceIndex:
 
     Parameters
     ----------
-    looks : sequence of Look
+    appearances : sequence of Appearance
     """
 
-    def __init__(self, looks: Sequence[Look]) -> None:
-        self._looks = looks
-        self._rings = np.array([look.rings for look in looks])
+    def __init__(self, appearances: Sequence[Appearance]) -> None:
+        self._appearances = appearances
+        self._rings = np.array([place.rings for place in appearances])
 
     def alike(self, query: int, among: NDArray[np.int64], most: int) -> list[Alike]:
         """Return how a place may lie in those that look most like it, the likeliest first.
@@ -117,18 +117,18 @@ class PlaceIndex:
         most : int
             Places whose pictures are looked at.
         """
-        look = self._looks[query]
+        look = self._appearances[query]
         product = np.einsum("rh,arh->ah", np.conj(look.rings), self._rings[among])
         by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
         found = []
         for a in np.argsort(-by_turn.max(axis=1))[:most]:
             turn = -np.pi * float(np.argmax(by_turn[a])) / _ANGLES
-            other = self._looks[int(among[a])]
+            other = self._appearances[int(among[a])]
             found += [_shifted(int(among[a]), look, other, turn + half) for half in _HALF_TURNS]
         return sorted(found, key=lambda f: -f.likeness)
 
 
-def _shifted(place: int, query: Look, other: Look, turn_rad: float) -> Alike:
+def _shifted(place: int, query: Appearance, other: Appearance, turn_rad: float) -> Alike:
     """Find the shift at which a turned place looks most like another."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
     turned = query.walls_m @ np.array([[c, s], [-s, c]])
