@@ -76,7 +76,7 @@ class SignalChannel:
         signals = []
         for index, ap in enumerate(self._world.access_points):
             clear = self.passed(index, here) == 0.0
-            rss = float(self._level_dbm(index, here)[0]) + self._fade_db(bool(clear[0]))
+            rss = float(self._level_dbm(index, here)[0]) + self.fade_db(bool(clear[0]))
             heard = rss >= self._config.threshold_dbm
             signals.append(Signal(ap.name, self._rounded(rss) if heard else float("nan")))
         return tuple(signals)
@@ -91,7 +91,7 @@ class SignalChannel:
         shadow = map_coordinates(self._shadowing_db[index], rows_cols, order=1, mode="nearest")
         return np.asarray(ap.power_dbm - loss + shadow)
 
-    def _fade_db(self, clear: bool) -> float:
+    def fade_db(self, clear: bool) -> float:
         """Mean power of some fades, of which each has the mean 1 [dB]."""
         drawn = channel_coefficients(
             0.0, clear, self._config.rician_factor_db, self._rng, realisations=self._config.fades

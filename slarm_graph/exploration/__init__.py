@@ -12,4 +12,5 @@ BUILT_IN = {
     "ba*": "slarm_graph.exploration.baselines:BaStar",
     "boustrophedon": "slarm_graph.exploration.baselines:Boustrophedon",
     "frontier": "slarm_graph.exploration.frontier:NearestFrontier",
+    "radio-survey": "slarm_graph.exploration.radio_survey:RadioSurvey",
 }

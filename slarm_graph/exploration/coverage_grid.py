@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.exploration.moves import Moves, moves_across, moves_within, nearest_passable
 from slarm_graph.exploration.searches import reachable
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
 OPEN: Final = 0
@@ -66,12 +66,15 @@ class CoverageGrid:
         Open steps between neighbouring cells.
     driving : DrivingGrid
         The same area, an integer number of times finer.
+    heard_m : (N, 2) float64
+        Where signal strength was heard [m].
     """
 
     geometry: GridGeometry
     codes: Codes
     moves: Moves
     driving: DrivingGrid
+    heard_m: Floats = field(default_factory=lambda: np.empty((0, 2)))
 
     @property
     def values(self) -> NDArray[np.float32]:

@@ -66,6 +66,7 @@ class Survey:
         self.world_from_map = self.pose = start
         self._believed: list[Floats] = []
         self._truth: list[Floats] = []
+        self._heard: list[int] = []
         self._last: Reading | None = None
         self.dt_s = 0.0
         self._next_rebuild = _REBUILD_READINGS
@@ -114,6 +115,10 @@ class Survey:
         self._has_moved |= self._jumped(before, reading)
         self._last = reading
         self.log.append(reading)
+        if reading.signals:
+            self._heard.append(len(self._believed))
+            here = [[self.pose.x, self.pose.y]]
+            self.live.heard_m = np.concatenate([self.live.heard_m, here])
         self._believed.append(self.pose.as_array())
         self._truth.append(world_from_robot.as_array())
         if self._rebuild_is_due():
@@ -132,9 +137,9 @@ class Survey:
         if self.live.config.slam_rmse_m is None:
             self.live.shrink_by(position_rmse_m(corrected))
         every = max(1, self.readings // _MAX_RENDERED_SCANS)
-        self.live.follow(
-            self.log.scans, corrected.trajectory.transformed(self.world_from_map), every
-        )
+        trajectory = corrected.trajectory.transformed(self.world_from_map)
+        self.live.follow(self.log.scans, trajectory, every)
+        self.live.heard_m = trajectory.poses[self._heard, :2]
         return corrected
 
     def _latest_motion(self) -> Trajectory:

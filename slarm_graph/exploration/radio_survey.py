@@ -1,0 +1,174 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Drive where the radio map is least sure, per second of driving.
+
+What is not known to be in the way counts as floor, of which nothing has been heard: going there
+tells of the radio map and of the place itself. Goals are judged by what is heard on the whole way
+to them, and by its time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from slarm_graph.config import DrivingConfig, Stage
+from slarm_graph.exploration.coverage_grid import BLOCKED, CoverageGrid, start_cell
+from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.paths import anchors_m, path_between, without_straight_points
+from slarm_graph.exploration.searches import new_labels, reachable, walk_back, wavefront
+from slarm_graph.geometry import Floats, Pose2, wrap_angle
+from slarm_graph.grid import Mask
+from slarm_graph.radio.measured.certainty import Certainty, Shadowing
+from slarm_graph.radio.measured.nodes import Nodes, make_nodes
+
+_MOST_NODES: Final = 6_000
+"""Of the floor that is planned on: a plan takes some tenths of a second on so many."""
+_GOALS: Final = 40
+"""Goals that are judged; half as many miss a good one now and then, more only take time."""
+_APART_M: Final = 1.0
+"""Between two of them: below any range of shadowing."""
+_START_S: Final = 1.5
+"""Added to a way's time, to brake, look and set off; without it goals are the nearest steps."""
+_REVIEW_S: Final = 4.0
+"""A goal is looked at again after so long: 2.4 m of driving."""
+_MAX_ASKS: Final = 8
+"""A place that was the goal so many times is let be: half a minute of trying to get there."""
+_PLACE_M: Final = 0.5
+"""Goals in one square of this side are one place: about the robot's width and a half."""
+_ANY_CELL: Final = 255
+"""No code of the coverage grid, so that a search ends nowhere."""
+
+
+class RadioSurveyConfig(Stage):
+    """The explorer `radio-survey`."""
+
+    certainty_db: float = Field(default=2.0, gt=0)
+    """It stops when the map's standard deviation, the root of its mean square over the floor, is
+    no greater."""
+    range_m: float = Field(default=3.0, gt=0)
+    """Where shadowing's correlation has fallen to 0.14 (some metres indoors, TR 38.901, 7.5-6)."""
+    field_sd_db: float = Field(default=4.0, gt=0)
+    """Standard deviation of shadowing (TR 38.901, Table 7.5-6: 3 to 8 dB indoors)."""
+    noise_sd_db: float = Field(default=3.0, gt=0)
+    """Of a reading about it: fading of which some is averaged."""
+    readings_per_s: float = Field(default=5.0, gt=0)
+    """What is counted on ahead; what was heard is known."""
+    node_side_m: float = Field(default=0.5, gt=0)
+    """Side of the pieces of floor that are planned on; well below the range."""
+
+
+class RadioSurvey:
+    """Goes where a radio map gains most certainty per second.
+
+    Parameters
+    ----------
+    settings : RadioSurveyConfig
+    driving : DrivingConfig
+    """
+
+    settings: ClassVar[type[Stage]] = RadioSurveyConfig
+
+    def __init__(self, settings: RadioSurveyConfig, driving: DrivingConfig) -> None:
+        self._settings, self._driving = settings, driving
+        self._asks: Counter[tuple[int, int]] = Counter()
+
+    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
+        """Go on to where most is gained, until the map is as sure as wished."""
+        start = start_cell(coverage, pose)
+        if start is None:
+            return Finished("no free cell near the robot")
+        if not len(coverage.heard_m):
+            return Finished("nothing is listened to: there is no signal strength in the readings")
+        floor = (coverage.codes != BLOCKED) & reachable(coverage.moves, start)
+        s = self._settings
+        nodes = make_nodes(coverage.geometry, floor, s.node_side_m, _MOST_NODES)
+        shadowing = Shadowing(s.range_m, s.field_sd_db, s.noise_sd_db)
+        sure = Certainty(nodes, coverage.heard_m, shadowing)
+        worth = self._worth_trying(nodes)
+        left_db = sure.rms_db(worth)
+        if left_db <= s.certainty_db:
+            return Finished(f"the radio map is sure to {left_db:.2f} dB")
+        leg = self._best_leg(coverage, sure, worth, start, pose)
+        return leg or Finished(f"no way tells more; the radio map is sure to {left_db:.2f} dB")
+
+    def _worth_trying(self, nodes: Nodes) -> Mask:
+        """Which nodes (M,) lie in no place that was the goal too often."""
+        vain = [place for place, asks in self._asks.items() if asks >= _MAX_ASKS]
+        if not vain:
+            return np.ones(len(nodes), dtype=np.bool_)
+        places = np.floor(nodes.centers_m / _PLACE_M).astype(np.int64)
+        hit = (places[:, None] == np.array(vain)[None]).all(axis=2).any(axis=1)
+        return np.asarray(~hit)
+
+    def _best_leg(
+        self,
+        coverage: CoverageGrid,
+        sure: Certainty,
+        worth: Mask,
+        start: tuple[int, int],
+        pose: Pose2,
+    ) -> Leg | None:
+        cols, side_m = coverage.geometry.cols, coverage.geometry.resolution_m
+        labels = new_labels(coverage.moves.size)
+        first = start[0] * cols + start[1]
+        codes = np.ascontiguousarray(coverage.codes).ravel()
+        wavefront(coverage.moves, codes, _ANY_CELL, first, math.inf, labels, 1)
+        ends = _cell_of_nodes(sure.nodes)
+        away_m = np.where(labels["wave"][ends] == 1, labels["cost"][ends], np.inf) * side_m
+        time_s = away_m / self._driving.speed_m_s + _START_S
+        goals = _goals(sure, np.where(worth, time_s, np.inf))
+        if not len(goals):
+            return None
+        of_cell = sure.nodes.of_cell.ravel().astype(np.int64)
+        ways = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
+        ways = [way[way >= 0] for way in ways]
+        per_node = self._settings.readings_per_s * self._settings.node_side_m
+        gains = sure.gains(ways, per_node / self._driving.speed_m_s)
+        to_goals = sure.nodes.centers_m[goals] - (pose.x, pose.y)
+        off = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
+        turn_s = np.array([abs(wrap_angle(float(a))) for a in off]) / self._driving.turn_rate_rad_s
+        for index in np.argsort(-gains / (time_s[goals] + turn_s), kind="stable"):
+            leg = self._leg_to(coverage, int(ends[goals[index]]), pose)
+            if leg is not None:
+                return leg
+        return None
+
+    def _leg_to(self, coverage: CoverageGrid, cell: int, pose: Pose2) -> Leg | None:
+        cells = np.array([divmod(cell, coverage.geometry.cols)])
+        end_m = anchors_m(coverage, cells)[0]
+        x, y = np.floor(end_m / _PLACE_M).astype(np.int64).tolist()
+        self._asks[x, y] += 1
+        path = path_between(coverage.driving, np.array([pose.x, pose.y]), end_m)
+        if path is None:
+            return None
+        path = without_straight_points(path)
+        return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
+
+
+def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
+    """Flat index (M,) of the cell of each node that is nearest to its centre."""
+    cells = np.argwhere(nodes.of_cell >= 0)
+    owner = nodes.of_cell[tuple(cells.T)]
+    away = np.linalg.norm(nodes.geometry.center_of(cells) - nodes.centers_m[owner], axis=1)
+    order = np.lexsort((away, owner))
+    _, first = np.unique(owner[order], return_index=True)
+    chosen = cells[order[first]]
+    return np.asarray(chosen[:, 0] * nodes.of_cell.shape[1] + chosen[:, 1])
+
+
+def _goals(sure: Certainty, time_s: Floats) -> NDArray[np.int64]:
+    """Nodes (G,) with much variance for their time, none near another."""
+    rate = sure.variance_db2 / time_s
+    chosen: list[int] = []
+    while len(chosen) < _GOALS and rate.max(initial=0.0) > 0.0:
+        best = int(rate.argmax())
+        chosen.append(best)
+        off = np.abs(sure.nodes.centers_m - sure.nodes.centers_m[best]).max(axis=1)
+        rate[off < _APART_M] = 0.0
+    return np.array(chosen, dtype=np.int64)

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure a measured map will be: variances before anything of the readings' values is known.
+
+The variance of a Gaussian field given readings depends on where these were taken and on nothing
+else, so that a way can be judged before it is driven.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.nodes import Nodes
+from slarm_graph.radio.measured.priors import FloorField
+
+Indices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Shadowing:
+    """A field and its readings' noise.
+
+    Parameters
+    ----------
+    range_m : float
+        Where the field's correlation has fallen to 0.14 [m].
+    field_sd_db, noise_sd_db : float
+    """
+
+    range_m: float
+    field_sd_db: float
+    noise_sd_db: float
+
+
+class Certainty:
+    """Variance of a field on a floor, readings having been taken at some points.
+
+    Parameters
+    ----------
+    nodes : Nodes
+    heard_m : (N, 2) float64
+        Where readings were taken [m].
+    shadowing : Shadowing
+    """
+
+    def __init__(self, nodes: Nodes, heard_m: Floats, shadowing: Shadowing) -> None:
+        self.nodes, self._noise_db2 = nodes, shadowing.noise_sd_db**2
+        unit = FloorField(nodes).unit_precision(shadowing.range_m).matrix
+        counts = np.bincount(nodes.at(heard_m), minlength=len(nodes))
+        told = sparse.diags_array(counts / self._noise_db2)
+        self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + told))
+        self.variance_db2 = self._factor.marginal_variances()
+
+    def rms_db(self, where: NDArray[np.bool_]) -> float:
+        """Root of the mean variance over nodes (M,) by their area [dB]."""
+        area = self.nodes.area_m2[where]
+        total = float(area.sum())
+        return float(np.sqrt(self.variance_db2[where] @ area / total)) if total else 0.0
+
+    def gains(self, ways: Sequence[Indices], readings: float) -> Floats:
+        """Return by how much ways would lower the variance, summed over the floor [dB^2 m^2].
+
+        Parameters
+        ----------
+        ways : sequence of (K,) int64
+            Nodes that are passed, each once.
+        readings : float
+            Taken in every node that is passed.
+        """
+        passed, place = np.unique(np.concatenate(ways), return_inverse=True)
+        unit = np.zeros((len(self.nodes), len(passed)))
+        unit[passed, np.arange(len(passed))] = 1.0
+        columns = self._factor.solve(unit)
+        among, over = columns[passed], columns.T @ (self.nodes.area_m2[:, None] * columns)
+        ends = np.cumsum([len(way) for way in ways])[:-1]
+        gains = []
+        for way in np.split(place, ends):
+            block = np.ix_(way, way)
+            noisy = among[block] + np.diag(np.full(len(way), self._noise_db2 / readings))
+            gains.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
+        return np.array(gains)

@@ -1,0 +1,88 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Driving for certainty: variances against dense algebra, and where the explorer goes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.config import DrivingConfig
+from slarm_graph.exploration.coverage_grid import known_coverage
+from slarm_graph.exploration.explorer import Finished, Leg
+from slarm_graph.exploration.radio_survey import RadioSurvey, RadioSurveyConfig
+from slarm_graph.geometry import Pose2
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.measured.certainty import Certainty, Shadowing
+from slarm_graph.radio.measured.nodes import make_nodes
+from slarm_graph.radio.measured.priors import FloorField
+
+GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
+SHADOWING = Shadowing(3.0, 4.0, 3.0)
+
+
+def floor_nodes():
+    free = np.ones(GRID.shape, dtype=bool)
+    free[:30, 30] = False
+    return make_nodes(GRID, free, 0.5, 1000)
+
+
+def test_variances_and_gains_are_those_of_dense_algebra():
+    nodes, rng = floor_nodes(), np.random.default_rng(0)
+    heard = rng.uniform([0.1, 0.1], [2.5, 3.9], (40, 2))
+    sure = Certainty(nodes, heard, SHADOWING)
+    unit = FloorField(nodes).unit_precision(3.0).matrix.toarray()
+    prior = 16.0 * np.linalg.inv(unit)
+    pick = np.eye(len(nodes))[nodes.at(heard)]
+    inner = pick @ prior @ pick.T + 9.0 * np.eye(len(heard))
+    posterior = prior - prior @ pick.T @ np.linalg.solve(inner, pick @ prior)
+    np.testing.assert_allclose(sure.variance_db2, np.diag(posterior), rtol=1e-8)
+    everywhere = np.ones(len(nodes), dtype=bool)
+    assert sure.rms_db(everywhere) == pytest.approx(
+        np.sqrt(nodes.area_m2 @ np.diag(posterior) / nodes.area_m2.sum())
+    )
+    ways = [np.array([3, 20, 41]), np.array([60])]
+    for way, gain in zip(ways, sure.gains(ways, 4.0), strict=True):
+        more = np.eye(len(nodes))[way]
+        inner = more @ posterior @ more.T + 9.0 / 4.0 * np.eye(len(way))
+        after = posterior - posterior @ more.T @ np.linalg.solve(inner, more @ posterior)
+        assert gain == pytest.approx(nodes.area_m2 @ (np.diag(posterior) - np.diag(after)))
+
+
+def listened(points, free=None):
+    free = np.ones((40, 60), dtype=bool) if free is None else free
+    return replace(known_coverage(free, 0.1), heard_m=np.asarray(points, dtype=np.float64))
+
+
+def test_it_goes_where_nothing_was_heard():
+    rng = np.random.default_rng(1)
+    left = rng.uniform([0.1, 0.1], [2.9, 3.9], (300, 2))
+    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
+    leg = explorer.next_goal(listened(left), Pose2(2.0, 2.0, 0.0))
+    assert isinstance(leg, Leg)
+    assert leg.points_m[-1, 0] > 3.5
+
+
+def test_it_stops_when_sure_and_when_nothing_is_listened_to():
+    rng = np.random.default_rng(2)
+    everywhere = rng.uniform([0.1, 0.1], [5.9, 3.9], (2000, 2))
+    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
+    done = explorer.next_goal(listened(everywhere), Pose2(2.0, 2.0, 0.0))
+    assert isinstance(done, Finished)
+    assert "sure to" in done.reason
+    deaf = explorer.next_goal(listened(np.empty((0, 2))), Pose2(2.0, 2.0, 0.0))
+    assert isinstance(deaf, Finished)
+    assert "nothing is listened to" in deaf.reason
+
+
+def test_a_place_that_was_the_goal_too_often_is_let_be():
+    explorer = RadioSurvey(RadioSurveyConfig(certainty_db=0.01), DrivingConfig())
+    pose, near = Pose2(0.5, 2.0, 0.0), [[0.5, 2.0]]
+    ends = []
+    for _ in range(30):
+        leg = explorer.next_goal(listened(near), pose)
+        assert isinstance(leg, Leg)
+        ends.append(tuple(np.floor(leg.points_m[-1] / 0.5)))
+    assert max(ends.count(end) for end in ends) <= 8
