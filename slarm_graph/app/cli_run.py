@@ -9,7 +9,7 @@ import sys
 import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, cast
+from typing import TYPE_CHECKING, Annotated, Literal, cast
 
 import typer
 
@@ -62,6 +62,16 @@ Open = Annotated[
     bool, typer.Option("--open", help="Show the report in the browser when it is done.")
 ]
 World = Annotated[str, typer.Option(help="YAML file of a world, or one that comes along.")]
+_RADIO_GOAL = ("explore.explorer=radio-survey", "simulation.signals.rate_hz=5.0")
+"""Five readings a second are usual for Bluetooth and for scans of one Wi-Fi channel."""
+
+Goal = Annotated[
+    Literal["map", "radio"],
+    typer.Option(
+        help="What to drive for: to know the floor, or by listening to be sure of the radio map"
+        " (explorer radio-survey, 5 readings a second)."
+    ),
+]
 Explorer = Annotated[str | None, typer.Option(help="Who decides where to drive.")]
 Resolution = Annotated[
     float | None, typer.Option(help="Side of the maps' cells, in m (the paper's delta).")
@@ -163,6 +173,7 @@ def explore_command(
     world: World = "paper_room",
     backend: Backend = None,
     explorer: Explorer = None,
+    goal: Goal = "map",
     resolution: Resolution = None,
     speed: Speed = None,
     seed: Seed = None,
@@ -182,6 +193,7 @@ def explore_command(
     from slarm_graph.files.worlds import load_world
 
     overrides = [
+        *(_RADIO_GOAL if goal == "radio" else ()),
         *(settings or ()),
         *overriding("backend", backend),
         *overriding("seed", seed),
