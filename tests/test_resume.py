@@ -16,7 +16,7 @@ from slarm_graph import backends, parts
 from slarm_graph.app.cli import main
 from slarm_graph.app.ending import Stop
 from slarm_graph.backend import SlamBackend, silent
-from slarm_graph.config import ExploreConfig, RunConfig
+from slarm_graph.config import ExploreConfig, RunConfig, SignalConfig, SimulationConfig
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.files.worlds import load_world, world_to_yaml
@@ -67,7 +67,8 @@ def test_backends_go_on_from_any_reading(name: str, readings: list[Reading]) -> 
 @pytest.mark.parametrize("explorer", parts.registered("explorer"))
 def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
     config = RunConfig(
-        explore=ExploreConfig(explorer=explorer, resolution_m=0.2, mission_time_s=20.0)
+        explore=ExploreConfig(explorer=explorer, resolution_m=0.2, mission_time_s=20.0),
+        simulation=SimulationConfig(signals=SignalConfig(rate_hz=5.0)),
     )
 
     def loop(backend: str) -> ClosedLoop:
