@@ -275,7 +275,7 @@ def _class_picture(
 def _put_solid(fig: go.Figure, solid: Solid, scale_px_m: float) -> None:
     """Outline an obstacle, tell its height on hovering, and write it there where there is room."""
     ring = np.vstack([solid.corners_m, solid.corners_m[:1]])
-    label = f"{solid.height_m:g} m"
+    label = f"{solid.height_m:.3g} m"
     fig.add_scatter(
         x=ring[:, 0],
         y=ring[:, 1],
