@@ -167,3 +167,12 @@ def test_a_run_folder_stands_for_its_trajectory(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     with pytest.raises(BadInput, match="is it a run folder"):
         trajectory_file(tmp_path / "empty")
+
+
+def test_a_long_header_is_not_told_at_length(tmp_path: Path) -> None:
+    header = "# timestamp x y z qx qy qz qw " + " ".join(f"more_{k}" for k in range(500))
+    rest = " 0" * 500
+    text = f"{header}\n0 0 0 0 0 0 0 1{rest}\n1 4 0 0 : 0 0 1{rest}\n"
+    with pytest.raises(BadInput, match="expected lines") as refused:
+        read_trajectory(written(tmp_path, text))
+    assert len(str(refused.value).replace(str(tmp_path), "")) < 500

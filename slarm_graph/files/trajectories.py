@@ -105,7 +105,7 @@ def read_spatial(path: Path) -> SpatialTrajectory:
             row = columns.read(words, len(rows) + bad)
         except ValueError as error:
             told = f"{brief(str(error), 120)}: {brief(' '.join(words))!r}"
-            problem = f"{told}; expected lines `{columns.words}`"
+            problem = f"{told}; expected lines `{brief(columns.words, 200)}`"
             raise BadInput(f"{path}:{number}: {problem}") from None
         if all(abs(value) <= MOST for value in row[1]):
             rows.append(row)
