@@ -21,10 +21,26 @@ from slarm_graph.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What a run came to."""
+    """What a run came to.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    grid : OccupancyGrid
+    truth : Trajectory, optional
+        Where the robot of this run really went: one that explores goes its own way in every run.
+    """
 
     trajectory: Trajectory
     grid: OccupancyGrid
+    truth: Trajectory | None = None
+
+
+def is_one_drive(a: Estimate, b: Estimate) -> bool:
+    """Whether two runs are of the same way, so that their poses can be compared."""
+    if a.truth is None or b.truth is None:
+        return True
+    return np.array_equal(a.truth.poses, b.truth.poses)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,9 +53,9 @@ class Agreement:
         `between` tells which: the seeds of one variant, or two variants.
     runs : int
     end_spread_m : float
-        Distance between the last positions [m].
+        Distance between the last positions [m]; NaN where every robot went its own way.
     path_rms_m : float
-        Root mean square distance of the paths, one laid onto the other [m].
+        Root mean square distance of the paths, one laid onto the other [m]; NaN likewise.
     walls_iou, free_iou : float
         Intersection over union of the maps' occupied and free cells.
     """
@@ -58,19 +74,22 @@ def agreement(source: str, between: str, estimates: Sequence[Estimate]) -> Agree
     found = [_pair(a, b) for a, b in combinations(estimates, 2)]
     if not found:
         return None
-    means = np.nanmean(np.array(found), axis=0)
-    return Agreement(source, between, len(estimates), *map(float, means))
+    known = np.ma.masked_invalid(np.array(found)).mean(axis=0).filled(np.nan)
+    return Agreement(source, between, len(estimates), *map(float, known))
 
 
 def _pair(a: Estimate, b: Estimate) -> tuple[float, float, float, float]:
-    ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
+    ends_m = path_m = walls = free = np.nan
     try:
-        pairs = associate(a.trajectory, b.trajectory)
-        path_m = statistics(absolute_errors(pairs, align(pairs))).rmse
+        if is_one_drive(a, b):
+            ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
+            pairs = associate(a.trajectory, b.trajectory)
+            path_m = statistics(absolute_errors(pairs, align(pairs))).rmse
         maps = map_accuracy(a.grid, b.grid)
+        walls, free = maps.iou, maps.iou_free
     except BadInput:
-        return ends_m, np.nan, np.nan, np.nan
-    return ends_m, path_m, maps.iou, maps.iou_free
+        pass
+    return ends_m, path_m, walls, free
 
 
 def agreements(

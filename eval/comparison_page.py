@@ -9,7 +9,9 @@ from dataclasses import dataclass, field
 
 import plotly.graph_objects as go
 
-from slarm_graph.eval.agreement import Agreement, Estimate
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.agreement import Agreement, Estimate, is_one_drive
+from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.comparison import Outcome, headlines_of
 from slarm_graph.eval.comparison_tables import (
     TextTable,
@@ -44,6 +46,11 @@ from slarm_graph.trajectory import Trajectory
 _FLATTENED = 20.0
 """Where the largest figure is so many times the smallest, linear axes would flatten the rest."""
 
+_OWN_WAYS = (
+    "Each robot explored on a way of its own: the true path drawn is that of the first run; errors"
+    " are to the true path of each."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class SourceView:
@@ -54,13 +61,10 @@ class SourceView:
     name : str
     estimates : mapping of str to Estimate
         One run of every variant, the map of the first below all.
-    truth : Trajectory, optional
-        In the frame of the first estimate's map.
     """
 
     name: str
     estimates: Mapping[str, Estimate]
-    truth: Trajectory | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,11 +123,14 @@ def as_block(table: TextTable) -> PageTable:
 def _view(view: SourceView) -> tuple[Block, ...]:
     (_, first), *others = view.estimates.items()
     paths = {name: estimate.trajectory for name, estimate in view.estimates.items()}
-    with_truth = paths | ({GROUND_TRUTH: view.truth} if view.truth is not None else {})
-    blocks: list[Block] = [trajectory_figure(first.grid, with_truth), Words(MAP_WORDS)]
-    if view.truth is not None:
-        figure = error_figure(view.truth, paths)
-        blocks += [figure] if figure else []
+    blocks: list[Block] = [trajectory_figure(first.grid, paths | _true_path(first))]
+    blocks.append(Words(MAP_WORDS))
+    if not all(is_one_drive(first, other) for _, other in others):
+        blocks.append(Words(_OWN_WAYS))
+    figure = error_figure(
+        {n: (e.truth, e.trajectory) for n, e in view.estimates.items() if e.truth is not None}
+    )
+    blocks += [figure] if figure else []
     reference = next(iter(view.estimates))
     for name, other in others[:1]:
         names = {"wall only in EST": f"wall only in {name}"}
@@ -133,6 +140,14 @@ def _view(view: SourceView) -> tuple[Block, ...]:
         difference = difference_figure(classes, first.grid.geometry, looks)
         blocks.append(Folded(f"difference of the maps: {reference}, {name}", (difference,)))
     return tuple(blocks)
+
+
+def _true_path(of: Estimate) -> dict[str, Trajectory]:
+    """Return where the robot went, on its own map; nothing where that is not known."""
+    try:
+        return {GROUND_TRUTH: ground_truth_in_map(of.truth, of.trajectory)} if of.truth else {}
+    except BadInput:
+        return {}
 
 
 def _strip(outcomes: Sequence[Outcome], name: str) -> Figure:

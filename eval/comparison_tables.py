@@ -181,7 +181,8 @@ def difference_table(outcomes: Sequence[Outcome]) -> TextTable | None:
         return None
     rows, clear = [], set()
     for index, d in enumerate(found):
-        interval = " to ".join(number(end) for end in d.interval)
+        is_known = all(map(math.isfinite, d.interval))
+        interval = " to ".join(number(end) for end in d.interval) if is_known else "-"
         what = (kind_of(d.figure).titled(), f"{d.variant} - {d.than}")
         rows.append((*what, number(d.mean), interval, str(d.pairs)))
         if _is_clear(d):

@@ -163,7 +163,7 @@ def _error_part(content: ReportContent) -> tuple[Block, ...]:
     if truth is None:
         return ()
     estimates = {n: t for n, t in content.trajectories.items() if n != GROUND_TRUTH}
-    figure = error_figure(truth, estimates)
+    figure = error_figure({name: (truth, estimate) for name, estimate in estimates.items()})
     words = Words("Each trajectory is laid onto the truth by SE(2), without scale.")
     return (figure, words) if figure else ()
 

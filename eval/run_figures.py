@@ -32,11 +32,17 @@ _LEAST_ROWS = 8
 _PATH = ("stamp_ns", "x_m", "y_m", "theta_rad")
 
 
-def error_figure(truth: Trajectory, estimates: Mapping[str, Trajectory]) -> Figure | None:
-    """Return position and rotation errors over time and distance, each estimate SE(2)-aligned."""
+def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | None:
+    """Return position and rotation errors over time and distance, each estimate SE(2)-aligned.
+
+    Parameters
+    ----------
+    runs : mapping of str to (Trajectory, Trajectory)
+        The true path and the estimate of every run.
+    """
     fig = make_subplots(2, 2, shared_yaxes=True, vertical_spacing=0.1, horizontal_spacing=0.05)
     means = []
-    for index, (name, estimate) in enumerate(estimates.items()):
+    for index, (name, (truth, estimate)) in enumerate(runs.items()):
         try:
             pairs = associate(truth, estimate)
         except BadInput:

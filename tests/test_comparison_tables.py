@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from slarm_graph.eval.agreement import Estimate, agreements
 from slarm_graph.eval.comparison import Outcome, differences, groups, spread
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
 from slarm_graph.eval.comparison_tables import run_rows, summary_rows, summary_tables
+from slarm_graph.eval.run_figures import error_figure
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
 
@@ -127,6 +130,27 @@ def test_runs_agree_with_themselves_and_not_with_others() -> None:
     assert (backends.between, backends.walls_iou) == ("x and y", 0.0)
     assert backends.end_spread_m == pytest.approx(0.5)
     assert backends.path_rms_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_robots_on_ways_of_their_own_are_judged_by_these() -> None:
+    stamps = np.arange(20) * 100_000_000
+    ahead = np.column_stack([np.arange(20) * 0.2, np.zeros(20), np.zeros(20)])
+    curved = ahead + np.column_stack([np.zeros(20), np.sin(np.arange(20.0)), np.zeros(20)])
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 40, 60), np.eye(40, 60, dtype=np.float32))
+    runs = {
+        name: Estimate(Trajectory(stamps, way), grid, Trajectory(stamps, way))
+        for name, way in (("x", ahead), ("y", curved))
+    }
+    (found,) = agreements({("room", name, 0): run for name, run in runs.items()})
+    assert np.isnan([found.end_spread_m, found.path_rms_m]).all()
+    assert found.walls_iou == 1.0
+    same_way = replace(runs["y"], truth=runs["x"].truth)
+    (found,) = agreements({("room", "x", 0): runs["x"], ("room", "y", 0): same_way})
+    assert found.path_rms_m > 0.1
+    ways = {name: run.trajectory for name, run in runs.items()}
+    figure = error_figure({name: (way, way) for name, way in ways.items()})
+    assert figure is not None
+    assert max(np.max(trace.y) for trace in figure.content.data) < 1e-6
 
 
 def test_page_escapes_what_it_shows() -> None:

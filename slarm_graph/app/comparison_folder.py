@@ -13,7 +13,6 @@ from slarm_graph.app.run_folder import RECORD, RunFolder, create_run_folder, rea
 from slarm_graph.app.trials import KEYS
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate, agreements
-from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -60,7 +59,7 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
     folder.write_text("summary.csv", csv_text(*summary_rows(outcomes)))
     folder.write_text("tables.md", "\n".join(table.markdown() for table in shown))
     folder.write_text("tables.tex", "\n".join(table.latex() for table in shown))
-    views = _views(folder.path, outcomes, estimates)
+    views = _views(estimates)
     pictures = _pictures(folder.path, outcomes)
     content = ComparisonContent("Backend comparison", lead, outcomes, found, views, pictures)
     folder.write_text("report.html", comparison_html(content))
@@ -77,32 +76,23 @@ def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[tuple[str, str
         try:
             trajectory = read_trajectory(place / "trajectory.tum")
             grid = read_map(place / "map.yaml")
+            true_path = place / "ground_truth.tum"
+            truth = read_trajectory(true_path) if true_path.is_file() else None
         except BadInput:
             continue
-        found[outcome.source, outcome.variant, outcome.seed] = Estimate(trajectory, grid)
+        found[outcome.source, outcome.variant, outcome.seed] = Estimate(trajectory, grid, truth)
     return found
 
 
-def _views(
-    folder: Path,
-    outcomes: Sequence[Outcome],
-    estimates: dict[tuple[str, str, int], Estimate],
-) -> list[SourceView]:
-    """Return every source with the first run of each variant, and its truth."""
+def _views(estimates: dict[tuple[str, str, int], Estimate]) -> list[SourceView]:
+    """Return every source with the first run of each variant."""
     views = []
     for source in list(dict.fromkeys(key[0] for key in estimates))[:_MAX_VIEWS]:
         first: dict[str, Estimate] = {}
         for (place, variant, _), estimate in estimates.items():
             if place == source:
                 first.setdefault(variant, estimate)
-        files = [folder / o.folder / "ground_truth.tum" for o in outcomes if o.source == source]
-        truth = next((read_trajectory(file) for file in files if file.is_file()), None)
-        if truth is not None:
-            try:
-                truth = ground_truth_in_map(truth, next(iter(first.values())).trajectory)
-            except BadInput:
-                truth = None
-        views.append(SourceView(source, first, truth))
+        views.append(SourceView(source, first))
     return views
 
 

@@ -151,12 +151,15 @@ def _radio_maps(
 ) -> tuple[RadioMap | None, MeasuredMap | None]:
     """Predict the radio map, and make the one of what was heard; each where there is any."""
     aps, config = job.access_points, job.config
-    with folder.stage("radio map", progress):
-        radio = predicted_radio_map(geographic, aps, config) if aps else None
-        save_radio(folder, radio, config.radio)
-    with folder.stage("measured radio map", progress):
-        measured = measured_map(heard, slam, geographic, aps, config, progress.say)
-        save_measured(folder, measured)
+    radio = measured = None
+    if aps:
+        with folder.stage("radio map", progress):
+            radio = predicted_radio_map(geographic, aps, config)
+            save_radio(folder, radio, config.radio)
+    if heard:
+        with folder.stage("measured radio map", progress):
+            measured = measured_map(heard, slam, geographic, aps, config, progress.say)
+            save_measured(folder, measured)
     return radio, measured
 
 
