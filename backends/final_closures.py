@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
+from slarm_graph.backends.graph_reach import HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
@@ -40,8 +41,6 @@ _SIDEWAYS_M = 10.0
 """Distance from which two submaps may still show the same."""
 _SIGMAS = 4.0
 """Of the graph's uncertainty, within which a place is looked for."""
-_HEADING_VARIANCE_PER_M, _POSITION_VARIANCE_PER_M = 2e-5, 1e-4
-"""Drift of lidar odometry, as in `graph_reach`."""
 _CONSISTENT = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 _CLOSURE_M, _CLOSURE_RAD = 0.05, 0.02
@@ -189,8 +188,8 @@ def agree(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
     other = compose(between(old_a, old_b), b.submap_from_keyframe)
     miss = between(one, other)
     way_m = old_m + new_m
-    turn2 = 2.0 * _CLOSURE_RAD**2 + _HEADING_VARIANCE_PER_M * way_m
-    place2 = 2.0 * _CLOSURE_M**2 + _POSITION_VARIANCE_PER_M * way_m + turn2 * (0.5 * way_m) ** 2
+    turn2 = 2.0 * _CLOSURE_RAD**2 + HEADING_VARIANCE_PER_M * way_m
+    place2 = 2.0 * _CLOSURE_M**2 + POSITION_VARIANCE_PER_M * way_m + turn2 * (0.5 * way_m) ** 2
     turn = float(wrap_angles(miss[2]))
     away2 = float(miss[0] ** 2 + miss[1] ** 2)
     return away2 / place2 + turn**2 / turn2 < _CONSISTENT

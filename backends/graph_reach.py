@@ -14,8 +14,9 @@ from scipy.sparse.csgraph import dijkstra
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.geometry import Floats
 
-_HEADING_VARIANCE_PER_M = 2e-5
-_POSITION_VARIANCE_PER_M = 1e-4
+HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M = 2e-5, 1e-4
+"""Drift of lidar odometry in buildings [rad^2/m, m^2/m]: 0.26 degrees and 1 cm after a metre, 2.6
+degrees and 10 cm after a hundred."""
 
 
 class GraphReach:
@@ -37,8 +38,8 @@ class GraphReach:
         """Take in a constraint; of parallel ones the surest counts."""
         c = edge.covariance
         length = max(
-            float(c[2, 2]) / _HEADING_VARIANCE_PER_M,
-            float(c[0, 0] + c[1, 1]) / _POSITION_VARIANCE_PER_M,
+            float(c[2, 2]) / HEADING_VARIANCE_PER_M,
+            float(c[0, 0] + c[1, 1]) / POSITION_VARIANCE_PER_M,
         )
         if edge.kind is ConstraintKind.ODOMETRY:
             length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
@@ -65,8 +66,8 @@ class GraphReach:
         node %= count
         if self._paths_m is None or self._paths_of != (count, node):
             self._paths_m, self._paths_of = self._find_paths(count, node), (count, node)
-        heading = _HEADING_VARIANCE_PER_M * self._paths_m
-        position = _POSITION_VARIANCE_PER_M * self._paths_m
+        heading = HEADING_VARIANCE_PER_M * self._paths_m
+        position = POSITION_VARIANCE_PER_M * self._paths_m
         position = position + heading * (0.25 * self._paths_m) ** 2
         return np.sqrt(position), np.sqrt(heading)
 

@@ -150,6 +150,13 @@ def transform_points(a_from_b: ArrayLike, points: ArrayLike) -> Floats:
     return np.stack([x + c * p[..., 0] - s * p[..., 1], y + s * p[..., 0] + c * p[..., 1]], axis=-1)
 
 
+def one_per_cell(points: Floats, cell_m: float) -> Floats:
+    """Keep the first of the points (K, 2) [m] in every square cell, in the order they came."""
+    _, first = np.unique(np.floor(points / cell_m), axis=0, return_index=True)
+    kept: Floats = points[np.sort(first)]
+    return kept
+
+
 def interpolate_poses(stamps_ns: NDArray[np.int64], poses: Floats, at_ns: ArrayLike) -> Floats:
     """Interpolate poses linearly in position and along the shorter arc in heading.
 

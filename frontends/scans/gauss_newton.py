@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.likelihood_grid import interpolate
+from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, interpolate
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
 from slarm_graph.geometry import Floats
 
@@ -36,6 +36,37 @@ _NEAR_SIGMAS = 0.2
 _NEAR_RAD = 0.01
 _CONVERGED_M = 2e-4
 _CONVERGED_RAD = 1e-4
+
+
+def refine_near(
+    grid: LikelihoodGrid,
+    points: Floats,
+    start: Floats,
+    looseness: Floats,
+    point_information: float,
+    max_iterations: int,
+) -> tuple[Floats, Floats, float, int, int]:
+    """Align points with a grid from a pose (3,) that is right to within an information (3, 3).
+
+    Returns
+    -------
+    tuple
+        As of `refine`.
+    """
+    pose, information, score, inliers, iterations = refine(
+        grid.values,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        np.ascontiguousarray(points, dtype=np.float64),
+        start,
+        start,
+        looseness,
+        point_information,
+        max_iterations,
+        grid.sigma_m,
+    )
+    return pose, information, float(score), inliers, iterations
 
 
 @njit(cache=True, nogil=True)

@@ -22,13 +22,13 @@ from numpy.typing import NDArray
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.scans.closures import Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
-from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
 
-_POINT_INFORMATION = 0.3
+POINT_INFORMATION = 0.3
 _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
 _FINE_GRIDS = 64
@@ -241,20 +241,15 @@ class LoopCloser:
         submaps: Sequence[Submap],
     ) -> Closure:
         grid = self._fine.of(submaps[submap], keyframes)
-        pose, information, score, _, _ = refine(
-            grid.values,
-            grid.origin_x_m,
-            grid.origin_y_m,
-            grid.resolution_m,
+        pose, information, score, _, _ = refine_near(
+            grid,
             keyframes[k].points_m,
             start,
-            start,
             _LOOSE_INFORMATION,
-            _POINT_INFORMATION,
+            POINT_INFORMATION,
             2 * self._matching.max_iterations,
-            grid.sigma_m,
         )
-        return Closure(submap, k, pose, information, float(score), False)
+        return Closure(submap, k, pose, information, score, False)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
         """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""
@@ -265,9 +260,7 @@ class LoopCloser:
         ]
         points = np.concatenate(parts)
         points = points[np.hypot(points[:, 0], points[:, 1]) < _QUERY_RANGE_M]
-        cells = np.floor(points / self._config.search_resolution_m).astype(np.int64)
-        _, first = np.unique(cells, axis=0, return_index=True)
-        thinned = points[np.sort(first)]
+        thinned = one_per_cell(points, self._config.search_resolution_m)
         return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 

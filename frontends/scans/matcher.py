@@ -17,7 +17,7 @@ from pydantic import Field
 from slarm_graph.config import MatchingConfig, Stage
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.icp import align, line_normals
 from slarm_graph.frontends.scans.likelihood_grid import (
     LikelihoodGrid,
@@ -170,20 +170,11 @@ def on_grid(
     grid: LikelihoodGrid, points: Floats, start: Pose2, config: MatchingConfig
 ) -> MatchResult:
     """Refine a scan on a grid from a nearby pose, leaning on it but loosely."""
-    pose, information, score, inliers, iterations = refine(
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        np.ascontiguousarray(points, dtype=np.float64),
-        start.as_array(),
-        start.as_array(),
-        _LOOSE,
-        (grid.sigma_m / config.point_sigma_m) ** 2,
-        2 * config.max_iterations,
-        grid.sigma_m,
+    information = (grid.sigma_m / config.point_sigma_m) ** 2
+    found = refine_near(
+        grid, points, start.as_array(), _LOOSE, information, 2 * config.max_iterations
     )
-    return _result(pose, information, score, inliers, iterations)
+    return _result(*found)
 
 
 def judged(match: MatchResult, config: MatchingConfig) -> MatchResult:

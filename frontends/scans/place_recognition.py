@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
-from slarm_graph.geometry import Floats, compose, wrap_angles
+from slarm_graph.geometry import Floats, compose, one_per_cell, wrap_angles
 
 _REACH_M = 20.0
 """Walls drawn around the middle of a place: what a lidar of 30 m shows of most buildings. With 14 m
@@ -84,10 +84,7 @@ class Alike:
 def appearance_of(points: Floats, middle_m: Floats) -> Appearance:
     """Describe a place by its returns (K, 2) [m] around a middle (2,) [m] of its frame."""
     away = points - middle_m
-    cells = np.floor(away / _RING_CELL_M).astype(np.int64)
-    near = np.hypot(away[:, 0], away[:, 1]) < _REACH_M
-    _, first = np.unique(cells[near], axis=0, return_index=True)
-    walls = away[near][np.sort(first)]
+    walls = one_per_cell(away[np.hypot(away[:, 0], away[:, 1]) < _REACH_M], _RING_CELL_M)
     picture = _draw(walls, _SHIFT_CELL_M, _SHIFT_SIDE)
     energy = max(float(np.linalg.norm(picture)), 1e-12)
     transform = np.asarray(rfft2(picture / energy), dtype=np.complex64)
@@ -117,14 +114,14 @@ class PlaceIndex:
         most : int
             Places whose pictures are looked at.
         """
-        look = self._appearances[query]
-        product = np.einsum("rh,arh->ah", np.conj(look.rings), self._rings[among])
+        own = self._appearances[query]
+        product = np.einsum("rh,arh->ah", np.conj(own.rings), self._rings[among])
         by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
         found = []
         for a in np.argsort(-by_turn.max(axis=1))[:most]:
-            turn = -np.pi * float(np.argmax(by_turn[a])) / _ANGLES
+            turn = np.pi * float(np.argmax(by_turn[a])) / _ANGLES
             other = self._appearances[int(among[a])]
-            found += [_shifted(int(among[a]), look, other, turn + half) for half in _HALF_TURNS]
+            found += [_shifted(int(among[a]), own, other, turn + half) for half in _HALF_TURNS]
         return sorted(found, key=lambda f: -f.likeness)
 
 
@@ -136,9 +133,8 @@ def _shifted(place: int, query: Appearance, other: Appearance, turn_rad: float) 
     shape = (_SHIFT_SIDE, _SHIFT_SIDE)
     correlation = irfft2(other.picture * np.conj(rfft2(picture)), s=shape)
     peak = int(np.argmax(correlation))
-    row, col = (
-        (x + _SHIFT_SIDE // 2) % _SHIFT_SIDE - _SHIFT_SIDE // 2 for x in divmod(peak, shape[1])
-    )
+    half = _SHIFT_SIDE // 2
+    row, col = ((k + half) % _SHIFT_SIDE - half for k in divmod(peak, _SHIFT_SIDE))
     middle = other.middle_m + np.array([col, row]) * _SHIFT_CELL_M
     pose = compose(np.array([*middle, wrap_angles(turn_rad)]), np.array([*-query.middle_m, 0.0]))
     energy = max(float(np.linalg.norm(picture)), 1e-12)

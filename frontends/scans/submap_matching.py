@@ -16,12 +16,12 @@ import numpy as np
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.scans.closures import Closure
-from slarm_graph.frontends.scans.gauss_newton import refine
+from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
-from slarm_graph.frontends.scans.loop_closure import doubt
+from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, doubt
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
-from slarm_graph.geometry import Floats, between, compose, transform_points
+from slarm_graph.geometry import Floats, between, compose, one_per_cell, transform_points
 
 _NEIGHBOURS = 2
 """Submaps to either side that a region reaches: 12 m of way, as far as drift does not blur it."""
@@ -29,11 +29,13 @@ _QUERY_POINTS = 600
 """Returns of a submap that are aligned: more repeat each other."""
 _QUERY_CELL_M = 0.1
 """One return is kept per cell: a wall's likelihood is as wide."""
-_POINT_INFORMATION = 0.3
-"""Of a return, as in loop closure; the floor of a closure's noise bounds many returns."""
 _LOOSE_INFORMATION = np.diag([1 / 1.5**2, 1 / 1.5**2, 1 / 0.6**2])
 """Of where a search puts a submap: three cells and three steps of the turn that it tries."""
+_WIDE_M, _WIDE_CELL_M = 0.35, 0.15
+"""Fall-off of the likelihood at first, and cell: places are found to half a cell of 0.5 m along
+either axis, from where refinement on the fine grid alone ends beside the place."""
 _MOST_GRIDS = 64
+"""Regions kept prepared: the neighbours of a place are asked for one after the other."""
 
 
 class SubmapMatcher:
@@ -58,6 +60,10 @@ class SubmapMatcher:
         self._keyframes, self._submaps = keyframes, submaps
         self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(
             _MOST_GRIDS, partial(likelihood_of, matching=matching)
+        )
+        wide = matching.model_copy(update={"resolution_m": _WIDE_CELL_M, "sigma_m": _WIDE_M})
+        self._wide: SubmapCache[LikelihoodGrid] = SubmapCache(
+            _MOST_GRIDS, partial(likelihood_of, matching=wide)
         )
         self._sides = SubmapCache(_MOST_GRIDS, wall_sides)
 
@@ -93,20 +99,11 @@ class SubmapMatcher:
             where it is not good enough.
         """
         submap, region = self._submaps[query], self.region(target)
-        grid = self._grids.of(region, self._keyframes)
-        pose, information, _, _, _ = refine(
-            grid.values,
-            grid.origin_x_m,
-            grid.origin_y_m,
-            grid.resolution_m,
-            self._thinned(submap),
-            start,
-            start,
-            _LOOSE_INFORMATION,
-            _POINT_INFORMATION,
-            2 * self._matching.max_iterations,
-            grid.sigma_m,
-        )
+        points, pose, information = self._thinned(submap), start, np.zeros((3, 3))
+        for cache in (self._wide, self._grids):
+            grid = cache.of(region, self._keyframes)
+            loosely = (_LOOSE_INFORMATION, POINT_INFORMATION, 2 * self._matching.max_iterations)
+            pose, information, *_ = refine_near(grid, points, pose, *loosely)
         members = self._keyframes[submap.first : submap.last]
         poses = compose(pose, self._poses_of(submap))
         scores = [mean_likelihood(grid, m.points_m, p) for p, m in zip(poses, members, strict=True)]
@@ -124,8 +121,5 @@ class SubmapMatcher:
         return between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
 
     def _thinned(self, submap: Submap) -> Floats:
-        points = self.points_of(submap)
-        cells = np.floor(points / _QUERY_CELL_M).astype(np.int64)
-        _, first = np.unique(cells, axis=0, return_index=True)
-        kept = points[np.sort(first)]
+        kept = one_per_cell(self.points_of(submap), _QUERY_CELL_M)
         return np.ascontiguousarray(kept[:: 1 + len(kept) // _QUERY_POINTS])

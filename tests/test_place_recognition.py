@@ -1,0 +1,126 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Old places are found however far off and turned the robot is believed to be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.backend import silent
+from slarm_graph.backends.final_closures import close_finally
+from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.likelihood_grid import build_likelihood_grid, mean_likelihood
+from slarm_graph.frontends.scans.place_recognition import PlaceIndex, appearance_of
+from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
+from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
+from slarm_graph.geometry import Floats, Pose2, between, compose, invert, transform_points
+
+LOOP = np.array([[-3.0, -2.8], [4.4, -2.2], [3.9, 2.6], [-4.2, 2.2], [-4.2, -2.9]])
+AWAY = Pose2(23.0, -11.0, 2.2)
+LOST = np.diag([900.0, 900.0, 9.0])
+"""Covariance of a step of which nothing is known [m^2, m^2, rad^2]."""
+
+
+def walls(seed: int, count: int = 14) -> Floats:
+    """Draw the returns (K, 2) of straight walls at random, one each 5 cm."""
+    rng = np.random.default_rng(seed)
+    starts, turns = rng.uniform(-12.0, 12.0, (count, 2)), rng.uniform(-np.pi, np.pi, count)
+    lengths = rng.uniform(2.0, 8.0, count)
+    along = [np.arange(0.0, length, 0.05)[:, None] for length in lengths]
+    ways = np.column_stack([np.cos(turns), np.sin(turns)])
+    return np.concatenate([s + a * w for s, a, w in zip(starts, along, ways, strict=True)])
+
+
+@pytest.mark.parametrize("turn_rad", [-2.9, -1.2, 0.05, 0.8, 2.3])
+def test_a_place_is_told_from_others_with_how_it_lies(turn_rad: float) -> None:
+    """A third of its walls has gone, others have come, and it is seen from another frame."""
+    places = [walls(seed) for seed in range(8)]
+    place_from_query = np.array([2.5, -1.8, turn_rad])
+    seen = np.concatenate([places[5][len(places[5]) // 3 :], walls(100, 4)])
+    seen = seen + np.random.default_rng(2).normal(0.0, 0.02, seen.shape)
+    query = transform_points(invert(place_from_query), seen)
+    appearances = [appearance_of(p, np.median(p, axis=0)) for p in (*places, query)]
+    best = PlaceIndex(appearances).alike(8, np.arange(8), 3)[0]
+    assert best.place == 5
+    away = between(place_from_query, best.place_from_query)
+    assert np.hypot(away[0], away[1]) < 0.75
+    assert abs(away[2]) < np.radians(2.5)
+
+
+def test_mean_likelihood_is_that_of_a_wall() -> None:
+    """On the wall 1, a standard deviation beside it exp(-1/2), and nothing far from it."""
+    grid = build_likelihood_grid(np.array([[0.0, 0.0, 4.0, 0.0]]), resolution_m=0.05, sigma_m=0.1)
+    pose = np.array([1.0, 0.5, -np.pi / 2])
+    for off_m, expected in ((0.0, 1.0), (0.1, np.exp(-0.5)), (2.0, 0.0)):
+        points = np.array([[0.5 + off_m, 0.0], [0.5 + off_m, 1.0]])
+        assert mean_likelihood(grid, points, pose) == pytest.approx(expected, abs=0.02)
+    assert mean_likelihood(grid, np.zeros((0, 2)), pose) == 0.0
+
+
+@pytest.fixture(scope="module")
+def twice() -> list[Keyframe]:
+    """Keyframes of a drive round the paper's room; the second half of them is lost in between."""
+    source = SourceFromWorld(
+        load_world("paper_room"),
+        SimulationConfig(),
+        seed=3,
+        script=waypoints(np.concatenate([LOOP, LOOP, LOOP[:2]])),
+    )
+    tracker = ScanTracker(FrontendConfig())
+    tracked = [t for t in map(tracker.track, source) if t.is_keyframe]
+    keyframes = [
+        Keyframe(k, t.points_m, t.local_from_robot, np.eye(3) * 1e-6, view_center(t.points_m))
+        for k, t in enumerate(tracked)
+    ]
+    half = len(keyframes) // 2
+    moved = [replace(k, local_from_robot=AWAY @ k.local_from_robot) for k in keyframes[half:]]
+    moved[0] = replace(moved[0], covariance=LOST)
+    return [*keyframes[:half], *moved]
+
+
+def matcher_of(keyframes: list[Keyframe], graph: SubmapGraph) -> SubmapMatcher:
+    return SubmapMatcher(
+        PoseGraphConfig().loops, FrontendConfig().matching, keyframes, graph.submaps
+    )
+
+
+def test_a_submap_is_aligned_in_a_region(twice: list[Keyframe]) -> None:
+    first = twice[: len(twice) // 2]
+    again = [replace(k, local_from_robot=AWAY @ k.local_from_robot) for k in first[20:30]]
+    keyframes = [*first, *again]
+    submaps = [make_submap(keyframes, k, k + 10, k) for k in range(0, 40, 10)]
+    count = len(first)
+    submaps.append(make_submap(keyframes, count, count + 10, count))
+    loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
+    matcher = SubmapMatcher(loops, matching, keyframes, submaps)
+    found = matcher.align(4, 2, np.array([0.4, -0.3, 0.12]))
+    assert not found.reason
+    assert found.score > 0.9
+    assert np.abs(found.submap_from_keyframe).max() < 0.005
+    assert matcher.align(4, 2, np.array([0.0, 0.0, np.pi])).reason
+
+
+def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
+    """Carried off without a word: 25 m and two radians are found out by how places look."""
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice:
+        graph.add(keyframe)
+    local = np.array([k.local_from_robot.as_array() for k in twice])
+    half = len(twice) // 2
+    true = np.concatenate([local[:half], compose(AWAY.inverse().as_array(), local[half:])])
+
+    def error_m() -> float:
+        away = between(true, graph.corrected(local))
+        return float(np.hypot(away[half:, 0], away[half:, 1]).max())
+
+    assert error_m() > 10.0
+    close_finally(graph, matcher_of(twice, graph), silent)
+    graph.settle()
+    assert error_m() < 0.1
