@@ -10,6 +10,7 @@ from slarm_graph.constraint import PoseGraph
 from slarm_graph.geometry import Floats
 
 _EIGENVALUES = (1e-12, 1e6)
+"""Of covariances: standard deviations from a micrometre to a kilometre."""
 
 
 def check_graph(graph: PoseGraph) -> None:

@@ -16,7 +16,9 @@ from slarm_graph.geometry import Floats
 
 _SLIP_SIGMAS = 2.0
 _BELIEVED = 0.5
+"""Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
 _MIN_WEIGHT = 1e-6
+"""Keeps an eased step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
 
 @dataclass(frozen=True, slots=True)

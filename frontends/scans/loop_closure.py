@@ -32,14 +32,17 @@ POINT_INFORMATION = 0.3
 _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
 _FINE_GRIDS = 64
+"""Submaps kept prepared: fewer cost time, more cost memory; the result is the same."""
 _QUERY_RANGE_M = 12.0
 _QUERY_POINTS = 250
 _LONG_AGO = -1_000_000
+"""Keyframe of what never happened."""
 _WIDEN = 1.2
 _WIDEST = 4.0
 _PATIENCE = 1.5
 _MOST_PATIENCE = 16.0
 _MOST_FRUITLESS = 100
+"""Counted no further: windows and patience reached their bounds long before, powers stay finite."""
 _MOST_DRIFT = 0.03
 """Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
