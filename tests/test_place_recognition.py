@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from slarm_graph.backend import silent
-from slarm_graph.backends.final_closures import close_finally
+from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.likelihood_grid import build_likelihood_grid, mean_likelihood
 from slarm_graph.frontends.scans.place_recognition import PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -124,3 +125,26 @@ def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
     close_finally(graph, matcher_of(twice, graph), silent)
     graph.settle()
     assert error_m() < 0.1
+
+
+def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> None:
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice:
+        graph.add(keyframe)
+    half = len(twice) // 2
+    first, second = half + 3, half + 12
+
+    def found(keyframe: int, submap: int, off_m: float = 0.0, off_rad: float = 0.0) -> Closure:
+        old = twice[graph.submaps[submap].anchor].local_from_robot
+        new = AWAY.inverse() @ twice[keyframe].local_from_robot
+        pose = (old.inverse() @ new @ Pose2(off_m, 0.0, off_rad)).as_array()
+        return Closure(submap, keyframe, pose, np.eye(3), 0.9, True)
+
+    one = found(first, 0)
+    assert agree(one, found(second, 1), graph)
+    assert not agree(one, found(second, 1, off_m=0.5), graph)
+    assert not agree(one, found(second, 1, off_rad=0.3), graph)
+    assert not agree(one, found(first, 1), graph), "one scan cannot confirm itself"
+    three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
+    assert consistent_sets(three, graph) == three[:3]
+    assert consistent_sets([three[0], three[2]], graph) == []
