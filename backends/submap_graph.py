@@ -31,6 +31,9 @@ closures are voted down where matches are unsure; a third of it changes the plai
 at most."""
 _CLOSURE_FLOOR = np.diag([0.01, 0.01, 0.003]) ** 2
 """Of a keyframe's place on an old submap [m, m, rad]: a fifth of a cell, as far as submaps bend."""
+_NOTHING_KNOWN = np.array([300.0, 300.0, math.pi / math.sqrt(3.0)])
+"""Standard deviations of a step of which nothing is known [m, m, rad]: buildings are no larger, and
+of a heading that of any on the circle. What a silence of minutes adds up to is beyond reason."""
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
 # Wider than for the finished graph: on the way few closures speak against odometry.
 _SLIP_SIGMAS = 3.0
@@ -244,7 +247,9 @@ class SubmapGraph:
             adjoint = away.inverse().adjoint()
             own = _ADDS_UP * self.keyframes[m].covariance + _ODOMETRY_FLOOR
             total += adjoint @ own @ adjoint.T
-        return 0.5 * (total + total.T)
+        least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(total)))
+        bounded = total * np.outer(least, least)
+        return 0.5 * (bounded + bounded.T)
 
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._firsts[node]]

@@ -25,8 +25,8 @@ from slarm_graph.geometry import Floats, Pose2, between, compose, invert, transf
 
 LOOP = np.array([[-3.0, -2.8], [4.4, -2.2], [3.9, 2.6], [-4.2, 2.2], [-4.2, -2.9]])
 AWAY = Pose2(23.0, -11.0, 2.2)
-LOST = np.diag([900.0, 900.0, 9.0])
-"""Covariance of a step of which nothing is known [m^2, m^2, rad^2]."""
+LOST = np.diag([1e7, 1e7, 1e5])
+"""Covariance that minutes without a match add up to [m^2, m^2, rad^2]: more than can be."""
 
 
 def walls(seed: int, count: int = 14) -> Floats:
