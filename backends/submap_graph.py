@@ -249,7 +249,8 @@ class SubmapGraph:
             total += adjoint @ own @ adjoint.T
         least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(total)))
         bounded = total * np.outer(least, least)
-        return 0.5 * (bounded + bounded.T)
+        symmetric: Floats = 0.5 * (bounded + bounded.T)
+        return symmetric
 
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._firsts[node]]
