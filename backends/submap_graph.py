@@ -149,13 +149,16 @@ class SubmapGraph:
         """Return nodes and constraints as they stand."""
         return PoseGraph(np.array(self._nodes), tuple(self._edges))
 
+    def node_scans(self) -> NDArray[np.int64]:
+        """Return the scan (N,) that every node stands at."""
+        return np.array([self.keyframes[k].scan for k in self._firsts], dtype=np.int64)
+
     def corrected(self, local: Floats) -> Floats:
         """Move all scans from the tracker's frame (N, 3) into the map (N, 3).
 
         Between two nodes, what each of them says is blended linearly over the scans.
         """
-        anchors = [self.keyframes[k] for k in self._firsts]
-        return spread(local, np.array([a.scan for a in anchors]), np.array(self._nodes))
+        return spread(local, self.node_scans(), np.array(self._nodes))
 
     def expectations(self) -> Expectations:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""

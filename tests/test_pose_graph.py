@@ -165,7 +165,7 @@ def test_injected_false_closures_change_little() -> None:
     backend = run(readings)
     graph = backend.result().pose_graph
     assert graph is not None
-    anchors = backend._graph.keyframes[:: PoseGraphConfig().node_keyframes]
+    anchors = backend._builder._graph.keyframes[:: PoseGraphConfig().node_keyframes]
     true_nodes = truth[[a.scan for a in anchors]]
     clean = settle(graph)
     spoilt = settle(with_false_closures(graph, share=0.3))

@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""From tracked scans to a graph that closes loops: what every backend that needs one shares."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.backend import Heartbeat, Table, silent
+from slarm_graph.backends.final_closures import close_finally
+from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.config import FrontendConfig, PoseGraphConfig
+from slarm_graph.constraint import PoseGraph
+from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.loop_closure import LoopCloser
+from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
+from slarm_graph.frontends.scans.submaps import Keyframe, view_center
+from slarm_graph.frontends.scans.tracker import TrackedScan
+from slarm_graph.geometry import Floats, Pose2
+
+_COLUMNS = (
+    "stamp_s",
+    "submap",
+    "node",
+    "x_m",
+    "y_m",
+    "theta_rad",
+    "score",
+    "gnc_weight",
+    "searched",
+    "verdict",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ClosedGraph:
+    """A graph whose loops are closed, and the path that follows from it.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+        Nodes, with the constraints that were believed.
+    scans : (N,) int64
+        The scan that every node stands at.
+    poses : (S, 3) float64
+        `map_from_robot` at every scan.
+    closures : Table
+        Every closure met, accepted or not, with the weight it ended with.
+    """
+
+    graph: PoseGraph
+    scans: NDArray[np.int64]
+    poses: Floats
+    closures: Table
+
+
+class GraphBuilder:
+    """Makes keyframes of tracked scans, ties them into a graph and looks for old places.
+
+    Parameters
+    ----------
+    settings : PoseGraphConfig
+    frontend : FrontendConfig
+    heartbeat : Heartbeat
+        Told what long steps are doing.
+    """
+
+    def __init__(
+        self, settings: PoseGraphConfig, frontend: FrontendConfig, heartbeat: Heartbeat = silent
+    ) -> None:
+        self._settings, self._frontend, self._heartbeat = settings, frontend, heartbeat
+        self._closer = LoopCloser(settings.loops, frontend.matching)
+        self._graph = SubmapGraph(settings)
+        self._stamps_ns: list[int] = []
+        self._local: list[Pose2] = []
+        self._unmatched = np.zeros((3, 3))
+
+    def take(self, tracked: TrackedScan) -> None:
+        """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
+        self._stamps_ns.append(tracked.stamp_ns)
+        self._local.append(tracked.local_from_robot)
+        if not tracked.match:
+            self._unmatched = self._unmatched + tracked.motion_covariance
+        if tracked.is_keyframe:
+            self._add_keyframe(tracked)
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no scan could become a keyframe."""
+        return not self._graph.keyframes
+
+    def stamps_ns(self) -> NDArray[np.int64]:
+        """Return the stamps (S,) of all scans."""
+        return np.array(self._stamps_ns, dtype=np.int64)
+
+    def map_from_robot(self) -> Pose2:
+        """Return the present pose by the graph as last optimised."""
+        return self._graph.map_from_local() @ self._local[-1] if self._local else Pose2()
+
+    def closed(self) -> ClosedGraph:
+        """Look for old places over the whole recording, and weigh all closures together."""
+        graph, frontend = self._graph, self._frontend
+        matcher = SubmapMatcher(
+            self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
+        )
+        close_finally(graph, matcher, self._heartbeat)
+        settled, weights = graph.settle(self._heartbeat)
+        poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
+        return ClosedGraph(settled, graph.node_scans(), poses, self._table(weights))
+
+    def _add_keyframe(self, tracked: TrackedScan) -> None:
+        matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))
+        keyframe = Keyframe(
+            len(self._stamps_ns) - 1,
+            tracked.points_m,
+            tracked.local_from_robot,
+            self._unmatched + matched,
+            view_center(tracked.points_m),
+        )
+        self._unmatched = np.zeros((3, 3))
+        self._graph.add(keyframe)
+        keyframes, submaps = self._graph.keyframes, self._graph.submaps
+        closures = self._closer.confirm(keyframes, submaps)
+        if self._closer.is_due(len(keyframes) - 1):
+            closures += self._closer.examine(keyframes, submaps, self._graph.expectations())
+        self._graph.close(closures, self._heartbeat)
+
+    def _table(self, weights: Floats) -> Table:
+        rows = [
+            self._row(closure, float(weight))
+            for closure, weight in zip(self._graph.closures, weights, strict=True)
+        ]
+        return Table("loop_closures", _COLUMNS, tuple(rows))
+
+    def _row(self, closure: Closure, weight: float) -> tuple[float | int | str, ...]:
+        stamp_s = self._stamps_ns[self._graph.keyframes[closure.keyframe].scan] * 1e-9
+        x, y, theta = (float(v) for v in closure.submap_from_keyframe)
+        verdict = closure.reason or ("accepted" if weight >= 0.5 else "outvoted by the graph")
+        return (
+            stamp_s,
+            closure.submap,
+            self._graph.node_of(closure.keyframe),
+            x,
+            y,
+            theta,
+            closure.score,
+            weight,
+            int(closure.searched),
+            verdict,
+        )
