@@ -11,6 +11,7 @@ drawn from; the two are there to prevent just that.
 
 from __future__ import annotations
 
+import copy
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -20,13 +21,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from slarm_graph.backend import Heartbeat, SlamResult, Table, silent
+from slarm_graph.backend import Heartbeat, SlamResult, silent
+from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
 from slarm_graph.backends.motion_model import motion_covariance
-from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.particle_matching import point_normals
+from slarm_graph.backends.particle_tables import (
+    particle_notices,
+    path_table,
+    second_pass_notice,
+    update_table,
+)
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.backends.second_pass import contradicted, filter_along
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
@@ -35,16 +43,6 @@ from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
-_COLUMNS = (
-    "stamp_ns",
-    "n_eff",
-    "resampled",
-    "distinct_ancestors",
-    "common_update",
-    "mean_x_m",
-    "mean_y_m",
-    "mean_theta_rad",
-)
 _SURE_M = 0.1
 _SURE_RAD = 0.05
 """A match with a larger standard deviation is as good as none."""
@@ -56,12 +54,23 @@ class _State:
 
     tracker: ScanTracker
     filter: MappingFilter
+    places: GraphBuilder | None
+    first_points: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    measurements: list[Measurement] = field(default_factory=list)
     stamps_ns: list[int] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
     updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
     turned_rad: float = 0.0
     unmatched: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Pass:
+    """The filter after the last scan, and the poses (S, 3) whose motion it was told."""
+
+    filter: MappingFilter
+    told: Floats
 
 
 class GmappingBackend:
@@ -88,10 +97,10 @@ class GmappingBackend:
         rng: Generator,
         heartbeat: Heartbeat = silent,
     ) -> None:
-        del heartbeat
         self._config = settings
         self._rng = rng
-        self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings))
+        places = GraphBuilder(settings.places, frontend, heartbeat) if settings.places else None
+        self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings), places)
         self._step: Future[None] | None = None
 
     def update(self, reading: Reading) -> None:
@@ -101,16 +110,21 @@ class GmappingBackend:
         """
         state = self._state
         scan = state.tracker.track(reading)
+        if state.places:
+            state.places.take(scan)
         state.stamps_ns.append(reading.stamp_ns)
         state.local.append(scan.local_from_robot.as_array())
         if not state.updates:
-            state.filter.start(self._points(scan, reading.scan.robot_from_laser))
+            state.first_points = self._points(scan, reading.scan.robot_from_laser)
+            state.filter.start(state.first_points)
             state.updates.append(0)
             return
         self._travel(scan)
         if self._is_due(scan):
             self._settle()
             measurement = self._measurement(scan, reading.scan.robot_from_laser)
+            if state.places:
+                state.measurements.append(measurement)
             self._step = _aside().submit(state.filter.step, measurement, self._rng)
 
     def map_from_robot(self) -> Pose2:
@@ -123,18 +137,51 @@ class GmappingBackend:
         return Pose2.from_array(compose(state.filter.poses[state.filter.best()], since))
 
     def result(self) -> SlamResult:
-        """Return the best particle's path, at every scan."""
-        self._settle()
-        if not self._state.updates:
-            raise RunFailed("no scan was usable")
-        tables = self._books(), _path_table("weighted_mean", self.weighted_mean_trajectory())
-        trajectory = self._filled(self._state.filter.best_path())
-        return SlamResult(trajectory, tables=tables, notices=self._notices())
+        """Return the best particle's path, at every scan.
 
-    def weighted_mean_trajectory(self) -> Trajectory:
-        """Weighted mean of all particles' paths, eq. (11), at every scan."""
+        Raises
+        ------
+        RunFailed
+            When no scan was usable.
+        """
         self._settle()
-        return self._filled(self._state.filter.mean_path())
+        state = self._state
+        if not state.updates:
+            raise RunFailed("no scan was usable")
+        first = _Pass(state.filter, np.array(state.local))
+        if state.places is None or state.places.is_empty:
+            return self._told(first)
+        closed = state.places.closed()
+        missed = self._missed(first, closed)
+        if not missed:
+            return self._told(first, closed)
+        second = self._again(closed)
+        still = self._missed(second, closed)
+        best = second if still < missed else first
+        return self._told(best, closed, (second_pass_notice(missed, still),))
+
+    def _missed(self, done: _Pass, closed: ClosedGraph) -> int:
+        path = self._filled(done, done.filter.best_path())
+        return contradicted(closed, path.poses, self._config.maps.delta_m)
+
+    def _again(self, closed: ClosedGraph) -> _Pass:
+        """Filter the recording along the closed path, with the random numbers that come next."""
+        state = self._state
+        rng = copy.deepcopy(self._rng)
+        along = closed.poses[state.updates]
+        again = filter_along(along, state.first_points, state.measurements, self._config, rng)
+        return _Pass(again, closed.poses)
+
+    def _told(
+        self, done: _Pass, closed: ClosedGraph | None = None, notices: tuple[str, ...] = ()
+    ) -> SlamResult:
+        path = self._filled(done, done.filter.best_path())
+        mean = self._filled(done, done.filter.mean_path())
+        stamps_ns = np.array(self._state.stamps_ns)[self._state.updates]
+        tables = update_table(stamps_ns, done.filter), path_table("weighted_mean", mean)
+        closures = (closed.closures,) if closed else ()
+        said = (*particle_notices(done.filter), *notices)
+        return SlamResult(path, tables=(*tables, *closures), notices=said)
 
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""
@@ -181,6 +228,7 @@ class GmappingBackend:
             covariance + state.unmatched,
             bool(state.unmatched.any()),
             state.path_m,
+            state.turned_rad,
         )
         state.updates.append(len(state.stamps_ns) - 1)
         state.path_m, state.turned_rad, state.unmatched = 0.0, 0.0, np.zeros((3, 3))
@@ -195,44 +243,12 @@ class GmappingBackend:
             points = points[ranges_m <= likelihood.max_range_m]
         return np.asarray(point_normals(points, origin)[:: likelihood.lskip + 1])
 
-    def _filled(self, path: Floats) -> Trajectory:
-        """Give every scan a pose: the filter's at its updates, the frontend's in between."""
+    def _filled(self, done: _Pass, path: Floats) -> Trajectory:
+        """Give every scan a pose: the filter's at its updates, the motion told in between."""
         state = self._state
         stamps_ns = np.array(state.stamps_ns)
-        poses = fill_path(stamps_ns, np.array(state.local), np.array(state.updates), path)
+        poses = fill_path(stamps_ns, done.told, np.array(state.updates), path)
         return Trajectory(stamps_ns, poses)
-
-    def _books(self) -> Table:
-        """N_eff, resampling, ancestors and mean pose of every update."""
-        state = self._state
-        rows = tuple(
-            (
-                state.stamps_ns[update],
-                chosen.n_eff,
-                int(chosen.resampled),
-                chosen.distinct_ancestors,
-                chosen.common_update,
-                *chosen.mean.tolist(),
-            )
-            for update, chosen in zip(state.updates[1:], state.filter.selections, strict=True)
-        )
-        return Table("particles", _COLUMNS, rows)
-
-    def _notices(self) -> tuple[str, ...]:
-        particles, config = self._state.filter, self._config
-        resamplings = sum(chosen.resampled for chosen in particles.selections)
-        return (
-            *memory_notice(config.particles, config.maps),
-            f"{config.particles} particles, {len(self._state.updates)} updates,"
-            f" {resamplings} resamplings, {particles.maps.memory_bytes / 1e6:.0f} MB of particle"
-            " maps",
-        )
-
-
-def _path_table(name: str, path: Trajectory) -> Table:
-    columns = ("stamp_ns", "x_m", "y_m", "theta_rad")
-    rows = zip(path.stamps_ns.tolist(), *path.poses.T.tolist(), strict=True)
-    return Table(name, columns, tuple(rows))
 
 
 @cache

@@ -58,8 +58,8 @@ class Measurement:
     is_lost : bool
         The frontend could not follow all of the motion, so the climb to the peak starts from
         draws of the motion model, another for every particle, instead of from its mean.
-    path_m : float
-        Length of the way, forth and back counted.
+    path_m, turned_rad : float
+        Length of the way and sum of the absolute turns, forth and back counted.
     """
 
     points: Floats
@@ -67,6 +67,7 @@ class Measurement:
     motion_covariance: Floats
     is_lost: bool = False
     path_m: float = 0.0
+    turned_rad: float = 0.0
 
 
 def propose(

@@ -8,6 +8,7 @@ from typing import Literal
 
 from pydantic import Field
 
+from slarm_graph.config.scans import PoseGraphConfig
 from slarm_graph.config.stage import Count, Reach, Resolution, Sigma, Stage
 
 
@@ -105,3 +106,6 @@ class GmappingConfig(Stage):
     proposal: ProposalConfig = ProposalConfig()
     resampling: ResamplingConfig = ResamplingConfig()
     maps: ParticleMapsConfig = ParticleMapsConfig()
+    places: PoseGraphConfig | None = PoseGraphConfig()
+    """The graph that recognises old places: where every particle has missed a loop, the filter goes
+    over the recording a second time; null: the particles alone, as in the paper."""

@@ -1,0 +1,74 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What the particle filter shows and says of itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.backend import Table
+from slarm_graph.backends.particle_maps import memory_notice
+from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.trajectory import Trajectory
+
+_UPDATE_COLUMNS = (
+    "stamp_ns",
+    "n_eff",
+    "resampled",
+    "distinct_ancestors",
+    "common_update",
+    "mean_x_m",
+    "mean_y_m",
+    "mean_theta_rad",
+)
+
+
+def update_table(stamps_ns: NDArray[np.int64], particles: MappingFilter) -> Table:
+    """N_eff, resampling, ancestors and mean pose of every update.
+
+    Parameters
+    ----------
+    stamps_ns : (U,) int64
+        Of the first scan and of every update.
+    particles : MappingFilter
+    """
+    rows = tuple(
+        (
+            stamp_ns,
+            chosen.n_eff,
+            int(chosen.resampled),
+            chosen.distinct_ancestors,
+            chosen.common_update,
+            *chosen.mean.tolist(),
+        )
+        for stamp_ns, chosen in zip(stamps_ns[1:].tolist(), particles.selections, strict=True)
+    )
+    return Table("particles", _UPDATE_COLUMNS, rows)
+
+
+def path_table(name: str, path: Trajectory) -> Table:
+    """Poses at every scan."""
+    columns = ("stamp_ns", "x_m", "y_m", "theta_rad")
+    rows = zip(path.stamps_ns.tolist(), *path.poses.T.tolist(), strict=True)
+    return Table(name, columns, tuple(rows))
+
+
+def particle_notices(particles: MappingFilter) -> tuple[str, ...]:
+    """Say how many particles there were, what they did and what they cost."""
+    config, updates = particles.config, len(particles.selections) + 1
+    resamplings = sum(chosen.resampled for chosen in particles.selections)
+    return (
+        *memory_notice(config.particles, config.maps),
+        f"{config.particles} particles, {updates} updates, {resamplings} resamplings,"
+        f" {particles.maps.memory_bytes / 1e6:.0f} MB of particle maps",
+    )
+
+
+def second_pass_notice(missed: int, still: int) -> str:
+    """Say that the particles missed loop closures, and what a second pass of the filter brought."""
+    if still < missed:
+        end = f"the filter went over the recording again, and misses {still}"
+    else:
+        end = "a second pass missed as many; the first is kept, and its map may be torn there"
+    return f"the particles missed {missed} loop closures: {end}"

@@ -1,0 +1,100 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Particles that missed loops: which are missed, and what a second pass makes of it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_gmapping import ate_m, made, recorded, run
+
+from slarm_graph.backend import Table
+from slarm_graph.backends.graph_building import ClosedGraph
+from slarm_graph.backends.second_pass import contradicted, filter_along
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.geometry import Floats, Pose2, compose
+from slarm_graph.trajectory import Trajectory
+
+CELL_M = 0.05
+SIGMAS = np.array([0.01, 0.02, 0.003])
+
+
+def square(*closures: Pose2) -> ClosedGraph:
+    """Five nodes round a square of 4 m, with closures that see the last from the first."""
+    corners = np.array(
+        [(0, 0, 0), (4, 0, np.pi / 2), (4, 4, np.pi), (0, 4, -np.pi / 2), (0, 0, 0)], dtype=float
+    )
+    covariance = np.diag(SIGMAS) ** 2
+    step = Constraint(0, 1, Pose2(4, 0, np.pi / 2), covariance, ConstraintKind.ODOMETRY)
+    loops = tuple(
+        Constraint(0, 4, seen, covariance, ConstraintKind.LOOP_CLOSURE) for seen in closures
+    )
+    scans = np.array([0, 2, 4, 6, 8])
+    poses = np.repeat(corners, 2, axis=0)[:9]
+    return ClosedGraph(PoseGraph(corners, (step, *loops)), scans, poses, Table("c", (), ()))
+
+
+@pytest.mark.parametrize(
+    ("axis", "allowed"),
+    [(0, CELL_M), (1, CELL_M), (2, 0.02)],
+)
+def test_a_closure_is_contradicted_beyond_999_in_1000(axis: int, allowed: float) -> None:
+    bound = np.sqrt(16.266) * np.hypot(SIGMAS[axis], allowed)  # chi-square, 3 degrees of freedom
+    for off, expected in ((0.99 * bound, 0), (1.01 * bound, 1)):
+        closed = square(Pose2())
+        path = closed.poses.copy()
+        path[-1, axis] += off
+        assert contradicted(closed, path, CELL_M) == expected
+
+
+def test_only_closures_speak_and_each_speaks_for_itself() -> None:
+    closed = square(Pose2(), Pose2(1, 0, 0), Pose2(0, 0, 2 * np.pi - 1e-9))
+    assert contradicted(closed, closed.poses, CELL_M) == 1
+    assert contradicted(square(), bent(closed.poses) + 9.0, CELL_M) == 0
+
+
+def bent(poses: Floats) -> Floats:
+    """A path that turns a twentieth of a degree too far at every scan."""
+    out = poses.copy()
+    turn = np.radians(0.05)
+    for k in range(1, len(poses)):
+        step = Pose2.from_array(poses[k - 1]).between(Pose2.from_array(poses[k]))
+        out[k] = compose(out[k - 1], np.array([step.x, step.y, step.theta + turn]))
+    return out
+
+
+def test_the_filter_follows_the_path_it_is_told() -> None:
+    readings, truth = recorded(noiseless=True)
+    backend = made(particles=3)
+    run(backend, readings)
+    state = backend._state
+    stamps_ns = truth.stamps_ns[state.updates]
+    told = truth.poses[state.updates]
+    paths = [
+        filter_along(
+            poses, state.first_points, state.measurements, backend._config, np.random.default_rng(0)
+        ).best_path()
+        for poses in (told, bent(told))
+    ]
+    there = Trajectory(stamps_ns, told)
+    assert ate_m(Trajectory(stamps_ns, paths[0]), there) < 0.01
+    assert ate_m(Trajectory(stamps_ns, paths[1]), there) > 0.05
+
+
+def test_particles_that_missed_the_loops_are_brought_back() -> None:
+    readings, truth = recorded()
+    backend = made(particles=5)
+    for reading in readings:
+        backend.update(reading)
+    backend._settle()
+    ancestry = backend._state.filter.ancestry
+    half = len(ancestry) // 2
+    ancestry._poses[half:, :, 0] += 1.0
+    result = backend.result()
+    assert ate_m(result.trajectory, truth) < 0.03
+    assert any("went over the recording again" in notice for notice in result.notices)
+    assert {t.name for t in result.tables} == {"particles", "weighted_mean", "loop_closures"}
+    again = backend.result()
+    assert np.array_equal(again.trajectory.poses, result.trajectory.poses)
+    backend._state.places = None
+    assert ate_m(backend.result().trajectory, truth) > 0.3
