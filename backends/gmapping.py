@@ -6,7 +6,8 @@ The paper's SLAM, eq. (4)-(11), after Grisetti, Stachniss and Burgard, "Improved
 Grid Mapping With Rao-Blackwellized Particle Filters", IEEE T-RO 23(1), 2007. The original takes
 raw odometry from one update to the next and loses its way where that is poor and rotations are
 fast. Here the shared frontend's matcher follows every scan, and the improved proposal is really
-drawn from; the two are there to prevent just that.
+drawn from; the two are there to prevent just that. Where every particle misses a loop that place
+recognition has found, the filter goes over the recording a second time (`second_pass`).
 """
 
 from __future__ import annotations

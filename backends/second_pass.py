@@ -83,19 +83,20 @@ def filter_along(
     Returns
     -------
     MappingFilter
-        After the last measurement.
+        After the last measurement; its origin is the first pose.
     """
     particles = MappingFilter.empty(config)
     particles.start(first_points)
-    for m, before, now in zip(measurements, poses[:-1], poses[1:], strict=True):
+    path = between(poses[0], poses)
+    for m, before, now in zip(measurements, path[:-1], path[1:], strict=True):
         noise = motion_covariance(config.motion, m.path_m, m.turned_rad)
         told = replace(m, motion=between(before, now), motion_covariance=noise, is_lost=False)
-        particles.poses = _pulled(particles.poses, before, m.path_m)
+        particles.poses = pulled(particles.poses, before, m.path_m)
         particles.step(told, rng)
     return particles
 
 
-def _pulled(poses: Floats, path: Floats, path_m: float) -> Floats:
+def pulled(poses: Floats, path: Floats, path_m: float) -> Floats:
     """Let what poses (P, 3) are off the path's pose (3,) decay along a way.
 
     A path that is known to close loops is no random walk: what it errs by in one stretch it makes

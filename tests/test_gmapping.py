@@ -151,7 +151,7 @@ def test_eq_11_and_the_filters_books_are_shown() -> None:
     readings = recorded()[0][:300]
     backend = made(resampling=ResamplingConfig(resample_threshold=1.0))
     result = run(backend, readings)
-    table, mean = result.tables
+    table, mean, _closures = result.tables
     assert (table.name, mean.name) == ("particles", "weighted_mean")
     assert len(mean.rows) == len(readings)
     distance = np.array(mean.rows)[:, 1:3] - result.trajectory.poses[:, :2]

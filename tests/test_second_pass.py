@@ -10,9 +10,9 @@ from test_gmapping import ate_m, made, recorded, run
 
 from slarm_graph.backend import Table
 from slarm_graph.backends.graph_building import ClosedGraph
-from slarm_graph.backends.second_pass import contradicted, filter_along
+from slarm_graph.backends.second_pass import contradicted, filter_along, pulled
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.geometry import Floats, Pose2, compose
+from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
 
 CELL_M = 0.05
@@ -54,9 +54,9 @@ def test_only_closures_speak_and_each_speaks_for_itself() -> None:
 
 
 def bent(poses: Floats) -> Floats:
-    """A path that turns a twentieth of a degree too far at every scan."""
+    """A path that turns five degrees too far at every step."""
     out = poses.copy()
-    turn = np.radians(0.05)
+    turn = np.radians(5.0)
     for k in range(1, len(poses)):
         step = Pose2.from_array(poses[k - 1]).between(Pose2.from_array(poses[k]))
         out[k] = compose(out[k - 1], np.array([step.x, step.y, step.theta + turn]))
@@ -98,3 +98,11 @@ def test_particles_that_missed_the_loops_are_brought_back() -> None:
     assert np.array_equal(again.trajectory.poses, result.trajectory.poses)
     backend._state.places = None
     assert ate_m(backend.result().trajectory, truth) > 0.3
+
+
+def test_what_is_off_the_path_decays_in_the_paths_own_frame() -> None:
+    path = np.array([3.0, -2.0, np.pi / 2])
+    off = np.array([[0.5, 0.2, 0.1], [0.0, 0.0, 0.0]])
+    left = between(path, pulled(compose(path, off), path, 10.0))
+    assert np.allclose(left, off / np.e)
+    assert np.allclose(pulled(compose(path, off), path, 0.0), compose(path, off))
