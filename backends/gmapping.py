@@ -35,7 +35,7 @@ from slarm_graph.backends.particle_tables import (
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
-from slarm_graph.backends.second_pass import contradicted, filter_along
+from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
@@ -153,17 +153,17 @@ class GmappingBackend:
         if state.places is None or state.places.is_empty:
             return self._told(first)
         closed = state.places.closed()
-        missed = self._missed(first, closed)
-        if not missed:
+        missed = self._misses(first, closed)
+        if not np.any(missed > MISSED):
             return self._told(first, closed)
         second = self._again(closed)
-        still = self._missed(second, closed)
-        best = second if still < missed else first
+        still = self._misses(second, closed)
+        best = second if still.sum() < missed.sum() else first
         return self._told(best, closed, (second_pass_notice(missed, still),))
 
-    def _missed(self, done: _Pass, closed: ClosedGraph) -> int:
+    def _misses(self, done: _Pass, closed: ClosedGraph) -> Floats:
         path = self._filled(done, done.filter.best_path())
-        return contradicted(closed, path.poses, self._config.maps.delta_m)
+        return closure_misses(closed, path.poses, self._config.maps.delta_m)
 
     def _again(self, closed: ClosedGraph) -> _Pass:
         """Filter the recording along the closed path, with the random numbers that come next."""

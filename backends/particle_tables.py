@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Table
 from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.backends.second_pass import MISSED
+from slarm_graph.geometry import Floats
 from slarm_graph.trajectory import Trajectory
 
 _UPDATE_COLUMNS = (
@@ -65,10 +67,17 @@ def particle_notices(particles: MappingFilter) -> tuple[str, ...]:
     )
 
 
-def second_pass_notice(missed: int, still: int) -> str:
-    """Say that the particles missed loop closures, and what a second pass of the filter brought."""
-    if still < missed:
-        end = f"the filter went over the recording again, and misses {still}"
+def second_pass_notice(missed: Floats, still: Floats) -> str:
+    """Say that particles missed loop closures, and what a second pass of the filter brought.
+
+    Parameters
+    ----------
+    missed, still : (C,) float64
+        By how many standard deviations each is missed after the first and after the second pass.
+    """
+    before, after = int((missed > MISSED).sum()), int((still > MISSED).sum())
+    if still.sum() < missed.sum():
+        end = f"the filter went over the recording again, and misses {after}"
     else:
-        end = "a second pass missed as many; the first is kept, and its map may be torn there"
-    return f"the particles missed {missed} loop closures: {end}"
+        end = "a second pass missed them further; the first is kept, and its map may be torn there"
+    return f"the particles missed {before} of {len(missed)} loop closures: {end}"

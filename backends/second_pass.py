@@ -27,8 +27,9 @@ from slarm_graph.config import GmappingConfig
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.geometry import Floats, between, compose, wrap_angles
 
-_CONTRADICTED = 16.27
-"""Chi-square quantile of 99.9 % for 3 degrees of freedom."""
+MISSED = math.sqrt(16.27)
+"""Standard deviations by which a closure is missed: the root of the chi-square quantile of 99.9 %
+for 3 degrees of freedom."""
 _PULL_M = 10.0
 """Way in which particles return to the path: with steps that err by 2 cm a metre they spread by
 sqrt(10 / 2) of that around it, 4.5 cm, a cell of their maps. From 5 to 20 m intel changes by 2 %,
@@ -37,8 +38,8 @@ _MAP_RAD = 0.02
 """How much a particle's map may bend between two visits without being torn: a cell at 2.5 m."""
 
 
-def contradicted(closed: ClosedGraph, poses: Floats, cell_m: float) -> int:
-    """Count the loop closures that a path contradicts.
+def closure_misses(closed: ClosedGraph, poses: Floats, cell_m: float) -> Floats:
+    """How far a path misses loop closures, in standard deviations (C,).
 
     Parameters
     ----------
@@ -50,14 +51,14 @@ def contradicted(closed: ClosedGraph, poses: Floats, cell_m: float) -> int:
     """
     at_nodes = poses[closed.scans]
     allowed = np.diag([cell_m, cell_m, _MAP_RAD]) ** 2
-    count = 0
+    misses = []
     for c in closed.graph.constraints:
         if c.kind is not ConstraintKind.LOOP_CLOSURE:
             continue
         miss = between(c.i_from_j.as_array(), between(at_nodes[c.i], at_nodes[c.j]))
         miss[2] = wrap_angles(miss[2])
-        count += bool(miss @ np.linalg.solve(c.covariance + allowed, miss) > _CONTRADICTED)
-    return count
+        misses.append(math.sqrt(miss @ np.linalg.solve(c.covariance + allowed, miss)))
+    return np.array(misses)
 
 
 def filter_along(

@@ -10,7 +10,7 @@ from test_gmapping import ate_m, made, recorded, run
 
 from slarm_graph.backend import Table
 from slarm_graph.backends.graph_building import ClosedGraph
-from slarm_graph.backends.second_pass import contradicted, filter_along, pulled
+from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along, pulled
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
@@ -45,12 +45,18 @@ def test_a_closure_is_contradicted_beyond_999_in_1000(axis: int, allowed: float)
         path = closed.poses.copy()
         path[-1, axis] += off
         assert contradicted(closed, path, CELL_M) == expected
+        sigmas = off / np.hypot(SIGMAS[axis], allowed)
+        assert closure_misses(closed, path, CELL_M) == pytest.approx([sigmas])
 
 
 def test_only_closures_speak_and_each_speaks_for_itself() -> None:
     closed = square(Pose2(), Pose2(1, 0, 0), Pose2(0, 0, 2 * np.pi - 1e-9))
     assert contradicted(closed, closed.poses, CELL_M) == 1
     assert contradicted(square(), bent(closed.poses) + 9.0, CELL_M) == 0
+
+
+def contradicted(closed: ClosedGraph, path: Floats, cell_m: float) -> int:
+    return int((closure_misses(closed, path, cell_m) > MISSED).sum())
 
 
 def bent(poses: Floats) -> Floats:
