@@ -14,12 +14,14 @@ from slarm_graph.backends.final_closures import close_finally
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
+from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = (
     "stamp_s",
@@ -76,12 +78,14 @@ class GraphBuilder:
         self._graph = SubmapGraph(settings)
         self._stamps_ns: list[int] = []
         self._local: list[Pose2] = []
+        self._has_odometry = False
         self._unmatched = np.zeros((3, 3))
 
     def take(self, tracked: TrackedScan) -> None:
         """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
         self._stamps_ns.append(tracked.stamp_ns)
         self._local.append(tracked.local_from_robot)
+        self._has_odometry |= tracked.odom_from_robot is not None
         if not tracked.match:
             self._unmatched = self._unmatched + tracked.motion_covariance
         if tracked.is_keyframe:
@@ -99,6 +103,21 @@ class GraphBuilder:
     def map_from_robot(self) -> Pose2:
         """Return the present pose by the graph as last optimised."""
         return self._graph.map_from_local() @ self._local[-1] if self._local else Pose2()
+
+    def unmatched(self) -> Trajectory:
+        """Return the path of a recording of which no scan could be matched: the odometry's.
+
+        Raises
+        ------
+        RunFailed
+            Without odometry there is nothing to go by.
+        """
+        if not self._has_odometry:
+            raise RunFailed(
+                "no scan had enough returns to be matched, and there is no odometry; see scans.csv"
+            )
+        local = np.array([pose.as_array() for pose in self._local])
+        return Trajectory(self.stamps_ns(), between(local[0], local))
 
     def closed(self) -> ClosedGraph:
         """Look for old places over the whole recording, and weigh all closures together."""

@@ -11,12 +11,13 @@ from numpy.random import Generator
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
-from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
+
+_ODOMETRY_ALONE = "no scan had enough returns to be matched: the trajectory is the odometry's"
 
 
 class PoseGraphBackend:
@@ -59,10 +60,10 @@ class PoseGraphBackend:
         Raises
         ------
         RunFailed
-            When no scan could become a keyframe.
+            When no scan could become a keyframe and there is no odometry.
         """
         if self._builder.is_empty:
-            raise RunFailed("no scan had enough returns to be matched; see scans.csv")
+            return SlamResult(self._builder.unmatched(), notices=(_ODOMETRY_ALONE,))
         closed = self._builder.closed()
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
         return SlamResult(trajectory, pose_graph=closed.graph, tables=(closed.closures,))

@@ -143,6 +143,17 @@ def test_predictions_know_how_unsteadily_the_robot_moves(jitter_m: float) -> Non
     assert np.mean(squares) > 1.0 or jitter_m == 0.0
 
 
+def test_odometry_is_kept_while_nothing_matches() -> None:
+    odometry, told, pose = OdometryFilter(), Pose2(), Pose2()
+    rng = np.random.default_rng(1)
+    odometry.predict(0.1, pose)
+    for _ in range(40):
+        pose = pose @ Pose2(0.1 + 0.03 * rng.normal(), 0.0, 0.1 * rng.normal())
+        told = told @ Pose2.from_array(odometry.predict(0.1, pose)[0].motion)
+        odometry.coast()
+    assert np.allclose(told.as_array(), pose.as_array(), atol=0.05)
+
+
 def test_the_velocity_fades_while_nothing_matches() -> None:
     odometry = run(5, None, FORWARD)
     for _ in range(20):

@@ -91,13 +91,7 @@ def with_empty_scans(i: int, reading: Reading) -> Reading:
         (with_half_as_much_again, 0.01),
         (with_odometry_dropping_out, 0.01),
         (with_outliers, 0.03),
-        pytest.param(
-            with_empty_scans,
-            0.03,
-            marks=pytest.mark.xfail(
-                reason="wheels that begin to spin within three blind scans are believed (0.13 m)"
-            ),
-        ),
+        (with_empty_scans, 0.03),
     ],
 )
 def test_stays_with_the_truth(

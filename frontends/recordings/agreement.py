@@ -39,6 +39,9 @@ degrees, which is how well mountings are known."""
 UNANIMOUS = 0.9
 """Mean resultant length of the angles between steps (1 when all are equal; 0.9 is a spread of 26
 degrees), and share of pairs that agree in sign."""
+LONGEST_STEP_M = 5.0
+"""Between scans no robot drives as far: at the slowest rate in use, a scan a second, it would be at
+5 m/s; millimetres taken for metres are a thousandfold."""
 SCALE = 1.5
 """Ratio of lengths that is told; wheels that slip are within a tenth or two."""
 
@@ -65,8 +68,13 @@ def disagreement(
     known : (M,) bool
         Where there is odometry.
     """
+    if told := _too_far(poses[known]):
+        return told
     pairs = _matched_pairs(scan_at, poses, _steps(poses, known))
-    return _turned_round(pairs) or _mounted_otherwise(pairs) or _stretched(pairs)
+    for contradiction in (_standing, _turned_round, _mounted_otherwise, _stretched):
+        if told := contradiction(pairs):
+            return told
+    return ""
 
 
 def _steps(poses: Floats, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -115,6 +123,33 @@ def _is_certain(covariance: Floats) -> bool:
     return float(np.linalg.eigvalsh(covariance[:2, :2])[-1]) < CERTAIN_M**2
 
 
+def _too_far(poses: Floats) -> str:
+    """Whether most steps from scan to scan are longer than any robot's."""
+    steps = np.abs(np.diff(poses[:, :2], axis=0)).max(axis=1) if len(poses) > 1 else np.zeros(0)
+    moving = steps[steps > 0]
+    if len(moving) < LEAST_PAIRS or np.median(moving) < LONGEST_STEP_M:
+        return ""
+    return (
+        f"the odometry usually moves {np.median(moving):.3g} m from one scan to the next: its"
+        " positions are not metres (millimetres?); use --odom none"
+    )
+
+
+def _standing(pairs: MotionPairs) -> str:
+    """Whether the scans tell of no motion at all."""
+    seen, told = (
+        np.column_stack([np.hypot(p[:, 0], p[:, 1]), np.abs(p[:, 2])])
+        for p in (pairs.matched, pairs.odometry)
+    )
+    still = np.all(seen < 0.1 * np.maximum(told, (STEP_M, STEP_RAD)), axis=1)
+    if len(still) < LEAST_PAIRS or still.mean() < UNANIMOUS:
+        return ""
+    return (
+        f"the scans do not move although the odometry does in {len(still)} compared steps: the"
+        " laser sees only the robot itself, its driver is stuck, or the wheels spin freely"
+    )
+
+
 def _turned_round(pairs: MotionPairs) -> str:
     """Whether all rotations have the other sign."""
     turning = np.abs(pairs.odometry[:, 2]) > STRAIGHT_RAD
@@ -122,9 +157,10 @@ def _turned_round(pairs: MotionPairs) -> str:
     if len(ratio) < LEAST_PAIRS or np.mean(ratio < -0.5) < UNANIMOUS:
         return ""
     return (
-        f"scans and odometry turn opposite ways in {len(ratio)} of {len(ratio)} compared steps: the"
-        " laser is upside down (roll of 180 deg in its transform), or the odometry's yaw has the"
-        " wrong sign; the map is mirrored"
+        f"scans and odometry turn opposite ways in {np.count_nonzero(ratio < -0.5)} of {len(ratio)}"
+        " compared steps: the laser is upside down (then the map is mirrored: give a roll of pi"
+        " with --static-tf 'PARENT LASER x y z yaw 0 3.1416'), or the odometry's yaw has the wrong"
+        " sign (then use --odom none)"
     )
 
 

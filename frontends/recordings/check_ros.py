@@ -26,6 +26,7 @@ from slarm_graph.frontends.recordings.packed import Ints, Malformed
 from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
+from slarm_graph.frontends.recordings.scan_rules import in_si_units
 from slarm_graph.frontends.recordings.topic_facts import sorted_stamps, topic_facts
 
 
@@ -38,7 +39,9 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
     notices = (*recording.notices, *messages.notices)
     findings = [Finding("warning", "file", notice.removeprefix(WARNING)) for notice in notices]
     for name, blocks in messages.scans.items():
-        findings += check_scans(name, blocks) if blocks else []
+        units = config.range_unit_m, config.angle_unit_rad
+        measured = [in_si_units(block, *units) for block in blocks]
+        findings += check_scans(name, measured) if measured else []
     for name, odometry in messages.odometry.items():
         findings += check_odometry(name, odometry)
     for space, (moving, fixed) in messages.tf_of.items():

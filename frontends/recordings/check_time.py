@@ -9,6 +9,7 @@ import numpy as np
 from slarm_graph.frontends.recordings.clock import disorder, listed, segments
 from slarm_graph.frontends.recordings.findings import Finding, counted
 from slarm_graph.frontends.recordings.packed import Ints
+from slarm_graph.frontends.recordings.scan_rules import far_off
 
 _SKEW_WARNING_S = 0.1
 _OTHER_CLOCK_S = 0.5
@@ -25,7 +26,12 @@ def check_stamps(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
         "warning", where, "{count} of {total} stamps are 0", stamps == 0, record_ns,
         "these messages are not used",
     )  # fmt: skip
-    set_rows = stamps != 0
+    astray = far_off(stamps) & (stamps != 0)
+    found += counted(
+        "warning", where, "{count} of {total} stamps are more than a week off", astray, stamps,
+        "these messages are not used",
+    )  # fmt: skip
+    set_rows = (stamps != 0) & ~astray
     found += check_order(where, stamps[set_rows])
     found += _check_gaps(where, stamps[set_rows])
     return found + _check_skew(where, stamps[set_rows], record_ns[set_rows])

@@ -14,6 +14,10 @@ from slarm_graph.frontends.recordings.packed import Ints
 JUMP_NS = 1_000_000_000
 _CONFIRMING = 3
 _NOTICED_PERIODS = 3.0
+_BACKWARDS_SHARE = 0.9
+"""Share of steps back; late messages and repeated loops have at most one step back in two."""
+_MOST_LISTED = 6
+"""Segments that are told one by one: more do not fit the lines of a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,15 +30,20 @@ class Disorder:
         Messages stamped before one recorded earlier.
     worst_ns : int
         Largest step back behind the latest stamp so far.
+    backwards : bool
+        Whether nearly all are late: written backwards.
     """
 
     late: int
     worst_ns: int
+    backwards: bool = False
 
     def describe(self, what: str) -> list[str]:
         """One notice, or none."""
         if not self.late:
             return []
+        if self.backwards:
+            return [f"warning: the stamps of the {what} run backwards throughout, sorted"]
         return [f"{self.late} {what} out of order (at most {self.worst_ns * 1e-6:.0f} ms), sorted"]
 
 
@@ -43,19 +52,23 @@ def disorder(stamps_ns: Ints) -> Disorder:
     if len(stamps_ns) == 0:
         return Disorder(0, 0)
     behind = np.maximum.accumulate(stamps_ns) - stamps_ns
-    return Disorder(int(np.count_nonzero(behind)), int(behind.max()))
+    backwards = runs_backwards(stamps_ns)
+    return Disorder(int(np.count_nonzero(behind)), int(behind.max()), backwards)
 
 
 def segments(stamps_ns: Ints) -> list[tuple[int, int]]:
     """Cut stamps (N,), in recorded order, where the clock jumps back and stays there.
 
-    A message that merely arrives late, with its successors back on time, is no jump.
+    A message that merely arrives late, with its successors back on time, is no jump; nor is a
+    recording that was written backwards throughout.
 
     Returns
     -------
     list of (start, stop) row numbers
     """
     starts, at = [0], 0
+    if runs_backwards(stamps_ns):
+        return [(0, len(stamps_ns))]
     while True:
         part = stamps_ns[at:]
         behind = np.maximum.accumulate(part) - part
@@ -67,6 +80,12 @@ def segments(stamps_ns: Ints) -> list[tuple[int, int]]:
                 break
         else:
             return list(zip(starts, [*starts[1:], len(stamps_ns)], strict=True))
+
+
+def runs_backwards(stamps_ns: Ints) -> bool:
+    """Whether stamps (N,) decrease from nearly every message to the next."""
+    steps = np.diff(stamps_ns)
+    return len(steps) >= _CONFIRMING and bool(np.mean(steps < 0) > _BACKWARDS_SHARE)
 
 
 def choose_segment(stamps_ns: Ints, wanted: int | None, what: str) -> tuple[int, int]:
@@ -110,11 +129,14 @@ def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
 
 def listed(stamps_ns: Ints) -> str:
     """Tell the segments: number, scans, first and last stamp."""
-    return "; ".join(
+    parts = segments(stamps_ns)
+    told = [
         f"{number}: {stop - start} scans, {seconds(stamps_ns[start:stop].min())} to "
         f"{seconds(stamps_ns[start:stop].max())}"
-        for number, (start, stop) in enumerate(segments(stamps_ns), start=1)
-    )
+        for number, (start, stop) in enumerate(parts[:_MOST_LISTED], start=1)
+    ]
+    more = [f"{len(parts) - _MOST_LISTED} more"] if len(parts) > _MOST_LISTED else []
+    return "; ".join([*told, *more])
 
 
 def silences(stamps: Ints, steps: Ints) -> list[str]:

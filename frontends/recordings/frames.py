@@ -77,11 +77,14 @@ def robot_frame(
     if config.robot_frame is not None:
         return config.robot_frame.lstrip("/"), []
     told: Told = []
-    laser, _ = known_as(tree, laser, scan_topic)
+    named, more = laser_as(tree, laser, scan_topic, config)
+    told += [] if laser else more
+    laser = named
     if odometry is not None and len(odometry):
         child = odometry.edges[odometry.edge[0]][1]
         if child:
-            return known_as(tree, child, scan_topic)
+            robot, more = known_as(tree, child, scan_topic)
+            return robot, told + more
         told.append("the odometry names no child frame: taken as the robot's")
     above = tree.ancestors(laser)
     for name in _ROBOT_FRAMES:
@@ -106,12 +109,39 @@ def known_as(tree: TransformTree, frame: str, scan_topic: str) -> tuple[str, Tol
     return like, [f"frame {frame} is taken to be {like} of tf"]
 
 
+def laser_as(
+    tree: TransformTree, frame: str, scan_topic: str, config: SourceConfig
+) -> tuple[str, Told]:
+    """A laser's frame as tf calls it; of scans that name none, the one it can only be.
+
+    That is the child of the one transform given, or the one frame of tf that has no others on it.
+
+    Raises
+    ------
+    BadInput
+        When it can be several.
+    """
+    if frame:
+        return known_as(tree, frame, scan_topic)
+    given = parse_static(config.static_tf)
+    pairs = given.edges if given else tree.pairs()
+    ends = sorted({child for _, child in pairs} - {parent for parent, _ in pairs})
+    if not ends:
+        return frame, []
+    if len(ends) > 1:
+        raise BadInput(
+            f"the scans of {scan_topic} name no frame (frame_id is empty), and tf has several it"
+            f" may be: {', '.join(ends[:6])}; give --static-tf 'PARENT laser x y z yaw' [m, rad]"
+        )
+    return ends[0], [f"the scans of {scan_topic} name no frame: taken to be {ends[0]} of tf"]
+
+
 def mountings(tree: TransformTree, robot: str, scan_topic: str, config: SourceConfig) -> MountingAt:
     """Find where lasers sit on the robot: once when fixed, else scan by scan."""
 
     def at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
         """Mounting of a laser at each stamp; None where tf does not know it."""
-        frame, _ = known_as(tree, frame, scan_topic)
+        frame, _ = laser_as(tree, frame, scan_topic, config)
         if frame == robot:
             return [Mounting()] * len(stamps_ns)
         moving = bool(tree.changing(robot, frame))

@@ -27,6 +27,8 @@ from slarm_graph.frontends.recordings.scan_rules import (
     SWEEPS_IGNORED,
     far_off,
     frozen,
+    in_si_units,
+    other_units,
     repeats,
     sweeps,
     too_few_beams,
@@ -83,10 +85,10 @@ class RecordedSource:
         description: str,
         notices: Sequence[str] = (),
     ) -> None:
-        self._table, self._config, self._topic = table, config, topic
+        self._table, self._config, self._topic = self._measured(table, config, topic), config, topic
         self._notices = list(notices)
         self._fates = Fates(len(table))
-        self._sweeps = sweeps(table, believed=config.sweep_times)
+        self._sweeps = sweeps(self._table, believed=config.sweep_times)
         self._stamps = self._choose_stamps()
         rows = self._in_time_order()
         self._ranges, self._limits = self._clean(rows)
@@ -145,6 +147,8 @@ class RecordedSource:
         if self._compared:
             return
         self._compared = True
+        if self._stuck:
+            return
         told = disagreement(self._scan, self._poses, self._known)
         if told:
             notices = (*self._info.notices, f"warning: {told}")
@@ -164,6 +168,15 @@ class RecordedSource:
             mounting.robot_from_laser,
             sweep,
         )
+
+    @staticmethod
+    def _measured(table: ScanTable, config: SourceConfig, topic: str) -> ScanTable:
+        """Scans in metres and radians; what cannot be in these units is refused."""
+        units = config.range_unit_m, config.angle_unit_rad
+        blocks = [in_si_units(block, *units) for block in table.blocks]
+        if told := other_units(blocks):
+            raise BadInput(f"{topic}: {told}")
+        return ScanTable(blocks)
 
     def _choose_stamps(self) -> Ints:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""
@@ -316,7 +329,8 @@ class RecordedSource:
         Where all are one and the same there is nothing else to go by: that is only told.
         """
         first = repeats(self._table, self._rows)
-        if len(first) > 2 and not first.any():
+        self._stuck = len(first) > 2 and not first.any()
+        if self._stuck:
             self._notices.append("warning: the scan data never change; is the laser driver stuck?")
             return
         stuck = frozen(first, self._poses, self._known)

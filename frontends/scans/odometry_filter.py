@@ -86,6 +86,7 @@ class OdometryFilter:
         self._increment: Floats | None = None
         self._measured: Prediction | None = None
         self._usual_span_s = 0.0
+        self._span_s = 1.0
 
     def predict(
         self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float = 0.0
@@ -106,7 +107,7 @@ class OdometryFilter:
             One per story, the likeliest first: odometry, made surer by the velocity where they
             agree, and the velocity alone.
         """
-        span = self._steady(span_s)
+        span = self._span_s = self._steady(span_s)
         if span_s > _MAX_COASTING_S:
             self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
@@ -175,7 +176,14 @@ class OdometryFilter:
             self.wheels.learn(self._increment, moved, claimed, self._holds)
 
     def coast(self) -> None:
-        """Note that nothing was matched: the velocity fades, its uncertainty grows."""
+        """Note that nothing was matched: the velocity fades, its uncertainty grows.
+
+        Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
+        """
+        if self._measured is not None and self._holds >= 0.5:
+            self._kalman.x = self._measured.motion / self._span_s
+            self._kalman.P = np.diag(_ANYWHERE**2)
+            return
         self._kalman.x = _FADING * self._kalman.x
         grown = np.diag(self._kalman.P) / _FADING**2
         self._kalman.P = np.diag(np.minimum(grown, _ANYWHERE**2))

@@ -33,6 +33,10 @@ class SourceConfig(Stage):
     """Longest silence of the odometry that is bridged [s]; null: five times its usual spacing."""
     stamp_at: Literal["first", "middle", "last"] = "first"
     """Which beam the recorded stamps belong to; first, by the definition of the message."""
+    range_unit_m: float = Field(default=1.0, gt=0, le=1000)
+    """Unit of the recorded ranges and of limits that are in it too; 0.001 for millimetres."""
+    angle_unit_rad: float = Field(default=1.0, gt=0, le=10)
+    """Unit of the recorded angles; 0.0174533 for degrees."""
     range_min_m: float | None = None
     """Overrides the recorded range_min."""
     range_max_m: float | None = None
