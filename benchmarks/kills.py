@@ -27,10 +27,19 @@ _BAD_INPUT = 2
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A command line of `slarm` without where to write."""
+    """A command line of `slarm` without where to write.
+
+    Parameters
+    ----------
+    name : str
+    words : tuple of str
+    same_again : bool
+        Whether it goes on when it is given again, instead of by `slarm run --resume`.
+    """
 
     name: str
     words: tuple[str, ...]
+    same_again: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +82,8 @@ def jobs(recording: Path) -> tuple[Job, ...]:
             ("gmapping", ("--set", "gmapping.particles=12")),
         )
     ]
-    return (*runs, *drives)
+    both = ("--backends", "pose_graph,gmapping", "--set", "gmapping.particles=12")
+    return (*runs, *drives, Job("compare", ("compare", str(recording), *both), same_again=True))
 
 
 def slarm(*words: str) -> subprocess.Popen[str]:
@@ -85,7 +95,7 @@ def slarm(*words: str) -> subprocess.Popen[str]:
 def undisturbed(job: Job, out: Path) -> float:
     """Run a job to its end; returns how long it took [s]."""
     started_s = time.monotonic()
-    process = slarm(*job.words, "--out", str(out), "--name", "whole")
+    process = slarm(*job.words, "--out", str(out), "--name", "whole", "--overwrite")
     _, said = process.communicate(timeout=PATIENCE_S)
     if process.returncode:
         raise SystemExit(f"{job.name}: {said}")
@@ -95,9 +105,10 @@ def undisturbed(job: Job, out: Path) -> float:
 def disturbed(job: Job, out: Path, kills: int, usual_s: float, rng: Generator) -> Outcome:
     """Start a job, kill it so many times at random moments, and let it end."""
     name, lived, anew = f"killed_{time.monotonic_ns()}", [], 0
-    afresh = (*job.words, "--out", str(out), "--name", name, "--overwrite")
-    afresh += ("--set", f"checkpoint.every_s={EVERY_S}")
-    words = afresh
+    given = (*job.words, "--out", str(out), "--name", name)
+    given += ("--set", f"checkpoint.every_s={EVERY_S}")
+    again = given if job.same_again else ("run", "--resume", str(out / name))
+    words = afresh = (*given, "--overwrite")
     for turn in range(kills + 1 + kills):
         process = slarm(*words)
         try:
@@ -108,7 +119,7 @@ def disturbed(job: Job, out: Path, kills: int, usual_s: float, rng: Generator) -
             process.kill()
             process.communicate()
             lived.append(round(wait_s, 2))
-            words = ("run", "--resume", str(out / name))
+            words = again
             continue
         if process.returncode == 0:
             return Outcome(job.name, tuple(lived), anew, differences(out, name))
@@ -126,9 +137,14 @@ def disturbed(job: Job, out: Path, kills: int, usual_s: float, rng: Generator) -
 
 def differences(out: Path, name: str) -> str:
     """Name the files that differ from those of the undisturbed run."""
+    whole = out / "whole"
+    files = sorted(path for path in whole.rglob("*") if path.name in COMPARED)
+    inside = [path.relative_to(whole) for path in files]
     different = [
-        file for file in COMPARED if _content(out / name / file) != _content(out / "whole" / file)
+        str(file) for file in inside if _content(out / name / file) != _content(whole / file)
     ]
+    if not files:
+        return "the undisturbed run left nothing to compare"
     return f"different: {', '.join(different)}" if different else ""
 
 
@@ -150,6 +166,7 @@ def main() -> int:
         usual = {}
         for job in chosen:
             (Path(made) / job.name).mkdir()
+            undisturbed(job, Path(made) / job.name)  # compiles what is not compiled yet
             usual[job] = undisturbed(job, Path(made) / job.name)
         while done < given.kills:
             job = chosen[int(rng.integers(len(chosen)))]
