@@ -22,6 +22,9 @@ COMPARED = ("trajectory.tum", "map.pgm", "radio_map.npz")
 EVERY_S = 0.5
 """Time between checkpoints: as short as one takes to write, so that most kills come after one."""
 PATIENCE_S = 3600.0
+_EARLY_ENOUGH = 0.8
+"""Share of a run's usual time within which it is killed: on a busy machine that varies, and a run
+that has ended cannot be killed."""
 _BAD_INPUT = 2
 
 
@@ -113,7 +116,8 @@ def disturbed(job: Job, out: Path, kills: int, usual_s: float, rng: Generator) -
         process = slarm(*words)
         try:
             # Killed while it works, not while it waits for the machine.
-            wait_s = rng.uniform(0.05, usual_s) if len(lived) < kills else PATIENCE_S
+            longest_s = _EARLY_ENOUGH * usual_s
+            wait_s = rng.uniform(0.05, longest_s) if len(lived) < kills else PATIENCE_S
             _, said = process.communicate(timeout=wait_s)
         except subprocess.TimeoutExpired:
             process.kill()

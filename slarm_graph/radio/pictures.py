@@ -23,8 +23,9 @@ _DPI = 130
 """Of pictures on a screen: with the width 910 pixels across."""
 _WIDTH_IN = 7.0
 """Width of a page's text [in]."""
-_PIXELS = 4_000_000
-"""Cells drawn at the most: several to each of the picture's pixels (900 across, 1200 up)."""
+_PIXELS = 1_200_000
+"""Cells drawn at the most: one to each of the picture's pixels (900 across, 1200 up). matplotlib
+needs some 60 bytes for a cell, so that four times as many are 200 MB more."""
 _GROUND = "#d9d9d9"
 _SERVERS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#000000")
 """Okabe and Ito's colours, which colour-blind people can tell apart."""
