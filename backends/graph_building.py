@@ -20,6 +20,7 @@ from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.trajectory import Trajectory
 
@@ -35,6 +36,7 @@ _COLUMNS = (
     "searched",
     "verdict",
 )
+_STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +82,14 @@ class GraphBuilder:
         self._local: list[Pose2] = []
         self._has_odometry = False
         self._unmatched = np.zeros((3, 3))
+        self._wheels: WheelMotion | None = None
 
     def take(self, tracked: TrackedScan) -> None:
         """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
         self._stamps_ns.append(tracked.stamp_ns)
         self._local.append(tracked.local_from_robot)
         self._has_odometry |= tracked.odom_from_robot is not None
+        self._wheels = joined(self._wheels, tracked.wheels)
         if not tracked.match:
             self._unmatched = self._unmatched + tracked.motion_covariance
         if tracked.is_keyframe:
@@ -138,8 +142,9 @@ class GraphBuilder:
             tracked.local_from_robot,
             self._unmatched + matched,
             view_center(tracked.points_m),
+            self._wheels,
         )
-        self._unmatched = np.zeros((3, 3))
+        self._unmatched, self._wheels = np.zeros((3, 3)), _STOOD
         self._graph.add(keyframe)
         keyframes, submaps = self._graph.keyframes, self._graph.submaps
         closures = self._closer.confirm(keyframes, submaps)

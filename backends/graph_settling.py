@@ -12,11 +12,16 @@ import numpy as np
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.geometry import Floats
+from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.geometry import Floats, between
 
 _SLIP_SIGMAS = 2.0
 _BELIEVED = 0.5
 """Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
+_CONTRADICTION = 16.27
+"""Chi-square quantile of 99.9 % for 3 degrees of freedom."""
+_LOOSE = 1e4
+"""Of a variance, for a step of which nothing is believed: a hundred times its noise."""
 _MIN_WEIGHT = 1e-6
 """Keeps an eased step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
@@ -38,18 +43,47 @@ class Settled:
 
 
 def settle(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Settled:
-    """Optimise a graph whose loop closures may be false and whose lidar odometry may have slipped.
+    """Optimise a graph whose loop closures may be false and whose steps may have slipped.
 
     First a Cauchy kernel on everything lets odometry give way where several closures agree against
-    it; there its covariance is widened. Then graduated non-convexity weighs the closures, trusting
-    the odometry.
+    it; there its covariance is widened. Then graduated non-convexity weighs the closures, and the
+    steps of which matches and wheels tell two stories; all others are trusted.
     """
     soft = optimize(graph, kernel=Kernel.CAUCHY, slip_sigmas=_SLIP_SIGMAS, heartbeat=heartbeat)
-    eased = PoseGraph(soft.poses, _eased(graph.constraints, soft.weights))
-    found = optimize_gnc(eased, heartbeat=heartbeat)
+    doubtful = contradictory_steps(graph.constraints)
+    weights = soft.weights.copy()
+    weights[doubtful] = 1.0
+    eased = _eased(graph.constraints, weights)
+    loose = tuple(_loosened(eased[k]) for k in doubtful)
+    closures = [k for k, c in enumerate(eased) if c.kind is ConstraintKind.LOOP_CLOSURE]
+    suspects = sorted({*closures, *doubtful})
+    found = optimize_gnc(PoseGraph(soft.poses, eased + loose), suspects, heartbeat=heartbeat)
     believed = found.weights >= _BELIEVED
-    kept = tuple(c for c, ok in zip(eased.constraints, believed, strict=True) if ok)
-    return Settled(PoseGraph(found.poses, kept), found.weights)
+    believed[len(eased) :] = False
+    kept = [c for c, ok in zip(eased + loose, believed.tolist(), strict=True) if ok]
+    joined = {(c.i, c.j) for c in kept}
+    kept += [c for c in loose if (c.i, c.j) not in joined]
+    return Settled(PoseGraph(found.poses, tuple(kept)), found.weights[: len(eased)])
+
+
+def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
+    """Return the indices of steps that matches and wheels contradict each other about, of both."""
+    by_wheels = {c.i: k for k, c in enumerate(constraints) if c.kind is ConstraintKind.WHEELS}
+    found = []
+    for k, c in enumerate(constraints):
+        other = by_wheels.get(c.i) if c.kind is ConstraintKind.ODOMETRY else None
+        if other is None:
+            continue
+        told = constraints[other]
+        apart = between(c.i_from_j.as_array(), told.i_from_j.as_array())
+        if squared_sigmas(apart, c.covariance + told.covariance) > _CONTRADICTION:
+            found += [k, other]
+    return found
+
+
+def _loosened(c: Constraint) -> Constraint:
+    """What is left of a step when nothing it was measured by is believed: nodes that hang on."""
+    return replace(c, covariance=_LOOSE * np.diag(np.diag(c.covariance)))
 
 
 def _eased(constraints: Sequence[Constraint], weights: Floats) -> tuple[Constraint, ...]:

@@ -122,25 +122,35 @@ def optimize_from_anywhere(graph: PoseGraph, *, heartbeat: Heartbeat = silent) -
 
 def optimize_gnc(
     graph: PoseGraph,
+    suspects: Sequence[int] | None = None,
     *,
     inlier_probability: float = 0.99,
     heartbeat: Heartbeat = silent,
 ) -> Optimized:
-    """Minimise with graduated non-convexity, trusting everything but the loop closures.
+    """Minimise with graduated non-convexity, trusting everything but some constraints.
 
-    Truncated least squares of Yang, Antonante, Tzoumas, Carlone, RA-L 2020: a closure whose
+    Truncated least squares of Yang, Antonante, Tzoumas, Carlone, RA-L 2020: a suspect whose
     squared residual exceeds the chi-square quantile of `inlier_probability` ends with weight 0.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+    suspects : sequence of int, optional
+        Indices of constraints; by default the loop closures.
+    inlier_probability : float
+    heartbeat : Heartbeat
 
     Returns
     -------
     Optimized
-        Its weights are 1 for odometry and scan matches and those of GNC for closures.
+        Its weights are 1 for what is trusted and those of GNC for suspects.
     """
-    suspects = [k for k, c in enumerate(graph.constraints) if _is_closure(c)]
+    if suspects is None:
+        suspects = [k for k, c in enumerate(graph.constraints) if _is_closure(c)]
     if not suspects:
         return optimize(graph, heartbeat=heartbeat)
     factors = _factors(graph)
-    inliers = np.setdiff1d(np.arange(factors.size()), suspects)
+    inliers = np.setdiff1d(np.arange(factors.size()), np.array(suspects, dtype=np.int64))
     lm = _parameters(50)
     lm.iterationHook = lambda *_: heartbeat("weighing loop closures")
     params = gtsam.GncLMParams(lm)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import bisect
+import functools
 import math
 from collections.abc import Sequence
 
@@ -19,6 +20,7 @@ from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import Closure, Expectations
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
@@ -238,9 +240,19 @@ class SubmapGraph:
         covariance = self._accumulated(k)
         node = len(self._nodes) - 1
         edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
+        wheels = self._by_wheels(k)
+        if wheels is not None:
+            told = Pose2.from_array(wheels.motion)
+            covariance = wheels.covariance + _ODOMETRY_FLOOR
+            self._edges.append(Constraint(node - 1, node, told, covariance, ConstraintKind.WHEELS))
         self._edges.append(edge)
         self._reach.add(edge)
         self._settled = None
+
+    def _by_wheels(self, k: int) -> WheelMotion | None:
+        """Motion from the anchor one node earlier to keyframe k by odometry alone."""
+        steps = [self.keyframes[m].wheels for m in range(self._firsts[-2] + 1, k + 1)]
+        return functools.reduce(joined, steps)
 
     def _accumulated(self, k: int) -> Floats:
         """Covariance of keyframe k as seen from the anchor one node earlier, in k's body frame."""

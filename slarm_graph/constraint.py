@@ -47,6 +47,7 @@ class ConstraintKind(StrEnum):
 
     ODOMETRY = "odometry"
     SCAN_MATCH = "scan_match"
+    WHEELS = "wheels"
     LOOP_CLOSURE = "loop_closure"
 
 

@@ -20,6 +20,7 @@ from slarm_graph.frontends.scans.correlative import search, search_every_pose
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
+from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import (
     BASIN,
@@ -58,6 +59,8 @@ _PLENTY_OF_POINTS = 20
 _LOST_REACH_M = 3.0
 """Window of a lost scan: what a robot drives in the seconds until it is noticed."""
 _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
+_FIRST_FITS, _LEAST_FIT = 5.0, 0.01
+"""Scans after which the usual fit means something, and the least that it is taken for."""
 _FROM_PREDICTION = np.empty(0)
 
 
@@ -95,7 +98,7 @@ class LocalMatcher:
         grid, prediction = local_map.grid, outlook.predictions[0]
         if grid is None or len(points) < self._config.min_points:
             return [unmatched(prediction, outlook)]
-        first = self._refine(points, grid, outlook.base, _loosened(prediction))
+        first = self._refine(points, local_map, outlook.base, _loosened(prediction))
         is_usual = self._is_usual(first, points, local_map, outlook)
         if is_usual and alone:
             return [first]
@@ -141,11 +144,11 @@ class LocalMatcher:
         evidence = pieces(points) / len(points)
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
-            leaning = self._refine(points, grid, base, prediction, evidence=evidence)
+            leaning = self._refine(points, local_map, base, prediction, evidence=evidence)
             if not is_same(leaning, first):
                 found.append(leaning)
             if prediction is not predictions[0]:
-                found.append(self._refine(points, grid, base, _loosened(prediction)))
+                found.append(self._refine(points, local_map, base, _loosened(prediction)))
         places = [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
         places += [unmatched(p, outlook) for p in predictions]
         best = max(places, key=lambda p: p.log_posterior)
@@ -156,17 +159,17 @@ class LocalMatcher:
         for prediction in predictions:
             start = _best_in_window(few, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
-            found.append(self._refine(points, grid, base, loose, start))
+            found.append(self._refine(points, local_map, base, loose, start))
             below = min(below, self._below(found[-1], points, local_map))
         if all_round and below > _LOST:
-            found += self._all_round(points, few, grid, base, predictions[0])
+            found += self._all_round(points, few, local_map, base, predictions[0])
         places += [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
         return distinct(places)
 
     def _refine(
         self,
         points: Floats,
-        grid: LikelihoodGrid,
+        local_map: LocalMap,
         base: Floats,
         prediction: Prediction,
         start: Floats = _FROM_PREDICTION,
@@ -175,6 +178,8 @@ class LocalMatcher:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
         if self._refine_by is not None:
             return self._refine_by(points, base, prediction, start, evidence)
+        grid = local_map.grid
+        assert grid is not None
         trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
         pose, covariance, score, inliers, used, _, _ = refine_motion(
             grid.values,
@@ -191,18 +196,27 @@ class LocalMatcher:
             grid.sigma_m,
         )
         information = invert3(covariance) - invert3(prediction.covariance)
-        return Place(pose, information / evidence, score, inliers, used)
+        information = along_the_weakest(information / evidence, grid, points, pose)
+        left = of_misfit(self._share_of_usual(points, pose, local_map))
+        return Place(pose, left * information, score, inliers, used)
+
+    def _share_of_usual(self, points: Floats, pose: Floats, local_map: LocalMap) -> float:
+        """How well a scan fits at a pose, as a share of how scans usually fit."""
+        if self.usual.count < _FIRST_FITS:
+            return 1.0
+        return fit(points, pose, local_map, self.usual.mean) / max(self.usual.mean, _LEAST_FIT)
 
     def _all_round(
         self,
         points: Floats,
         few: Floats,
-        grid: LikelihoodGrid,
+        local_map: LocalMap,
         base: Floats,
         prediction: Prediction,
     ) -> list[Place]:
         """Look all round where the robot should be, and where it last was."""
-        motion = prediction.motion
+        grid, motion = local_map.grid, prediction.motion
+        assert grid is not None
         expected = compose3(base, motion)
         is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
         pyramid = build_pyramid(grid)
@@ -218,7 +232,7 @@ class LocalMatcher:
             if hit is not None:
                 anywhere = Prediction(motion, _ANYWHERE)
                 start = hit.grid_from_robot.as_array()
-                found.append(self._refine(points, grid, base, anywhere, start))
+                found.append(self._refine(points, local_map, base, anywhere, start))
         return found
 
 

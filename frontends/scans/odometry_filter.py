@@ -18,6 +18,7 @@ import numpy as np
 from slarm_graph.frontends.scans.kalman import KalmanFilter
 from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
 
 _FIRST_SPEED = np.array([0.5, 0.2, 0.5])
@@ -174,6 +175,10 @@ class OdometryFilter:
         """Learn odometry's errors from the way (3,) between two matches; see `WheelCalibration`."""
         if self._increment is not None:
             self.wheels.learn(self._increment, moved, claimed, self._holds)
+
+    def wheel_motion(self) -> WheelMotion | None:
+        """Return the last step by odometry alone; None where there is none."""
+        return None if self._increment is None else self.wheels.along_path(self._increment)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.

@@ -19,6 +19,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2, between, transform_points
 
 Prepared = TypeVar("Prepared")
@@ -42,6 +43,8 @@ class Keyframe:
         Of the motion since the keyframe before, in this keyframe's body frame.
     view_center_m : (2,) float64
         Middle of what it sees nearby, in the robot's frame [m].
+    wheels : WheelMotion or None
+        Motion since the keyframe before by odometry alone; None where there is none.
     """
 
     scan: int
@@ -49,6 +52,7 @@ class Keyframe:
     local_from_robot: Pose2
     covariance: Floats
     view_center_m: Floats
+    wheels: WheelMotion | None = None
 
 
 def view_center(points: Floats) -> Floats:

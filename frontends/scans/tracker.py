@@ -23,6 +23,7 @@ from slarm_graph.frontends.scans.places import Outlook, Place, fit
 from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.small_pose import between3
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
 
@@ -53,6 +54,8 @@ class TrackedScan:
         Falsy with a reason when the scan was not matched and the prediction was kept.
     odom_from_robot : Pose2 or None
         As given.
+    wheels : WheelMotion or None
+        `motion` by odometry alone, calibrated.
     is_keyframe : bool
         Whether the scan joined the local map.
     """
@@ -65,6 +68,7 @@ class TrackedScan:
     match: MatchResult
     odom_from_robot: Pose2 | None
     is_keyframe: bool
+    wheels: WheelMotion | None = None
 
 
 class ScanTracker:
@@ -186,6 +190,7 @@ class ScanTracker:
             match,
             reading.odom_from_robot,
             self._keep(points, pose, place),
+            best.motion.wheel_motion(),
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import wrapped
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats
 
 _UNSURE = np.array([0.1, 0.1, 0.035])
@@ -90,6 +91,13 @@ class WheelCalibration:
         """
         along = np.maximum(self.path_excess, _LEAST_PATH)
         return np.diag(np.maximum(along - self.excess, 0.0) * _noise(increment))
+
+    def along_path(self, increment: Floats) -> WheelMotion:
+        """Return the motion that an increment (3,) means, as sure as one step of a path is."""
+        effect = _effect(increment)
+        noise = np.diag(np.maximum(self.path_excess, self.excess) * _noise(increment))
+        covariance = noise + effect @ self.covariance @ effect.T
+        return WheelMotion(increment + effect @ self.errors, covariance)
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""

@@ -1,0 +1,36 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Where odometry alone says that the robot went."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from slarm_graph.frontends.scans.small_pose import carried3, compose3
+from slarm_graph.geometry import Floats
+
+
+@dataclass(frozen=True, slots=True)
+class WheelMotion:
+    """A motion by calibrated odometry alone, no scan having been looked at.
+
+    Parameters
+    ----------
+    motion : (3,) float64
+        Pose of the robot now in its frame before [m, m, rad].
+    covariance : (3, 3) float64
+        Of it, in the body frame now, for errors that add up along a path.
+    """
+
+    motion: Floats
+    covariance: Floats
+
+    def then(self, after: WheelMotion) -> WheelMotion:
+        """Return this motion and the one that follows as one."""
+        motion = compose3(self.motion, after.motion)
+        return WheelMotion(motion, carried3(self.covariance, after.motion) + after.covariance)
+
+
+def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
+    """Return two motions as one, where odometry tells of both."""
+    return before.then(after) if before is not None and after is not None else None
