@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import networkx as nx
 import numpy as np
@@ -31,6 +32,12 @@ _ROUNDS = 3
 _ALIKE, _ALIGNED = 10, 5
 """Submaps whose pictures are compared with a node's, and ways to lie on one that are then aligned:
 of revisits two in three are among the ten most alike; twice as many find no more."""
+_FOLLOWED = 4
+"""Nodes that a find is followed by to either side, 10 m, and submaps beside its own that these may
+lie on."""
+_LEAST_FOLLOWED, _SPAN_FOLLOWED_M = 4, 6.0
+"""Finds that must agree, and the way that they must span, where most only follow from others: one
+more and three times as far, as they begin where they are expected."""
 _APART_M = 15.0
 """Way from which a return is a revisit: the local map has forgotten what lies behind."""
 _SURE_M, _SURE_RAD = 0.5, 0.15
@@ -63,6 +70,7 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
         found = [*_near(graph, matcher, tried), *_alike(graph, matcher, index, tried)]
+        found += _followed(found, graph, matcher)
         believed = consistent_sets(found, graph)
         if not believed:
             break
@@ -120,6 +128,48 @@ def _alike(
                 yield found
 
 
+def _followed(
+    found: Sequence[Closure], graph: SubmapGraph, matcher: SubmapMatcher
+) -> Iterator[Closure]:
+    """Go on from every find along both ways, as far as the places beside it match as well.
+
+    What is the same place stays so a few steps further; what only looks like it does not.
+    """
+    met = {(c.submap, c.keyframe) for c in found}
+    linked = graph.linked()
+    for c in found:
+        for direction in (-1, 1):
+            for further in _beside(c, direction, graph, matcher):
+                key = (further.submap, further.keyframe)
+                if key in met or graph.node_of(further.keyframe) in linked:
+                    break
+                met.add(key)
+                yield further
+
+
+def _beside(
+    find: Closure, direction: int, graph: SubmapGraph, matcher: SubmapMatcher
+) -> Iterator[Closure]:
+    """Align the nodes that follow a find's with the submaps where it puts them."""
+    nodes, ways, here = graph.poses()[: len(graph.submaps)], graph.ways_m(), find
+    for _ in range(_FOLLOWED):
+        j = graph.node_of(here.keyframe)
+        then = j + direction
+        if not 0 <= then < len(nodes):
+            return
+        there = compose(here.submap_from_keyframe, between(nodes[j], nodes[then]))
+        near = np.arange(max(here.submap - _FOLLOWED, 0), min(here.submap + _FOLLOWED + 1, then))
+        near = near[ways[near] < ways[then] - _APART_M]
+        if not len(near):
+            return
+        old = between(nodes[here.submap], nodes[near])
+        i = int(np.argmin(np.hypot(*(old - there)[:, :2].T)))
+        here = matcher.align(then, int(near[i]), between(old[i], there))
+        if here.reason:
+            return
+        yield replace(here, searched=False)
+
+
 def _unlinked(graph: SubmapGraph) -> Iterator[tuple[int, NDArray[np.int64]]]:
     """Yield nodes that no closure ties to an older one, with the submaps left far behind."""
     ways, linked = graph.ways_m(), graph.linked()
@@ -159,7 +209,9 @@ def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) 
     """Return all that agree with a core that agrees in itself and spans a way."""
     core = max(nx.find_cliques(links), key=len) if len(links) <= 60 else _greedy(links)
     ways = [graph.way_of(found[k].keyframe) for k in core]
-    if len(core) < _LEAST_SET or max(ways) - min(ways) < _SPAN_M:
+    independent = sum(found[k].searched for k in core) >= _LEAST_SET
+    least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
+    if len(core) < least or max(ways) - min(ways) < span_m:
         return set()
     return {k for k in links if sum(links.has_edge(k, c) for c in core) >= 0.5 * len(core)} | set(
         core

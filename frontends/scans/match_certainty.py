@@ -24,10 +24,10 @@ roughness."""
 _LEAST = 1e-3
 """Share of information that is left at least: 30 times the noise."""
 _MISFIT = 10.0
-"""Log of the variance per share of the usual fit that is missing. Where odometry is good, matches of
-scans that fit 0.85, 0.75, 0.65, 0.55 of the usual differ from it by 12, 19, 27 and 32 mm (fr-clinic)
-and by 5, 6, 13 and 12 mm (intel with people) more than those that fit as usual: 2.7 in the log of
-the variance from 0.95 to 0.4 of it per half, with tails that are wider."""
+"""Log of the variance per share of the usual fit that is missing. Where odometry is good, matches
+of scans that fit 0.95, 0.75, 0.55 and 0.4 of the usual differ from it by 5, 19, 32 and 96 mm beyond
+its own noise (fr-clinic) and by 3, 6, 12 and 45 mm (intel with people): 5 in the log of the noise
+per whole, with tails that are wider."""
 
 
 def along_the_weakest(
@@ -66,7 +66,7 @@ def along_the_weakest(
 
 
 def of_misfit(share: float) -> float:
-    """Return the share of information that is left to a scan by its fit, as a share of the usual."""
+    """Return the share of information left to a scan that fits a share as well as usual."""
     return math.exp(-_MISFIT * max(0.0, 1.0 - share))
 
 
