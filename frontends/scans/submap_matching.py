@@ -19,7 +19,6 @@ from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, doubt
-from slarm_graph.frontends.scans.match_certainty import along_the_weakest
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, between, compose, one_per_cell, transform_points
@@ -105,7 +104,6 @@ class SubmapMatcher:
             grid = cache.of(region, self._keyframes)
             loosely = (_LOOSE_INFORMATION, POINT_INFORMATION, 2 * self._matching.max_iterations)
             pose, information, *_ = refine_near(grid, points, pose, *loosely)
-        information = along_the_weakest(information, grid, points, pose)
         members = self._keyframes[submap.first : submap.last]
         poses = compose(pose, self._poses_of(submap))
         scores = [mean_likelihood(grid, m.points_m, p) for p, m in zip(poses, members, strict=True)]
