@@ -70,7 +70,7 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
         found = [*_near(graph, matcher, tried), *_alike(graph, matcher, index, tried)]
-        found += _followed(found, graph, matcher)
+        found += followed(found, graph, matcher)
         believed = consistent_sets(found, graph)
         if not believed:
             break
@@ -128,7 +128,7 @@ def _alike(
                 yield found
 
 
-def _followed(
+def followed(
     found: Sequence[Closure], graph: SubmapGraph, matcher: SubmapMatcher
 ) -> Iterator[Closure]:
     """Go on from every find along both ways, as far as the places beside it match as well.

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.backend import silent
-from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets
+from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets, followed
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -125,6 +125,30 @@ def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
     close_finally(graph, matcher_of(twice, graph), silent)
     graph.settle()
     assert error_m() < 0.1
+
+
+def test_a_find_is_followed_to_both_sides_while_places_match(twice: list[Keyframe]) -> None:
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice:
+        graph.add(keyframe)
+    matcher, nodes = matcher_of(twice, graph), graph.poses()
+    true = nodes.copy()
+    half = graph.node_of(len(twice) // 2)
+    true[half:] = compose(AWAY.inverse().as_array(), nodes[half:])
+    query = half + 5
+    near = int(np.argmin(np.hypot(*(true[: half - 1] - true[query])[:, :2].T)))
+    find = matcher.align(query, near, between(true[near], true[query]))
+    assert not find.reason
+    further = list(followed([find], graph, matcher))
+    assert {graph.node_of(c.keyframe) - query for c in further} >= {-2, -1, 1, 2}
+    for c in further:
+        there = between(true[c.submap], true[graph.node_of(c.keyframe)])
+        assert np.abs(between(there, c.submap_from_keyframe)).max() < 0.1
+        assert not c.searched
+    wrong = replace(
+        find, submap_from_keyframe=find.submap_from_keyframe + np.array([4.0, -3.0, 1.0])
+    )
+    assert len(list(followed([wrong], graph, matcher))) < 2
 
 
 def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> None:

@@ -1,0 +1,136 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure matches are along bare corridors and in crowds, and where wheels overrule them."""
+
+from __future__ import annotations
+
+import math
+
+import gtsam
+import numpy as np
+import pytest
+
+from slarm_graph.backends.graph_settling import contradictory_steps, settle
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.frontends.scans.gauss_newton import refine_near
+from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, build_likelihood_grid
+from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
+from slarm_graph.geometry import Floats, Pose2, compose
+
+SIGMA_M, NOISE_M = 0.05, 0.02
+CORRIDOR = ((-20.0, 1.0, 20.0, 1.0), (-20.0, -1.0, 20.0, -1.0))
+ROOM = ((-3.0, 2.0, 3.0, 2.0), (3.0, 2.0, 3.0, -2.0), (3.0, -2.0, -3.0, -2.0), (-3.0, -2, -3, 2))
+
+
+def rough(walls: tuple[tuple[float, ...], ...], seed: int) -> Floats:
+    """Segments (S, 4) of walls that are cut into pieces of 10 cm and shaken by 2 cm."""
+    rng, pieces = np.random.default_rng(seed), []
+    for x0, y0, x1, y1 in walls:
+        count = int(math.hypot(x1 - x0, y1 - y0) / 0.1)
+        points = np.linspace((x0, y0), (x1, y1), count) + rng.normal(0.0, NOISE_M, (count, 2))
+        pieces.append(np.hstack([points[:-1], points[1:]]))
+    return np.concatenate(pieces)
+
+
+def matched(
+    walls: tuple[tuple[float, ...], ...], seed: int = 1
+) -> tuple[LikelihoodGrid, Floats, Floats, Floats]:
+    """Grid, points (K, 2) within 5 m, pose (3,) and information (3, 3) of a match."""
+    grid = build_likelihood_grid(rough(walls, 0), resolution_m=0.05, sigma_m=SIGMA_M)
+    seen = rough(walls, seed)[:, :2]
+    points = np.ascontiguousarray(seen[np.hypot(*seen.T) < 5.0])
+    pose, information, *_ = refine_near(grid, points, np.zeros(3), np.eye(3), 6.25, 30)
+    return grid, points, pose, information
+
+
+def test_a_bare_corridor_says_little_along_it() -> None:
+    shares = []
+    for seed in range(1, 8):
+        grid, points, pose, information = matched(CORRIDOR, seed)
+        left = along_the_weakest(information, grid, points, pose)
+        assert left[1, 1] == pytest.approx(information[1, 1], rel=0.01)
+        assert np.linalg.eigvalsh(left).min() > 0.0
+        shares.append(left[0, 0] / information[0, 0])
+    assert np.median(shares) < 0.3
+
+
+def test_a_room_keeps_what_it_says() -> None:
+    grid, points, pose, information = matched(ROOM)
+    left = along_the_weakest(information, grid, points, pose)
+    assert left[1, 1] == pytest.approx(information[1, 1], rel=0.05)
+    assert 0.5 * information[0, 0] < left[0, 0] <= 1.001 * information[0, 0]
+
+
+def test_the_weakest_direction_turns_with_the_robot() -> None:
+    grid, points, pose, information = matched(CORRIDOR)
+    turn = np.array([0.0, 0.0, np.pi / 2])
+    c = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    block = np.eye(3)
+    block[:2, :2] = c
+    turned = along_the_weakest(
+        block @ information @ block.T, grid, points @ c.T, compose(pose, turn)
+    )
+    straight = along_the_weakest(information, grid, points, pose)
+    assert np.allclose(turned, block @ straight @ block.T, rtol=1e-3, atol=1.0)
+
+
+def test_what_fits_worse_says_less() -> None:
+    assert of_misfit(1.0) == of_misfit(1.3) == 1.0
+    assert of_misfit(0.8) == pytest.approx(math.exp(-2.0))
+
+
+def test_motions_add_up_as_gtsam_says() -> None:
+    a = WheelMotion(np.array([1.0, 0.3, 0.7]), np.diag([1e-4, 4e-4, 9e-4]))
+    b = WheelMotion(np.array([0.5, -0.2, -1.1]), np.diag([2e-4, 1e-4, 5e-4]))
+    both = joined(a, b)
+    assert both is not None
+    second = gtsam.Pose2(*b.motion)
+    whole = gtsam.Pose2(*a.motion).compose(second)
+    assert np.allclose(both.motion, [whole.x(), whole.y(), whole.theta()])
+    adjoint = second.inverse().AdjointMap()
+    assert np.allclose(both.covariance, adjoint @ a.covariance @ adjoint.T + b.covariance)
+    assert joined(None, b) is None
+    assert joined(a, None) is None
+
+
+def chain(slide_m: float, lidar_m: float, wheels_m: float, closes: bool = False) -> PoseGraph:
+    """Ten metres straight on, of which matches miss some in the sixth step; closed, or not."""
+    constraints, at = [], 0.0
+    poses = [np.zeros(3)]
+    for k in range(10):
+        slid = slide_m if k == 5 else 0.0
+        sigma_m = lidar_m if k == 5 else 0.02
+        told = ((1.0 - slid, sigma_m, ConstraintKind.ODOMETRY), (1.0, wheels_m, "wheels"))
+        for way_m, sd_m, kind in told:
+            covariance = np.diag([sd_m, sd_m, 0.01]) ** 2
+            constraints.append(
+                Constraint(k, k + 1, Pose2(way_m, 0.0, 0.0), covariance, ConstraintKind(kind))
+            )
+        at += 1.0 - slid
+        poses.append(np.array([at, 0.0, 0.0]))
+    if closes:
+        sure = np.diag([0.02, 0.02, 0.005]) ** 2
+        for k in (8, 9, 10):
+            seen = Pose2(k - slide_m, 0.0, 0.0)
+            constraints.append(Constraint(0, k, seen, sure, ConstraintKind.LOOP_CLOSURE))
+    return PoseGraph(np.array(poses), tuple(constraints))
+
+
+@pytest.mark.parametrize(
+    ("lidar_m", "wheels_m", "closes", "expected_m"),
+    [(0.2, 0.05, False, 10.0), (0.02, 0.1, False, 8.0), (0.2, 0.05, True, 8.0)],
+)
+def test_of_two_stories_the_surer_is_believed_unless_closures_tell(
+    lidar_m: float, wheels_m: float, closes: bool, expected_m: float
+) -> None:
+    graph = chain(2.0, lidar_m, wheels_m, closes)
+    settled = settle(graph)
+    assert settled.graph.poses[10, 0] == pytest.approx(expected_m, abs=0.1)
+    assert len(settled.weights) == len(graph.constraints)
+
+
+def test_a_step_is_contradictory_beyond_999_in_1000() -> None:
+    bound = math.sqrt(16.266) * math.hypot(0.03, 0.04)
+    assert contradictory_steps(chain(1.01 * bound, 0.03, 0.04).constraints) == [10, 11]
+    assert contradictory_steps(chain(0.99 * bound, 0.03, 0.04).constraints) == []
