@@ -64,8 +64,8 @@ def test_a_room_keeps_what_it_says() -> None:
 
 def test_the_weakest_direction_turns_with_the_robot() -> None:
     grid, points, pose, information = matched(CORRIDOR)
-    turn = np.array([0.0, 0.0, np.pi / 2])
-    c = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    turn = np.array([0.0, 0.0, 0.6])
+    c = np.array([[math.cos(0.6), math.sin(0.6)], [-math.sin(0.6), math.cos(0.6)]])
     block = np.eye(3)
     block[:2, :2] = c
     turned = along_the_weakest(
