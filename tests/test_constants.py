@@ -12,8 +12,24 @@ from pathlib import Path
 import pytest
 from test_names import ROOT, modules
 
-UNFINISHED: tuple[str, ...] = ("backends/", "frontends/scans/", "frontends/recordings/")
-"""Rooms whose constants are still to be explained."""
+UNFINISHED: tuple[str, ...] = (
+    "backends/gmapping.py",
+    "backends/graph_settling.py",
+    "backends/particle_maps.py",
+    "backends/proposal.py",
+    "backends/submap_graph.py",
+    "frontends/scans/gauss_newton.py",
+    "frontends/scans/icp.py",
+    "frontends/scans/likelihood_grid.py",
+    "frontends/scans/local_matching.py",
+    "frontends/scans/loop_closure.py",
+    "frontends/scans/matcher.py",
+    "frontends/scans/submaps.py",
+    "frontends/scans/tracker.py",
+    "frontends/scans/wall_sides.py",
+    "frontends/scans/wheel_calibration.py",
+)
+"""Files whose constants are still to be explained."""
 
 FEWEST_WORDS = 4
 """A remark of fewer words explains nothing; the shortest that does has five."""

@@ -29,7 +29,9 @@ WORDS = frozenset((*LASERS, "ODOM", "PARAM", "SYNC", "TRUEPOS", "NMEA-GGA", "IMU
 _NO_RETURN_M = 80.0
 """Old logs write 81.83 or 81.91 m where nothing came back."""
 _NEAREST_M = 0.1
+"""Such lines tell no least range; a choice, within the outline of any robot that carries a SICK."""
 _TAIL = 3
+"""Every line ends with the logger's stamp, host and time (CARMEN's log format)."""
 _POSE_WORDS = 11
 """Laser and robot pose, two speeds, three distances."""
 _LATEST_S = 9e9

@@ -19,9 +19,10 @@ from slarm_graph.geometry import Floats, between
 
 IMU = "sensor_msgs/msg/Imu"
 
-_FASTEST_M_S = 5.0
-_FASTEST_RAD_S = 10.0
+_FASTEST_M_S, _FASTEST_RAD_S = 5.0, 10.0
+"""A choice, several times what robots indoors do; only a warning depends on it."""
 _LEAST_STEP_S = 0.1
+"""Steps are taken to last so long: messages stamped in bunches are no leaps."""
 
 
 def check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:

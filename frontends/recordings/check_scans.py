@@ -13,6 +13,7 @@ from slarm_graph.frontends.recordings.findings import Finding, Severity, counted
 from slarm_graph.frontends.recordings.messages import ScanBlock
 from slarm_graph.frontends.recordings.ranges import clean_ranges, count_returns, usable_limits
 from slarm_graph.frontends.recordings.scan_rules import (
+    MAX_EMPTY_SHARE,
     SWEEPS_IGNORED,
     repeats,
     sweeps,
@@ -22,7 +23,7 @@ from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats
 
 _NOTED_SHARE = 0.2
-_MAX_EMPTY_SHARE = 0.9
+"""Of all ranges: a value so common is a code of the driver. A choice; only a note depends on it."""
 
 
 def check_scans(where: str, blocks: list[ScanBlock]) -> list[Finding]:
@@ -104,7 +105,7 @@ def _check_ranges(where: str, table: ScanTable) -> list[Finding]:
         total += r.size
     counts = table.flat(returns)
     empty = counts == 0
-    severe = np.count_nonzero(empty) > _MAX_EMPTY_SHARE * len(empty)
+    severe = np.count_nonzero(empty) > MAX_EMPTY_SHARE * len(empty)
     found = counted(
         "error" if severe else "warning", where, "{count} of {total} scans have no return",
         empty, table.stamp_ns, "they are not used",

@@ -6,15 +6,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from slarm_graph.frontends.recordings.clock import disorder, listed, segments
+from slarm_graph.frontends.recordings.clock import GAP_PERIODS, disorder, listed, segments
 from slarm_graph.frontends.recordings.findings import Finding, counted
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.scan_rules import far_off
 
 _SKEW_WARNING_S = 0.1
+"""One period of a lidar of 10 Hz. A choice; only a note depends on it."""
 _OTHER_CLOCK_S = 0.5
-_GAP_PERIODS = 3.0
+"""Clocks that NTP keeps agree far better. A choice; only a note depends on it."""
 _LEAST_GAP_NS = 100_000_000
+"""Fast topics may miss some messages on end: shorter silences are never told as gaps."""
 
 
 def check_stamps(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
@@ -63,7 +65,7 @@ def _check_gaps(where: str, stamps: Ints) -> list[Finding]:
     if len(steps) < 3:
         return []
     usual, slow = (float(value) for value in np.quantile(steps, (0.5, 0.95)))
-    limit_ns = round(max(_GAP_PERIODS * usual, 2.0 * slow, _LEAST_GAP_NS))
+    limit_ns = round(max(GAP_PERIODS * usual, 2.0 * slow, _LEAST_GAP_NS))
     long = np.concatenate([[False], steps > limit_ns])
     worst = f"longest {steps.max() * 1e-9:.2f} s, usual {usual * 1e-9:.3f} s"
     return counted(

@@ -12,8 +12,11 @@ from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Ints
 
 JUMP_NS = 1_000_000_000
+"""Back by less is late delivery: drivers hold messages for a sweep or two (LONGEST_SWEEP_S)."""
 _CONFIRMING = 3
-_NOTICED_PERIODS = 3.0
+"""Messages on end that stay behind; one or two may be late ones."""
+GAP_PERIODS = 3.0
+"""Two scans lost on end are a gap, one is not. A choice; only what is told depends on it."""
 _BACKWARDS_SHARE = 0.9
 """Share of steps back; late messages and repeated loops have at most one step back in two."""
 _MOST_LISTED = 6
@@ -144,7 +147,7 @@ def silences(stamps: Ints, steps: Ints) -> list[str]:
     if len(steps) == 0:
         return []
     usual = np.median(steps)
-    long = steps > max(_NOTICED_PERIODS * float(usual), 1e9)
+    long = steps > max(GAP_PERIODS * float(usual), 1e9)
     if not long.any():
         return []
     row = int(np.argmax(steps))

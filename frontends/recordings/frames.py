@@ -28,6 +28,7 @@ from slarm_graph.geometry import compose
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
 _ODOM_FRAMES = ("odom", "odom_combined", "odometry")
 _MAX_MOUNTING_GAP_S = 1.0
+"""Where `max_odom_gap_s` is not set: a moving mounting is not bridged over longer silences."""
 
 Told = list[str]
 

@@ -57,6 +57,7 @@ SWEEP_S = 0.21
 """420 returns at the lidar's 2000 samples a second (RPLIDAR A1 data sheet)."""
 
 _CM, _MDEG = 0.01, np.pi / 180_000.0
+"""Units of the file in metres and radians: centimetres and thousandths of a degree."""
 
 
 class LidarText:

@@ -23,6 +23,7 @@ MAGIC = b"\x89MCAP0\r\n"
 _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _STATISTICS, _CHUNK_INDEX, _DATA_END = (
     0x02, 0x03, 0x04, 0x05, 0x06, 0x0B, 0x08, 0x0F,
 )  # fmt: skip
+"""Opcodes of the MCAP specification, section Records."""
 _HEAD = struct.Struct("<BQ")
 _FOOTER_DATA = struct.Struct("<QQI")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")

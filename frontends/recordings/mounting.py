@@ -13,7 +13,9 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
 
 MAX_TILT_DEG = 5.0
+"""Tilted so, a beam of 10 m ends 0.9 m higher or lower: walls become other things."""
 _NOTICED_TILT_DEG = 0.1
+"""Below, mountings are level but for rounding: a beam of 10 m ends 2 cm off."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,6 +12,7 @@ from slarm_graph.frontends.recordings.packed import Bytes, Cursor, Ints, Malform
 
 _MODES = {"first": 0, "last": 1, "strongest": 2}
 _NAN = np.uint32(0x7FC00000)
+"""The bits of the quiet NaN in float32 (IEEE 754)."""
 
 
 def choose_echoes(cursor: Cursor, beams: int, echo: str) -> NDArray[np.float32]:

@@ -16,9 +16,10 @@ from slarm_graph.frontends.recordings.rotations import bracket, usable_quaternio
 from slarm_graph.frontends.recordings.transforms import TransformTree
 from slarm_graph.geometry import Floats, between, interpolate_poses
 
-_STILL_M = 1e-6
-_STILL_RAD = 1e-6
+_STILL = 1e-6
+"""Poses that differ by less [m, rad] are equal but for rounding to six decimals."""
 _LEAST_GAP_S = 0.5
+"""Odometry comes at 2 Hz at the very least; shorter silences are never unusual."""
 _ANY_GAP_NS = np.iinfo(np.int64).max
 FARTHEST_M = 1e7
 """Coordinates beyond those of UTM [m] are no places."""
@@ -83,7 +84,7 @@ class OdometryPath:
         max_gap_ns = round(max_gap_s * 1e9)
         before, after, _, known = bracket(self.stamp_ns, stamps_ns, max_gap_ns)
         step = np.abs(between(self.poses[before], self.poses[after]))
-        still = (step[:, :2] < _STILL_M).all(axis=1) & (step[:, 2] < _STILL_RAD)
+        still = (step < _STILL).all(axis=1)
         inside = (stamps_ns >= self.stamp_ns[0]) & (stamps_ns <= self.stamp_ns[-1])
         if len(self) == 1:
             known = np.abs(stamps_ns - self.stamp_ns[0]) <= max_gap_ns

@@ -24,6 +24,7 @@ from slarm_graph.frontends.recordings.ranges import (
     range_limits,
 )
 from slarm_graph.frontends.recordings.scan_rules import (
+    MAX_EMPTY_SHARE,
     SWEEPS_IGNORED,
     far_off,
     frozen,
@@ -45,11 +46,8 @@ from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
 """Where the laser of a frame sits at some stamps; None where that is unknown."""
 
-_MAX_UNUSED_SHARE = 0.5
-_NOTICED_UNUSED_SHARE = 0.05
-_MAX_EMPTY_SHARE = 0.9
-"""Shares of scans: with more than half unusable a run is refused, from a twentieth on it is a
-warning; without any return in nine of ten the sensor is at fault, not the place."""
+_MAX_UNUSED_SHARE, _NOTICED_UNUSED_SHARE = 0.5, 0.05
+"""Of scans: with more than half unusable a run is refused, from a twentieth on it is a warning."""
 _FROZEN = "repeats an earlier scan to the bit although the robot moves"
 
 
@@ -259,7 +257,7 @@ class RecordedSource:
         for row in empty.tolist():
             holds = describe_emptiness(self._table.recorded(row))
             self._fates.drop([row], f"no valid beam ({holds})")
-        if len(empty) > _MAX_EMPTY_SHARE * len(rows):
+        if len(empty) > MAX_EMPTY_SHARE * len(rows):
             first = int(empty[0])
             raise BadInput(
                 f"{self._topic}: {len(empty)} of {len(rows)} scans have no return; first: scan "

@@ -12,6 +12,7 @@ from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.geometry import Floats
 
 _UNIT_TOLERANCE = 1e-3
+"""Four components of three decimals are off by half a thousandth each, by one together."""
 
 
 def usable_quaternions(quaternions: Floats) -> tuple[NDArray[np.bool_], Floats]:

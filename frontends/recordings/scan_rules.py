@@ -22,11 +22,12 @@ LONGEST_SWEEP_PERIODS = 1.5
 were lost or stamped late. Units taken for others are wrong a thousandfold and more."""
 LONGEST_SWEEP_S = 1.0
 """Where single scans tell no period: no planar lidar turns slower than once a second."""
+MAX_EMPTY_SHARE = 0.9
+"""Without any return in more of the scans the sensor is at fault, not the place."""
 FEW_BEAMS = 16
 """With fewer returns in most scans nothing can be matched: three unknowns need some ten lines of
 sight that see different walls; at half as many even a square room leaves matches undetermined."""
-MOVED_M = 0.02
-MOVED_RAD = 0.01
+MOVED_M, MOVED_RAD = 0.02, 0.01
 """Motion by which two scans differ in every bit: ranges have noise of a centimetre or so, and a
 robot that stands still on encoders that tremble moves less."""
 USUAL_MOST_M = 100.0

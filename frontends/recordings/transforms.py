@@ -23,17 +23,14 @@ from slarm_graph.frontends.recordings.rotations import (
 )
 from slarm_graph.geometry import Floats
 
-_SAME_M = 1e-6
-_SAME_QUATERNION = 1e-7
+_SAME_M, _SAME_QUATERNION = 1e-6, 1e-7
 """Differences below these are rounding of writers that pass through text or float32."""
-_TORN_M = 0.3
-_TORN_SHARE = 0.25
+_TORN_M, _TORN_SHARE = 0.3, 0.25
 """A stream that leaps so far and comes back with the next message, in a quarter of its messages,
 has two sources. Halved, a robot that rocks on the spot would count; doubled, two robots that drive
 side by side would not."""
 TORN = "jumps back and forth between two places: two robots, or two publishers"
-_OTHER_M = 1e-3
-_OTHER_TURN = 1e-3
+_OTHER_M, _OTHER_TURN = 1e-3, 1e-3
 """Fixed transforms that differ by more [m, quaternion] are two, not one written twice."""
 
 

@@ -21,6 +21,7 @@ from slarm_graph.frontends.scans.search_pyramid import FULL, Bytes, Integers, Se
 from slarm_graph.geometry import Floats, Pose2
 
 _STACK = 256
+"""Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,7 @@ from slarm_graph.geometry import Floats, transform_points
 Grid = NDArray[np.float32]
 
 _REACH_SIGMAS = 3.0
+"""Beyond, the likelihood is below exp(-4.5), about 1 %, and taken as none."""
 _TABLE_SIZE = 2048
 _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
 

@@ -37,6 +37,7 @@ _MEMORY = 0.05
 _LEAST_SPREAD = 0.08
 """Of the usual fit: that of 30 independent pieces of surroundings."""
 _KEEPS_INVERTIBLE = np.diag([0.01, 0.01, 0.01])
+"""Information of 10 m and 10 rad: what a scan does not fix stays unknown, but finite."""
 BASIN = np.diag([0.05, 0.05, 0.025]) ** 2
 """Of a place: poses so near fit alike [m, m, rad]. The fall-off of the likelihood, at 2 m."""
 _NOTHING_KNOWN = 0.01

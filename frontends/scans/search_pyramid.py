@@ -16,6 +16,7 @@ Bytes = NDArray[np.uint8]
 Integers = NDArray[np.int64]
 
 FULL = 255
+"""A likelihood of one, in eight bits: the largest a byte holds."""
 
 
 @dataclass(frozen=True, slots=True)
