@@ -37,6 +37,7 @@ _COLUMNS = (
     "verdict",
 )
 _STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)))
+"""Motion of no steps: what those of a path are added to."""
 
 
 @dataclass(frozen=True, slots=True)
