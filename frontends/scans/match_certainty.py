@@ -20,14 +20,15 @@ from slarm_graph.geometry import Floats
 
 _AWAY_M = 0.1
 """How far away the fall-off is looked at: twice that of the likelihood of a wall, beyond its
-roughness."""
+roughness. Half of it makes intel.bag 6 % better and fr079 the same."""
 _LEAST = 1e-3
 """Share of information that is left at least: 30 times the noise."""
 _MISFIT = 10.0
 """Log of the variance per share of the usual fit that is missing. Where odometry is good, matches
 of scans that fit 0.95, 0.75, 0.55 and 0.4 of the usual differ from it by 5, 19, 32 and 96 mm beyond
 its own noise (fr-clinic) and by 3, 6, 12 and 45 mm (intel with people): 5 in the log of the noise
-per whole, with tails that are wider."""
+per whole, with tails that are wider. Half of it makes intel.bag 11 % better and fr-clinic with a
+view of 90 degrees lose its way (4.1 m instead of 0.37)."""
 
 
 def along_the_weakest(
