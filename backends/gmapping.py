@@ -25,6 +25,7 @@ from numpy.random import Generator
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
 from slarm_graph.backends.motion_model import motion_covariance
+from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.backends.particle_matching import point_normals
 from slarm_graph.backends.particle_tables import (
     particle_notices,
@@ -32,6 +33,7 @@ from slarm_graph.backends.particle_tables import (
     second_pass_notice,
     update_table,
 )
+from slarm_graph.backends.path_covariance import fill_covariances, spread_covariances
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
@@ -182,7 +184,19 @@ class GmappingBackend:
         tables = update_table(stamps_ns, done.filter), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
         said = (*particle_notices(done.filter), *notices)
-        return SlamResult(path, tables=(*tables, *closures), notices=said)
+        covariances = self._covariances(done, path.poses)
+        return SlamResult(path, covariances, tables=(*tables, *closures), notices=said)
+
+    def _covariances(self, done: _Pass, poses: Floats) -> Floats:
+        """Spread of the particles' paths, and what none of them can know (S, 3, 3)."""
+        known = done.filter
+        paths = known.ancestry.paths(np.arange(len(known.poses)))
+        # A pose is drawn no finer than a motion of length zero allows, and matched to cells.
+        cell = np.diag([1.0, 1.0, 0.0]) * self._config.maps.delta_m**2 / 12.0
+        floor = motion_covariance(self._config.motion, 0.0, 0.0) + cell
+        weights = normalised(known.log_weights)
+        spread = spread_covariances(paths, paths[:, known.best()], weights, floor)
+        return fill_covariances(spread, np.array(self._state.updates), poses)
 
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""

@@ -10,6 +10,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.backends.path_covariance import path_covariances
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2
@@ -66,7 +67,8 @@ class PoseGraphBackend:
             return SlamResult(self._builder.unmatched(), notices=(_ODOMETRY_ALONE,))
         closed = self._builder.closed()
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
-        return SlamResult(trajectory, pose_graph=closed.graph, tables=(closed.closures,))
+        covariances = path_covariances(closed.graph, closed.scans, closed.poses)
+        return SlamResult(trajectory, covariances, closed.graph, (closed.closures,))
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

@@ -50,7 +50,7 @@ MAP_WORDS = "White is free, black occupied, grey unknown."
 HEIGHT_WORDS = "Heights that are not written show under the pointer."
 _PAGE_PX, _TALL_PX = 1000.0, 760.0
 """About the width of a page, and the height that the template gives a map at most."""
-_ELLIPSES = 120
+_ELLIPSES = 30
 """More would cover the path."""
 _CHI_95 = math.sqrt(5.991)
 """95 % of a normal distribution in the plane lie within so many standard deviations."""

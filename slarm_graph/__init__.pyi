@@ -51,6 +51,13 @@ from slarm_graph.files.maps import read_map as read_map
 from slarm_graph.files.maps import write_map as write_map
 from slarm_graph.files.trajectories import read_trajectory as read_trajectory
 from slarm_graph.files.trajectories import write_trajectory as write_trajectory
+from slarm_graph.files.trajectory_covariances import TrajectoryCovariance as TrajectoryCovariance
+from slarm_graph.files.trajectory_covariances import (
+    read_trajectory_covariance as read_trajectory_covariance,
+)
+from slarm_graph.files.trajectory_covariances import (
+    write_trajectory_covariance as write_trajectory_covariance,
+)
 from slarm_graph.files.worlds import load_world as load_world
 from slarm_graph.files.worlds import save_world as save_world
 from slarm_graph.files.worlds import shipped_worlds as shipped_worlds

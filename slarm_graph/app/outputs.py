@@ -23,6 +23,10 @@ from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
 from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
 from slarm_graph.files.trajectories import tum_text
+from slarm_graph.files.trajectory_covariances import (
+    TrajectoryCovariance,
+    write_trajectory_covariance,
+)
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.reading_log import ReadingLog
@@ -52,7 +56,11 @@ def save_readings(folder: RunFolder, log: ReadingLog) -> None:
 
 
 def save_slam(folder: RunFolder, slam: SlamResult, grid: OccupancyGrid) -> None:
-    """Write occupancy map, pose graph and the backend's tables."""
+    """Write covariances, occupancy map, pose graph and the backend's tables."""
+    if slam.covariances is not None:
+        known = TrajectoryCovariance(slam.trajectory.stamps_ns, slam.covariances)
+        with folder.replacing("trajectory_covariance.npz") as temporary:
+            write_trajectory_covariance(temporary, known)
     save_map(folder, "map", grid.geometry, grid.occupied, grid.free)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:

@@ -1,0 +1,225 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure a path is of every pose: covariances in the robot's own frame [m, m, rad].
+
+Errors are tangents in the body frame of the pose they belong to, as in GTSAM: the true pose is
+`pose @ exp(error)`. What is known at frame a is carried to a frame b fixed to it by the adjoint of
+`b_from_a`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import bsr_matrix
+from scipy.sparse.linalg import splu
+
+from slarm_graph.constraint import ConstraintKind, PoseGraph
+from slarm_graph.geometry import Floats, between
+
+_MOST_NODES = 3000
+"""The time grows with the square of the nodes: 3000 take seconds, twice as many four times that.
+Larger graphs are left without covariances."""
+_AT_ONCE = 100
+"""Nodes solved for in one go; bounds the memory at 3000 nodes to some 20 MB."""
+
+
+@dataclass(frozen=True, slots=True)
+class NodeCovariances:
+    """What a graph says of its nodes, pose 0 being certain.
+
+    Parameters
+    ----------
+    own : (N, 3, 3) float64
+        Of every node, in its body frame.
+    cross : (N - 1, 3, 3) float64
+        Of every node (rows) with the one after (columns), each in its own body frame.
+    steps : (N - 1, 3, 3) float64
+        Of the measured step between them by itself, in the body frame of the node after.
+    """
+
+    own: Floats
+    cross: Floats
+    steps: Floats
+
+
+def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) -> Floats | None:
+    """Return the covariance of every scan's pose out of that of the graph's nodes.
+
+    Model: seen from the node after, the step of every scan between two nodes a and b adds the same
+    share of the covariance Q of the step from a to b, independently. Given both nodes, a scan that
+    is the share s of the scans on the way has the error
+
+        e = (1 - s) A e_a + s B e_b + w,   cov(w) = s (1 - s) B Q B^T
+
+    with A and B the adjoints that carry errors of a and b to the scan: a bridge pinned at both
+    ends. For this model it is exact to first order; nodes that loops have tied more
+    closely than the step between them have the scans in between less certain than themselves, by
+    Q / 4 at most. Scans after the last node go on with the last step's share.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+        At its optimum.
+    scans : (N,) int64
+        The scan that every node stands at, ascending.
+    poses : (S, 3) float64
+        `map_from_robot` at every scan.
+
+    Returns
+    -------
+    (S, 3, 3) float64 or None
+        Body frame [m^2, m rad, rad^2]; None for a graph of one node, of too many, or with a gap.
+    """
+    nodes = node_covariances(graph)
+    if nodes is None:
+        return None
+    every, last = np.arange(len(poses)), len(scans) - 1
+    before = np.clip(np.searchsorted(scans, every, side="right") - 1, 0, last - 1)
+    gap = scans[before + 1] - scans[before]
+    share = np.maximum((every - scans[before]) / gap, 0.0)
+    from_a = adjoints(between(poses, poses[scans[before]]))
+    from_b = adjoints(between(poses, poses[scans[before + 1]]))
+    s = np.minimum(share, 1.0)[:, None, None]
+    mixed = carried(nodes.cross[before], from_a, from_b)
+    step = carried(nodes.steps[before], from_b)
+    total = (
+        (1.0 - s) ** 2 * carried(nodes.own[before], from_a)
+        + s**2 * carried(nodes.own[before + 1], from_b)
+        + s * (1.0 - s) * (mixed + mixed.swapaxes(1, 2) + step)
+        + np.maximum(share - 1.0, 0.0)[:, None, None] * step
+    )
+    return _symmetric(total)
+
+
+def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
+    """Factorise the graph's information once and solve for what belongs to each node.
+
+    None for a graph of one node, of more than `_MOST_NODES`, with two nodes in a row that no
+    measured step joins, or with information that is singular in double precision.
+    """
+    count = len(graph.poses)
+    steps = _steps(graph)
+    if not 2 <= count <= _MOST_NODES or steps is None:
+        return None
+    try:
+        solver = splu(_information(graph).tocsc())
+    except RuntimeError:
+        return None
+    own, cross = np.zeros((count, 3, 3)), np.zeros((count - 1, 3, 3))
+    size = 3 * (count - 1)
+    for first in range(1, count, _AT_ONCE):
+        nodes = np.arange(first, min(first + _AT_ONCE, count))
+        unit = np.zeros((size, 3 * len(nodes)))
+        columns = np.arange(3 * len(nodes))
+        unit[3 * (first - 1) + columns, columns] = 1.0
+        found = solver.solve(unit).reshape(count - 1, 3, len(nodes), 3)
+        own[nodes] = found[nodes - 1, :, nodes - first]
+        after_first = nodes[nodes > 1]
+        cross[after_first - 1] = found[after_first - 2, :, after_first - first]
+    if not (np.isfinite(own).all() and (np.diagonal(own, 0, 1, 2) >= 0.0).all()):
+        return None
+    return NodeCovariances(_symmetric(own), cross, steps)
+
+
+def _steps(graph: PoseGraph) -> Floats | None:
+    """Covariances (N - 1, 3, 3) of the steps, all that measures one taken together."""
+    information = np.zeros((len(graph.poses) - 1, 3, 3))
+    for c in graph.constraints:
+        if c.j == c.i + 1 and c.kind is not ConstraintKind.LOOP_CLOSURE:
+            information[c.i] += np.linalg.inv(c.covariance)
+    return np.linalg.inv(information) if (information[:, 2, 2] > 0.0).all() else None
+
+
+def _information(graph: PoseGraph) -> bsr_matrix:
+    """Information of all poses but the first: e_j - Ad(j_from_i) e_i is what was measured."""
+    i, j = np.array([(c.i, c.j) for c in graph.constraints]).T
+    weight = np.linalg.inv(np.array([c.covariance for c in graph.constraints]))
+    back = -adjoints(between(graph.poses[j], graph.poses[i]))
+    ii, ij = back.swapaxes(1, 2) @ weight @ back, back.swapaxes(1, 2) @ weight
+    blocks = np.concatenate([ii, ij, ij.swapaxes(1, 2), weight])
+    rows, columns = np.concatenate([i, i, j, j]) - 1, np.concatenate([i, j, i, j]) - 1
+    free = (rows >= 0) & (columns >= 0)
+    return _blocks(blocks[free], rows[free], columns[free], len(graph.poses) - 1)
+
+
+def _blocks(
+    blocks: Floats, rows: NDArray[np.int64], columns: NDArray[np.int64], count: int
+) -> bsr_matrix:
+    """Put blocks (K, 3, 3) into a sparse matrix; those at one place add up."""
+    order = np.argsort(rows, kind="stable")
+    starts = np.searchsorted(rows[order], np.arange(count + 1))
+    return bsr_matrix((blocks[order], columns[order], starts), shape=(3 * count, 3 * count))
+
+
+def spread_covariances(paths: Floats, best: Floats, weights: Floats, floor: Floats) -> Floats:
+    """Weighted spread of particles' paths about the best of them, in its body frame.
+
+    Particles of one ancestor agree on what was before, however wrong it may be: far back, this is
+    no more than the floor, and a lower bound at all times.
+
+    Parameters
+    ----------
+    paths : (U, P, 3) float64
+        `map_from_robot` of all particles at every update.
+    best : (U, 3) float64
+    weights : (P,) float64
+        Summing to 1.
+    floor : (3, 3) float64
+        Added to every one.
+
+    Returns
+    -------
+    (U, 3, 3) float64
+    """
+    away = between(best[:, None, :], paths)
+    return np.asarray(np.einsum("upi,p,upj->uij", away, weights, away) + floor)
+
+
+def fill_covariances(known: Floats, scans: NDArray[np.int64], poses: Floats) -> Floats:
+    """Give every scan a covariance, blended from the known ones before and after.
+
+    Parameters
+    ----------
+    known : (U, 3, 3) float64
+        At the scans `scans`, in their body frames.
+    scans : (U,) int64
+        Ascending.
+    poses : (S, 3) float64
+        `map_from_robot` at every scan.
+
+    Returns
+    -------
+    (S, 3, 3) float64
+        Both neighbours' errors taken as those of one rigid way; equal to `known` at its scans.
+    """
+    every, last = np.arange(len(poses)), len(scans) - 1
+    before = np.clip(np.searchsorted(scans, every, side="right") - 1, 0, last)
+    after = np.minimum(before + 1, last)
+    gap = np.maximum(scans[after] - scans[before], 1)
+    s = np.clip((every - scans[before]) / gap, 0.0, 1.0)[:, None, None]
+    from_before = carried(known[before], adjoints(between(poses, poses[scans[before]])))
+    from_after = carried(known[after], adjoints(between(poses, poses[scans[after]])))
+    return _symmetric((1.0 - s) * from_before + s * from_after)
+
+
+def adjoints(a_from_b: Floats) -> Floats:
+    """Adjoints (N, 3, 3) of poses (N, 3): they carry errors in frame b to frame a."""
+    x, y, theta = a_from_b.T
+    out = np.zeros((len(a_from_b), 3, 3))
+    out[:, 0, 0] = out[:, 1, 1] = np.cos(theta)
+    out[:, 1, 0] = np.sin(theta)
+    out[:, 0, 1] = -out[:, 1, 0]
+    out[:, 0, 2], out[:, 1, 2], out[:, 2, 2] = y, -x, 1.0
+    return out
+
+
+def carried(covariances: Floats, left: Floats, right: Floats | None = None) -> Floats:
+    """Carry covariances (N, 3, 3) by adjoints (N, 3, 3), rows by the left, columns by the right."""
+    return np.asarray(left @ covariances @ (left if right is None else right).swapaxes(1, 2))
+
+
+def _symmetric(covariances: Floats) -> Floats:
+    return np.asarray(0.5 * (covariances + covariances.swapaxes(1, 2)))
