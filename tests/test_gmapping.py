@@ -15,6 +15,7 @@ from slarm_graph import backends
 from slarm_graph.backend import SlamResult
 from slarm_graph.backends import rbpf
 from slarm_graph.backends.gmapping import GmappingBackend
+from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.config import (
     FrontendConfig,
@@ -33,7 +34,7 @@ from slarm_graph.eval.relations import read_relations, relation_errors
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, tour
-from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
 
@@ -145,6 +146,20 @@ def test_a_restored_snapshot_goes_on_as_if_nothing_had_happened() -> None:
     a, b = run(straight, readings[200:]), run(resumed, readings[200:])
     assert a.trajectory.poses.tobytes() == b.trajectory.poses.tobytes()
     assert a.tables == b.tables
+
+
+def test_covariances_are_those_of_the_particles_about_the_best() -> None:
+    backend = made()
+    result = run(backend, recorded()[0][:100])
+    state = backend._state
+    known, at, best = result.covariances, state.updates, state.filter.best_path()
+    assert known is not None
+    assert known.shape == (len(result.trajectory), 3, 3)
+    heading = state.filter.poses[:, 2] - best[-1, 2]
+    spread = np.square(wrap_angles(heading)) @ normalised(state.filter.log_weights)
+    assert known[at[-1], 2, 2] == pytest.approx(spread + 0.002**2)
+    # All come from one start, of which the floor is left: a proposal's least and that of a cell.
+    np.testing.assert_allclose(known[0, 0, 0], 0.005**2 + 0.05**2 / 12.0)
 
 
 def test_eq_11_and_the_filters_books_are_shown() -> None:

@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from slarm_graph import read_trajectory_covariance, write_trajectory_covariance
+from slarm_graph.app.outputs import save_slam
+from slarm_graph.app.run_folder import create_run_folder
+from slarm_graph.backend import SlamResult
 from slarm_graph.backends.path_covariance import (
     adjoints,
     fill_covariances,
@@ -21,6 +24,8 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectory_covariances import TrajectoryCovariance
 from slarm_graph.geometry import Pose2, between, compose
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.trajectory import Trajectory
 
 BETWEEN = 5
 STEP = np.array([0.3, 0.05, 0.2])
@@ -176,6 +181,17 @@ def test_adjoints_are_those_of_single_poses() -> None:
     poses = bent_path(7)
     expected = [Pose2.from_array(pose).adjoint() for pose in poses]
     np.testing.assert_allclose(adjoints(poses), expected)
+
+
+def test_a_run_folder_tells_where_the_backend_knows(tmp_path: Path) -> None:
+    path = Trajectory(np.array([1, 5]), np.zeros((2, 3)))
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 2, 2), np.full((2, 2), 0.5, np.float32))
+    for name, known in (("knows", np.stack([Q, 2.0 * Q])), ("not", None)):
+        save_slam(create_run_folder(tmp_path, name), SlamResult(path, known), grid)
+    found = read_trajectory_covariance(tmp_path / "knows" / "trajectory_covariance.npz")
+    np.testing.assert_array_equal(found.stamps_ns, path.stamps_ns)
+    np.testing.assert_array_equal(found.covariances[1], 2.0 * Q)
+    assert not (tmp_path / "not" / "trajectory_covariance.npz").exists()
 
 
 def test_file_round_trip(tmp_path: Path) -> None:

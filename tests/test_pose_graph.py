@@ -12,6 +12,7 @@ import pytest
 
 from slarm_graph.backends.graph_settling import settle
 from slarm_graph.backends.pose_graph import PoseGraphBackend
+from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
 from slarm_graph.backends.submap_graph import spread
 from slarm_graph.config import (
     FrontendConfig,
@@ -24,6 +25,7 @@ from slarm_graph.config import (
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import RunFailed
 from slarm_graph.eval.relations import read_relations, relation_errors
+from slarm_graph.exploration.survey import position_rmse_m
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
@@ -101,6 +103,27 @@ def test_closures_are_listed_and_in_the_graph(finished: PoseGraphBackend) -> Non
     verdicts = [row[table.columns.index("verdict")] for row in table.rows]
     closures = [c for c in result.pose_graph.constraints if c.kind is ConstraintKind.LOOP_CLOSURE]
     assert 0 < verdicts.count("accepted") == len(closures)
+
+
+def test_every_pose_has_a_covariance(lap: Drive, finished: PoseGraphBackend) -> None:
+    result = finished.result()
+    graph, known = result.pose_graph, result.covariances
+    assert graph is not None
+    assert known is not None
+    assert known.shape == (len(result.trajectory), 3, 3)
+    assert np.linalg.eigvalsh(known).min() > -1e-12
+    # The first pose is where it is by definition, and the last node is as sure as GTSAM says,
+    # which has residuals turn its Jacobians: they are left out.
+    np.testing.assert_allclose(known[0], 0.0, atol=1e-15)
+    told = [
+        replace(c, i_from_j=Pose2.from_array(between(graph.poses[c.i], graph.poses[c.j])))
+        for c in graph.constraints
+    ]
+    (last,) = marginal_covariances(replace(graph, constraints=tuple(told)), [len(graph.poses) - 1])
+    assert np.abs(known - last).max(axis=(1, 2)).min() < 1e-9
+    assert position_rmse_m(result) == pytest.approx(
+        np.sqrt(np.mean(known[:, 0, 0] + known[:, 1, 1]))
+    )
 
 
 def test_same_readings_give_the_same_bytes(lap: Drive, finished: PoseGraphBackend) -> None:
