@@ -52,7 +52,7 @@ _PAGE_PX, _TALL_PX = 1000.0, 760.0
 """About the width of a page, and the height that the template gives a map at most."""
 _ELLIPSES = 30
 """More would cover the path."""
-_CHI_95 = math.sqrt(5.991)
+CHI_95 = math.sqrt(5.991)
 """95 % of a normal distribution in the plane lie within so many standard deviations."""
 _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 25)) for f in (np.cos, np.sin)])
 _LETTER_PX, _LINE_PX = 8.0, 18.0
@@ -207,7 +207,7 @@ def _put_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | 
         spread = turn @ covariances[index][:2, :2] @ turn.T
         if np.isfinite(spread).all():
             values, axes = np.linalg.eigh(spread)
-            ring = axes @ (np.sqrt(values.clip(0.0))[:, None] * _CIRCLE) * _CHI_95
+            ring = axes @ (np.sqrt(values.clip(0.0))[:, None] * _CIRCLE) * CHI_95
             rings.append(np.vstack([ring.T + trajectory.poses[index, :2], [np.nan, np.nan]]))
     line = np.concatenate(rings)
     fig.add_scatter(

@@ -11,6 +11,7 @@ import pytest
 from slarm_graph import read_trajectory_covariance, write_trajectory_covariance
 from slarm_graph.app.outputs import save_slam
 from slarm_graph.app.run_folder import create_run_folder
+from slarm_graph.app.run_report import uncertainty
 from slarm_graph.backend import SlamResult
 from slarm_graph.backends.path_covariance import (
     adjoints,
@@ -192,6 +193,13 @@ def test_a_run_folder_tells_where_the_backend_knows(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.stamps_ns, path.stamps_ns)
     np.testing.assert_array_equal(found.covariances[1], 2.0 * Q)
     assert not (tmp_path / "not" / "trajectory_covariance.npz").exists()
+
+
+def test_the_report_tells_the_worst_position() -> None:
+    known = np.stack([np.diag([0.01, 0.0001, 9.0]), np.diag([0.04, 0.09, 9.0])])
+    # 95 % of a normal distribution in the plane lie within 2.448 standard deviations.
+    assert uncertainty(known) == "; position uncertain by up to 0.73 m (95 %)"
+    assert not uncertainty(None)
 
 
 def test_file_round_trip(tmp_path: Path) -> None:

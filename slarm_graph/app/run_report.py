@@ -19,10 +19,10 @@ from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
-from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
+from slarm_graph.eval.report_figures import CHI_95, GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import config_differences
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.trajectory import Trajectory
 
 _SLAM_STAGES = ("slam", "optimisation and map", "exploration", "map")
@@ -40,7 +40,7 @@ def save_report(folder: RunFolder, run: Run, references: References) -> None:
 def _content(folder: RunFolder, run: Run, references: References) -> ReportContent:
     return ReportContent(
         title=run.title,
-        lead=f"{run.info.description}; seed {run.config.seed}",
+        lead=f"{run.info.description}; seed {run.config.seed}{uncertainty(run.slam.covariances)}",
         grid=run.grid,
         trajectories=_trajectories(run, references),
         geographic=run.geographic,
@@ -56,6 +56,14 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         marks=_marks(run),
         verdict=run.consistency.verdict,
     )
+
+
+def uncertainty(covariances: Floats | None) -> str:
+    """Say how far off the least sure pose (of N, 3, 3) may be; nothing where it is not known."""
+    if covariances is None or not len(covariances):
+        return ""
+    worst_m = CHI_95 * np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1].max())
+    return f"; position uncertain by up to {worst_m:.2g} m (95 %)"
 
 
 def _marks(run: Run) -> Marks:
