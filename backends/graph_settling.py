@@ -13,15 +13,13 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
-from slarm_graph.geometry import Floats, between
+from slarm_graph.geometry import Floats, Pose2, between
 
 _SLIP_SIGMAS = 2.0
 _BELIEVED = 0.5
 """Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
 _CONTRADICTION = 16.27
 """Chi-square quantile of 99.9 % for 3 degrees of freedom."""
-_LOOSE = 1e4
-"""Of a variance, for a step of which nothing is believed: a hundred times its noise."""
 _MIN_WEIGHT = 1e-6
 """Keeps an eased step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
@@ -54,7 +52,8 @@ def settle(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Settled:
     weights = soft.weights.copy()
     weights[doubtful] = 1.0
     eased = _eased(graph.constraints, weights)
-    loose = tuple(_loosened(eased[k]) for k in doubtful)
+    pairs = zip(doubtful[::2], doubtful[1::2], strict=True)
+    loose = tuple(_either(eased[k], eased[other]) for k, other in pairs)
     closures = [k for k, c in enumerate(eased) if c.kind is ConstraintKind.LOOP_CLOSURE]
     suspects = sorted({*closures, *doubtful})
     found = optimize_gnc(PoseGraph(soft.poses, eased + loose), suspects, heartbeat=heartbeat)
@@ -81,9 +80,15 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     return found
 
 
-def _loosened(c: Constraint) -> Constraint:
-    """What is left of a step when nothing it was measured by is believed: nodes that hang on."""
-    return replace(c, covariance=_LOOSE * np.diag(np.diag(c.covariance)))
+def _either(one: Constraint, other: Constraint) -> Constraint:
+    """What is sure of a step of which one story or the other is true: mean and spread of both.
+
+    So closures that speak against both do not cut the graph there.
+    """
+    apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
+    middle = one.i_from_j @ Pose2.from_array(0.5 * apart)
+    spread = 0.5 * (one.covariance + other.covariance) + 0.25 * np.outer(apart, apart)
+    return replace(one, i_from_j=middle, covariance=spread)
 
 
 def _eased(constraints: Sequence[Constraint], weights: Floats) -> tuple[Constraint, ...]:
