@@ -83,12 +83,16 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
 def _either(one: Constraint, other: Constraint) -> Constraint:
     """What is sure of a step of which one story or the other is true: mean and spread of both.
 
-    So closures that speak against both do not cut the graph there.
+    Each counts by how sure it is of what they disagree about. So closures that speak against both
+    do not cut the graph there.
     """
     apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
-    middle = one.i_from_j @ Pose2.from_array(0.5 * apart)
-    spread = 0.5 * (one.covariance + other.covariance) + 0.25 * np.outer(apart, apart)
-    return replace(one, i_from_j=middle, covariance=spread)
+    sure, other_sure = (apart @ np.linalg.solve(c.covariance, apart) for c in (one, other))
+    share = float(other_sure / (sure + other_sure))
+    mean = one.i_from_j @ Pose2.from_array(share * apart)
+    within = (1.0 - share) * one.covariance + share * other.covariance
+    spread = within + share * (1.0 - share) * np.outer(apart, apart)
+    return replace(one, i_from_j=mean, covariance=spread)
 
 
 def _eased(constraints: Sequence[Constraint], weights: Floats) -> tuple[Constraint, ...]:
