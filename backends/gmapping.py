@@ -12,7 +12,6 @@ recognition has found, the filter goes over the recording a second time (`second
 
 from __future__ import annotations
 
-import copy
 import math
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -66,14 +65,16 @@ class _State:
     path_m: float = 0.0
     turned_rad: float = 0.0
     unmatched: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    brought_back: str = ""
 
-
-@dataclass(frozen=True, slots=True)
-class _Pass:
-    """The filter after the last scan, and the poses (S, 3) whose motion it was told."""
-
-    filter: MappingFilter
-    told: Floats
+    def told(self) -> Floats:
+        """Poses (S, 3) whose motion the filter was told: a closed path, then the frontend's."""
+        local, known = np.array(self.local), len(self.closed_path)
+        if not known:
+            return local
+        since = between(local[known - 1], local[known:])
+        return np.concatenate([self.closed_path, compose(self.closed_path[-1], since)])
 
 
 class GmappingBackend:
@@ -151,45 +152,45 @@ class GmappingBackend:
         state = self._state
         if not state.updates:
             raise RunFailed("no scan was usable")
-        first = _Pass(state.filter, np.array(state.local))
         if state.places is None or state.places.is_empty:
-            return self._told(first)
+            return self._told(None)
         closed = state.places.closed()
-        missed = self._misses(first, closed)
-        if not np.any(missed > MISSED):
-            return self._told(first, closed)
-        second = self._again(closed)
-        still = self._misses(second, closed)
-        best = second if still.sum() < missed.sum() else first
-        return self._told(best, closed, (second_pass_notice(missed, still),))
+        missed = self._misses(state.filter, state.told(), closed)
+        if np.any(missed > MISSED):
+            self._bring_back(closed, missed)
+        return self._told(closed)
 
-    def _misses(self, done: _Pass, closed: ClosedGraph) -> Floats:
-        path = self._filled(done, done.filter.best_path())
+    def _bring_back(self, closed: ClosedGraph, missed: Floats) -> None:
+        """Filter the recording along the closed path, and go on with that where it is better.
+
+        So the poses that are told on the way belong to the same map as the result.
+        """
+        state = self._state
+        along = closed.poses[state.updates]
+        again = filter_along(along, state.first_points, state.measurements, self._config, self._rng)
+        still = self._misses(again, closed.poses, closed)
+        state.brought_back = second_pass_notice(missed, still)
+        if still.sum() < missed.sum():
+            state.filter, state.closed_path = again, closed.poses
+
+    def _misses(self, particles: MappingFilter, told: Floats, closed: ClosedGraph) -> Floats:
+        path = self._filled(told, particles.best_path())
         return closure_misses(closed, path.poses, self._config.maps.delta_m)
 
-    def _again(self, closed: ClosedGraph) -> _Pass:
-        """Filter the recording along the closed path, with the random numbers that come next."""
-        state = self._state
-        rng = copy.deepcopy(self._rng)
-        along = closed.poses[state.updates]
-        again = filter_along(along, state.first_points, state.measurements, self._config, rng)
-        return _Pass(again, closed.poses)
-
-    def _told(
-        self, done: _Pass, closed: ClosedGraph | None = None, notices: tuple[str, ...] = ()
-    ) -> SlamResult:
-        path = self._filled(done, done.filter.best_path())
-        mean = self._filled(done, done.filter.mean_path())
-        stamps_ns = np.array(self._state.stamps_ns)[self._state.updates]
-        tables = update_table(stamps_ns, done.filter), path_table("weighted_mean", mean)
+    def _told(self, closed: ClosedGraph | None) -> SlamResult:
+        state, particles, told = self._state, self._state.filter, self._state.told()
+        path = self._filled(told, particles.best_path())
+        mean = self._filled(told, particles.mean_path())
+        stamps_ns = np.array(state.stamps_ns)[state.updates]
+        tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
-        said = (*particle_notices(done.filter), *notices)
-        covariances = self._covariances(done, path.poses)
-        return SlamResult(path, covariances, tables=(*tables, *closures), notices=said)
+        said = filter(None, (*particle_notices(particles), state.brought_back))
+        covariances = self._covariances(path.poses)
+        return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(said))
 
-    def _covariances(self, done: _Pass, poses: Floats) -> Floats:
+    def _covariances(self, poses: Floats) -> Floats:
         """Spread of the particles' paths, and what none of them can know (S, 3, 3)."""
-        known = done.filter
+        known = self._state.filter
         paths = known.ancestry.paths(np.arange(len(known.poses)))
         # A pose is drawn no finer than a motion of length zero allows, and matched to cells.
         cell = np.diag([1.0, 1.0, 0.0]) * self._config.maps.delta_m**2 / 12.0
@@ -258,11 +259,11 @@ class GmappingBackend:
             points = points[ranges_m <= likelihood.max_range_m]
         return np.asarray(point_normals(points, origin)[:: likelihood.lskip + 1])
 
-    def _filled(self, done: _Pass, path: Floats) -> Trajectory:
+    def _filled(self, told: Floats, path: Floats) -> Trajectory:
         """Give every scan a pose: the filter's at its updates, the motion told in between."""
         state = self._state
         stamps_ns = np.array(state.stamps_ns)
-        poses = fill_path(stamps_ns, done.told, np.array(state.updates), path)
+        poses = fill_path(stamps_ns, told, np.array(state.updates), path)
         return Trajectory(stamps_ns, poses)
 
 

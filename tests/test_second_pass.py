@@ -9,8 +9,10 @@ import pytest
 from test_gmapping import ate_m, made, recorded, run
 
 from slarm_graph.backend import Table
+from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along, pulled
+from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
@@ -87,23 +89,40 @@ def test_the_filter_follows_the_path_it_is_told() -> None:
     assert ate_m(Trajectory(stamps_ns, paths[1]), there) > 0.05
 
 
-def test_particles_that_missed_the_loops_are_brought_back() -> None:
-    readings, truth = recorded()
-    backend = made(particles=5)
-    for reading in readings:
+def torn(places: PoseGraphConfig | None) -> GmappingBackend:
+    """A filter after most of a tour, whose particles all believe to be a metre off since half."""
+    backend = made(particles=5, places=places)
+    for reading in recorded()[0][:-20]:
         backend.update(reading)
     backend._settle()
-    ancestry = backend._state.filter.ancestry
-    half = len(ancestry) // 2
-    ancestry._poses[half:, :, 0] += 1.0
+    particles = backend._state.filter
+    particles.ancestry._poses[len(particles.ancestry) // 2 :, :, 0] += 1.0
+    particles.poses[:, 0] += 1.0
+    return backend
+
+
+def test_particles_that_missed_the_loops_are_brought_back() -> None:
+    readings, truth = recorded()
+    backend = torn(PoseGraphConfig())
     result = backend.result()
-    assert ate_m(result.trajectory, truth) < 0.03
+    so_far = Trajectory(truth.stamps_ns[:-20], truth.poses[:-20])
+    assert ate_m(result.trajectory, so_far) < 0.03
     assert any("went over the recording again" in notice for notice in result.notices)
     assert {t.name for t in result.tables} == {"particles", "weighted_mean", "loop_closures"}
+    here = Pose2.from_array(result.trajectory.poses[-1]).between(backend.map_from_robot())
+    assert np.allclose(here.as_array(), 0.0, atol=1e-9)
     again = backend.result()
     assert np.array_equal(again.trajectory.poses, result.trajectory.poses)
-    backend._state.places = None
-    assert ate_m(backend.result().trajectory, truth) > 0.3
+    assert again.notices == result.notices
+    for reading in readings[-20:]:
+        backend.update(reading)
+    assert ate_m(backend.result().trajectory, truth) < 0.03
+
+
+def test_particles_alone_stay_where_they_are() -> None:
+    _, truth = recorded()
+    so_far = Trajectory(truth.stamps_ns[:-20], truth.poses[:-20])
+    assert ate_m(torn(None).result().trajectory, so_far) > 0.3
 
 
 def test_what_is_off_the_path_decays_in_the_paths_own_frame() -> None:
