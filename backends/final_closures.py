@@ -135,27 +135,27 @@ def followed(
 
     What is the same place stays so a few steps further; what only looks like it does not.
     """
-    met = {(c.submap, c.keyframe) for c in found}
+    met = {(c.submap, graph.node_of(c.keyframe)) for c in found}
     linked = graph.linked()
     for c in found:
         for direction in (-1, 1):
-            for further in _beside(c, direction, graph, matcher):
-                key = (further.submap, further.keyframe)
-                if key in met or graph.node_of(further.keyframe) in linked:
-                    break
-                met.add(key)
-                yield further
+            yield from _beside(c, direction, graph, matcher, met, linked)
 
 
 def _beside(
-    find: Closure, direction: int, graph: SubmapGraph, matcher: SubmapMatcher
+    find: Closure,
+    direction: int,
+    graph: SubmapGraph,
+    matcher: SubmapMatcher,
+    met: set[tuple[int, int]],
+    linked: set[int],
 ) -> Iterator[Closure]:
-    """Align the nodes that follow a find's with the submaps where it puts them."""
+    """Align the unlinked nodes beside a find's with the submaps where it puts them, once each."""
     nodes, ways, here = graph.poses()[: len(graph.submaps)], graph.ways_m(), find
     for _ in range(_FOLLOWED):
         j = graph.node_of(here.keyframe)
         then = j + direction
-        if not 0 <= then < len(nodes):
+        if not 0 <= then < len(nodes) or then in linked:
             return
         there = compose(here.submap_from_keyframe, between(nodes[j], nodes[then]))
         near = np.arange(max(here.submap - _FOLLOWED, 0), min(here.submap + _FOLLOWED + 1, then))
@@ -163,10 +163,14 @@ def _beside(
         if not len(near):
             return
         old = between(nodes[here.submap], nodes[near])
-        i = int(np.argmin(np.hypot(*(old - there)[:, :2].T)))
-        here = matcher.align(then, int(near[i]), between(old[i], there))
+        k = int(np.argmin(np.hypot(*(old - there)[:, :2].T)))
+        i = int(near[k])
+        if (i, then) in met:
+            return
+        here = matcher.align(then, i, between(old[k], there))
         if here.reason:
             return
+        met.add((i, then))
         yield replace(here, searched=False)
 
 

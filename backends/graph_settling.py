@@ -33,7 +33,8 @@ class Settled:
     graph : PoseGraph
         Optimised poses, with the constraints that were believed.
     weights : (M,) float64
-        Weight of every constraint of the graph that was given: 1 for all but loop closures.
+        Weight of every constraint of the graph that was given: 1 for all but loop closures and
+        contradictory steps.
     """
 
     graph: PoseGraph
