@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
+from slarm_graph.backends.path_filling import neighbours
 from slarm_graph.constraint import ConstraintKind, PoseGraph
-from slarm_graph.geometry import Floats, between
+from slarm_graph.geometry import Floats, adjoints, between
 
 _MOST_NODES = 1000
 """The time grows with the square of the nodes: 400 take 0.3 s, 3000 half a minute. Larger graphs
@@ -76,18 +77,15 @@ def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) 
     nodes = node_covariances(graph)
     if nodes is None:
         return None
-    every, last = np.arange(len(poses)), len(scans) - 1
-    before = np.clip(np.searchsorted(scans, every, side="right") - 1, 0, last - 1)
-    gap = scans[before + 1] - scans[before]
-    share = np.maximum((every - scans[before]) / gap, 0.0)
+    before, after, share = neighbours(scans, len(poses))
     from_a = adjoints(between(poses, poses[scans[before]]))
-    from_b = adjoints(between(poses, poses[scans[before + 1]]))
+    from_b = adjoints(between(poses, poses[scans[after]]))
     s = np.minimum(share, 1.0)[:, None, None]
     mixed = carried(nodes.cross[before], from_a, from_b)
     step = carried(nodes.steps[before], from_b)
     total = (
         (1.0 - s) ** 2 * carried(nodes.own[before], from_a)
-        + s**2 * carried(nodes.own[before + 1], from_b)
+        + s**2 * carried(nodes.own[after], from_b)
         + s * (1.0 - s) * (mixed + mixed.swapaxes(1, 2) + step)
         + np.maximum(share - 1.0, 0.0)[:, None, None] * step
     )
@@ -197,25 +195,11 @@ def fill_covariances(known: Floats, scans: NDArray[np.int64], poses: Floats) -> 
     (S, 3, 3) float64
         Both neighbours' errors taken as those of one rigid way; equal to `known` at its scans.
     """
-    every, last = np.arange(len(poses)), len(scans) - 1
-    before = np.clip(np.searchsorted(scans, every, side="right") - 1, 0, last)
-    after = np.minimum(before + 1, last)
-    gap = np.maximum(scans[after] - scans[before], 1)
-    s = np.clip((every - scans[before]) / gap, 0.0, 1.0)[:, None, None]
+    before, after, share = neighbours(scans, len(poses))
+    s = np.minimum(share, 1.0)[:, None, None]
     from_before = carried(known[before], adjoints(between(poses, poses[scans[before]])))
     from_after = carried(known[after], adjoints(between(poses, poses[scans[after]])))
     return _symmetric((1.0 - s) * from_before + s * from_after)
-
-
-def adjoints(a_from_b: Floats) -> Floats:
-    """Adjoints (N, 3, 3) of poses (N, 3): they carry errors in frame b to frame a."""
-    x, y, theta = a_from_b.T
-    out = np.zeros((len(a_from_b), 3, 3))
-    out[:, 0, 0] = out[:, 1, 1] = np.cos(theta)
-    out[:, 1, 0] = np.sin(theta)
-    out[:, 0, 1] = -out[:, 1, 0]
-    out[:, 0, 2], out[:, 1, 2], out[:, 2, 2] = y, -x, 1.0
-    return out
 
 
 def carried(covariances: Floats, left: Floats, right: Floats | None = None) -> Floats:

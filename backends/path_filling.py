@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.geometry import Floats, between, compose
+from slarm_graph.geometry import Floats, between, compose, wrap_angles
 
 
 def fill_path(
@@ -40,3 +40,56 @@ def fill_path(
     span_ns = np.append(np.diff(stamps_ns[corrected]), 1)
     share = (stamps_ns - stamps_ns[corrected[step]]) / span_ns[step]
     return compose(filled, share[:, None] * residual[step])
+
+
+def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats:
+    """Give every scan a pose in the map, given the poses of some.
+
+    Parameters
+    ----------
+    local : (N, 3) float64
+        `local_from_robot` of all scans.
+    at : (A,) int64
+        Scans whose pose is known, ascending.
+    anchor_poses : (A, 3) float64
+        `map_from_robot` of those.
+
+    Returns
+    -------
+    (N, 3) float64
+        `map_from_robot` of all scans.
+    """
+    before, after, share = neighbours(at, len(local))
+    from_before = compose(anchor_poses[before], between(local[at[before]], local))
+    from_after = compose(anchor_poses[after], between(local[at[after]], local))
+    away = from_after - from_before
+    away[:, 2] = wrap_angles(away[:, 2])
+    poses = from_before + np.minimum(share, 1.0)[:, None] * away
+    poses[:, 2] = wrap_angles(poses[:, 2])
+    return np.asarray(poses, dtype=np.float64)
+
+
+def neighbours(
+    at: NDArray[np.int64], count: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
+    """Which known scans lie before and after every scan, and what share of the way has passed.
+
+    Parameters
+    ----------
+    at : (A,) int64
+        Scans of which something is known, ascending.
+    count : int
+        Number S of all scans.
+
+    Returns
+    -------
+    before, after : (S,) int64
+        Indices into `at`; the two last ones for what follows the last.
+    share : (S,) float64
+        Of the scans from the one to the other, 0 to 1; above 1 for what follows the last.
+    """
+    scans, last = np.arange(count), len(at) - 1
+    before = np.clip(np.searchsorted(at, scans, side="right") - 1, 0, max(last - 1, 0))
+    after = np.minimum(before + 1, last)
+    gap = np.maximum(at[after] - at[before], 1)
+    return before, after, np.maximum((scans - at[before]) / gap, 0.0)

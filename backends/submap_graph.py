@@ -16,12 +16,13 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.backends.graph_reach import GraphReach
 from slarm_graph.backends.graph_settling import Settled, settle
+from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import Closure, Expectations
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
-from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points, wrap_angles
+from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 """Of a keyframe's place on the local map, whatever its points say [m, m, rad]. Half of it, and of
@@ -323,34 +324,3 @@ class SubmapGraph:
             return Constraint(c.i - first + 1, j, c.i_from_j, c.covariance, c.kind)
         map_from_j = Pose2.from_array(self._nodes[c.i]) @ c.i_from_j
         return Constraint(0, j, map_from_j, c.covariance, c.kind)
-
-
-def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats:
-    """Give every scan a pose in the map, given the poses of some.
-
-    Parameters
-    ----------
-    local : (N, 3) float64
-        `local_from_robot` of all scans.
-    at : (A,) int64
-        Scans whose pose is known, ascending.
-    anchor_poses : (A, 3) float64
-        `map_from_robot` of those.
-
-    Returns
-    -------
-    (N, 3) float64
-        `map_from_robot` of all scans.
-    """
-    scans = np.arange(len(local))
-    before = np.clip(np.searchsorted(at, scans, side="right") - 1, 0, len(at) - 1)
-    after = np.minimum(before + 1, len(at) - 1)
-    from_before = compose(anchor_poses[before], between(local[at[before]], local))
-    from_after = compose(anchor_poses[after], between(local[at[after]], local))
-    gap = np.maximum(at[after] - at[before], 1)
-    share = np.clip((scans - at[before]) / gap, 0.0, 1.0)[:, None]
-    away = from_after - from_before
-    away[:, 2] = wrap_angles(away[:, 2])
-    poses = from_before + share * away
-    poses[:, 2] = wrap_angles(poses[:, 2])
-    return np.asarray(poses, dtype=np.float64)

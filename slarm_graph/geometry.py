@@ -95,8 +95,19 @@ class Pose2:
 
     def adjoint(self) -> Floats:
         """Adjoint matrix (3, 3): `a_from_b exp(v) = exp(Ad v) a_from_b`."""
-        c, s = math.cos(self.theta), math.sin(self.theta)
-        return np.array([[c, -s, self.y], [s, c, -self.x], [0.0, 0.0, 1.0]])
+        adjoint: Floats = adjoints(self.as_array()[None])[0]
+        return adjoint
+
+
+def adjoints(a_from_b: Floats) -> Floats:
+    """Adjoints (N, 3, 3) of poses (N, 3): they carry errors in frame b to frame a."""
+    x, y, theta = a_from_b.T
+    out = np.zeros((len(a_from_b), 3, 3))
+    out[:, 0, 0] = out[:, 1, 1] = np.cos(theta)
+    out[:, 1, 0] = np.sin(theta)
+    out[:, 0, 1] = -out[:, 1, 0]
+    out[:, 0, 2], out[:, 1, 2], out[:, 2, 2] = y, -x, 1.0
+    return out
 
 
 def _sinc_terms(angle_rad: float) -> tuple[float, float]:

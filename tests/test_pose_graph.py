@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from slarm_graph.backends.graph_settling import settle
+from slarm_graph.backends.path_filling import spread
 from slarm_graph.backends.pose_graph import PoseGraphBackend
 from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
-from slarm_graph.backends.submap_graph import spread
 from slarm_graph.config import (
     FrontendConfig,
     LidarConfig,

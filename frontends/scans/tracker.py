@@ -54,10 +54,10 @@ class TrackedScan:
         Falsy with a reason when the scan was not matched and the prediction was kept.
     odom_from_robot : Pose2 or None
         As given.
-    wheels : WheelMotion or None
-        `motion` by odometry alone, calibrated.
     is_keyframe : bool
         Whether the scan joined the local map.
+    wheels : WheelMotion or None
+        `motion` by odometry alone, calibrated.
     """
 
     stamp_ns: int

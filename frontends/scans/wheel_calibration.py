@@ -79,10 +79,7 @@ class WheelCalibration:
 
     def predict(self, increment: Floats) -> tuple[Floats, Floats]:
         """Return the motion (3,) [m, m, rad] that an increment (3,) means, and its covariance."""
-        effect = _effect(increment)
-        motion = increment + effect @ self.errors
-        noise = np.diag(self.excess * _noise(increment))
-        return motion, noise + effect @ self.covariance @ effect.T
+        return self._told(increment, self.excess)
 
     def unlearned(self, increment: Floats) -> Floats:
         """Return how much the covariance (3, 3) of a step is more where many steps add up.
@@ -94,10 +91,13 @@ class WheelCalibration:
 
     def along_path(self, increment: Floats) -> WheelMotion:
         """Return the motion that an increment (3,) means, as sure as one step of a path is."""
+        return WheelMotion(*self._told(increment, np.maximum(self.path_excess, self.excess)))
+
+    def _told(self, increment: Floats, excess: Floats) -> tuple[Floats, Floats]:
+        """Motion (3,) that an increment (3,) means, and its covariance with so much noise."""
         effect = _effect(increment)
-        noise = np.diag(np.maximum(self.path_excess, self.excess) * _noise(increment))
-        covariance = noise + effect @ self.covariance @ effect.T
-        return WheelMotion(increment + effect @ self.errors, covariance)
+        noise = np.diag(excess * _noise(increment))
+        return increment + effect @ self.errors, noise + effect @ self.covariance @ effect.T
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""
