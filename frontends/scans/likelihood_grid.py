@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.geometry import Floats, transform_points
+from slarm_graph.geometry import Floats
 
 Grid = NDArray[np.float32]
 
@@ -166,22 +166,25 @@ def _splat(
 
 def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float:
     """Mean likelihood, 0 to 1, of points (K, 2) [m] in the frame of a pose (3,) on the grid."""
-    return _mean(
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        transform_points(pose, points),
-    )
+    return mean_at(grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, points, pose)
 
 
 @njit(cache=True, nogil=True)
-def _mean(
-    values: Grid, origin_x: float, origin_y: float, resolution: float, points: Floats
+def mean_at(
+    values: Grid,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    pose: Floats,
 ) -> float:
+    """As `mean_likelihood`, for compiled callers."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     for i in range(len(points)):
-        total += interpolate(values, origin_x, origin_y, resolution, points[i, 0], points[i, 1])[0]
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        total += interpolate(values, origin_x, origin_y, resolution, x, y)[0]
     return total / max(len(points), 1)
 
 

@@ -13,8 +13,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numba import njit
 
-from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
+from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid, mean_at
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats
 
@@ -52,18 +53,15 @@ def along_the_weakest(
     -------
     (3, 3) float64
     """
-    strengths, axes = np.linalg.eigh(information[:2, :2])
-    if strengths[0] <= 0.0:
-        return information
-    here = mean_likelihood(grid, points, pose)
-    weak, strong = (here - _beside(grid, points, pose, axes[:, k]) for k in (0, 1))
-    if strong <= 0.0:
-        return information
-    claimed = float(strengths[0] / strengths[1])
-    share = min(1.0, max(_LEAST, max(weak, 0.0) / strong / claimed))
-    shrunk = np.eye(3)
-    shrunk[:2, :2] = axes @ np.diag([math.sqrt(share), 1.0]) @ axes.T
-    return np.asarray(shrunk @ information @ shrunk.T)
+    return _lowered(
+        information,
+        grid.values,
+        grid.origin_x_m,
+        grid.origin_y_m,
+        grid.resolution_m,
+        points,
+        pose,
+    )
 
 
 def of_misfit(share: float) -> float:
@@ -71,7 +69,32 @@ def of_misfit(share: float) -> float:
     return math.exp(-_MISFIT * max(0.0, 1.0 - share))
 
 
-def _beside(grid: LikelihoodGrid, points: Floats, pose: Floats, axis: Floats) -> float:
-    """Greater of the mean likelihoods to both sides along an axis (2,) of the body frame."""
-    shift = np.array([_AWAY_M * axis[0], _AWAY_M * axis[1], 0.0])
-    return max(mean_likelihood(grid, points, compose3(pose, s)) for s in (shift, -shift))
+@njit(cache=True, nogil=True)
+def _lowered(
+    information: Floats,
+    values: Grid,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    points: Floats,
+    pose: Floats,
+) -> Floats:
+    strengths, axes = np.linalg.eigh(np.ascontiguousarray(information[:2, :2]))
+    if strengths[0] <= 0.0:
+        return information
+    drops = np.empty(2)
+    for k in range(2):
+        beside = 0.0
+        for sign in (1.0, -1.0):
+            shift = np.array([sign * _AWAY_M * axes[0, k], sign * _AWAY_M * axes[1, k], 0.0])
+            there = compose3(pose, shift)
+            beside = max(beside, mean_at(values, origin_x, origin_y, resolution, points, there))
+        drops[k] = mean_at(values, origin_x, origin_y, resolution, points, pose) - beside
+    if drops[1] <= 0.0:
+        return information
+    claimed = strengths[0] / strengths[1]
+    share = min(1.0, max(_LEAST, max(drops[0], 0.0) / drops[1] / claimed))
+    shrunk = np.eye(3)
+    shrunk[:2, :2] = axes @ np.diag(np.array([math.sqrt(share), 1.0])) @ axes.T
+    lowered: Floats = shrunk @ information @ shrunk.T
+    return lowered
