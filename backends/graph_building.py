@@ -54,12 +54,15 @@ class ClosedGraph:
         `map_from_robot` at every scan.
     closures : Table
         Every closure met, accepted or not, with the weight it ended with.
+    notices : tuple of str
+        What could not be brought together.
     """
 
     graph: PoseGraph
     scans: NDArray[np.int64]
     poses: Floats
     closures: Table
+    notices: tuple[str, ...] = ()
 
 
 class GraphBuilder:
@@ -133,7 +136,8 @@ class GraphBuilder:
         close_finally(graph, matcher, self._heartbeat)
         settled, weights = graph.settle(self._heartbeat)
         poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
-        return ClosedGraph(settled, graph.node_scans(), poses, self._table(weights))
+        table = self._table(weights)
+        return ClosedGraph(settled, graph.node_scans(), poses, table, graph.notices())
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))

@@ -66,6 +66,28 @@ def settle(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Settled:
     return Settled(PoseGraph(found.poses, tuple(kept)), found.weights[: len(eased)])
 
 
+def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[str, ...]:
+    """Say in how many steps matches and odometry contradict each other, and which are believed.
+
+    Parameters
+    ----------
+    constraints : sequence of Constraint
+        All that were weighed.
+    weights : (M,) float64
+    """
+    doubtful = contradictory_steps(constraints)
+    if not doubtful:
+        return ()
+    believed = (weights[doubtful] >= _BELIEVED).reshape(-1, 2)
+    steps = sum(c.kind is ConstraintKind.ODOMETRY for c in constraints)
+    by_odometry = int((believed[:, 1] & ~believed[:, 0]).sum())
+    neither = int((~believed).all(axis=1).sum())
+    return (
+        f"matches of scans and odometry contradict each other in {len(believed)} of {steps} steps"
+        f" of the graph: the odometry is believed in {by_odometry}, neither alone in {neither}",
+    )
+
+
 def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     """Return the indices of steps that matches and wheels contradict each other about, of both."""
     by_wheels = {c.i: k for k, c in enumerate(constraints) if c.kind is ConstraintKind.WHEELS}

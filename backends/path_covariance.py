@@ -92,6 +92,16 @@ def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) 
     return _symmetric(total)
 
 
+def covariance_notices(graph: PoseGraph, found: Floats | None) -> tuple[str, ...]:
+    """Say why there are no covariances, where the graph is too large for them."""
+    if found is not None or len(graph.poses) <= _MOST_NODES:
+        return ()
+    return (
+        f"no covariances of the poses: the graph has {len(graph.poses)} nodes, and more than"
+        f" {_MOST_NODES} take too long",
+    )
+
+
 def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
     """Factorise the graph's information once and solve for what belongs to each node.
 

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import GraphBuilder
-from slarm_graph.backends.path_covariance import path_covariances
+from slarm_graph.backends.path_covariance import covariance_notices, path_covariances
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2
@@ -68,7 +68,8 @@ class PoseGraphBackend:
         closed = self._builder.closed()
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
         covariances = path_covariances(closed.graph, closed.scans, closed.poses)
-        return SlamResult(trajectory, covariances, closed.graph, (closed.closures,))
+        told = (*closed.notices, *covariance_notices(closed.graph, covariances))
+        return SlamResult(trajectory, covariances, closed.graph, (closed.closures,), told)
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import Settled, settle
+from slarm_graph.backends.graph_settling import Settled, settle, step_notices
 from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -227,6 +227,10 @@ class SubmapGraph:
         weights = np.zeros(len(self.closures))
         weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
         return self._settled.graph, weights
+
+    def notices(self) -> tuple[str, ...]:
+        """Say what the settled graph could not bring together."""
+        return step_notices(self._edges, self._settled.weights) if self._settled else ()
 
     def _begin_node(self, k: int) -> None:
         self._settled = None

@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_settling import contradictory_steps, settle
+from slarm_graph.backends.graph_settling import contradictory_steps, settle, step_notices
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, build_likelihood_grid
@@ -134,3 +134,12 @@ def test_a_step_is_contradictory_beyond_999_in_1000() -> None:
     bound = math.sqrt(16.266) * math.hypot(0.03, 0.04)
     assert contradictory_steps(chain(1.01 * bound, 0.03, 0.04).constraints) == [10, 11]
     assert contradictory_steps(chain(0.99 * bound, 0.03, 0.04).constraints) == []
+
+
+@pytest.mark.parametrize(("lidar_m", "wheels_m", "by_odometry"), [(0.2, 0.05, 1), (0.02, 0.1, 0)])
+def test_what_was_believed_is_told(lidar_m: float, wheels_m: float, by_odometry: int) -> None:
+    graph = chain(2.0, lidar_m, wheels_m)
+    (told,) = step_notices(graph.constraints, settle(graph).weights)
+    assert f"in 1 of 10 steps of the graph: the odometry is believed in {by_odometry}," in told
+    calm = chain(0.0, lidar_m, wheels_m)
+    assert step_notices(calm.constraints, settle(calm).weights) == ()
