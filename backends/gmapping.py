@@ -45,8 +45,7 @@ from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
-_SURE_M = 0.1
-_SURE_RAD = 0.05
+_SURE_M, _SURE_RAD = 0.1, 0.05
 """A match with a larger standard deviation is as good as none."""
 
 

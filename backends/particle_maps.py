@@ -25,17 +25,24 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 
 TILE_BITS = 4
+"""Logarithm of a tile's side, so that indices are shifts; the maps are the same for all."""
 TILE_CELLS = 1 << TILE_BITS
 """Cells along the side of a tile."""
 CELL_VALUES = 5
 """Of a cell: number of end points, sums of their offsets x, y from its centre in cells, sums of
 their normals x, y."""
 NO_TILE = -1
+"""Entry of a table where a particle has no tile."""
 _SPARE_TILES = 2
+"""Tiles by which tables grow beyond what is asked for, so that they do so seldom."""
 _FIRST_TILES = 1024
+"""Tiles of the pool before it grows, 5 MB; it doubles, so the result does not depend on it."""
 _TILE_BYTES = TILE_CELLS**2 * CELL_VALUES * 4
+"""Four bytes for each value of each cell."""
 _USUAL_PLACE_M = 50.0
+"""Side of a place that memory is estimated for; only what is told depends on it."""
 _MUCH_MB = 1000.0
+"""Memory from which it is told; a choice, an eighth of a common machine's."""
 
 Tables = NDArray[np.int32]
 Cells = NDArray[np.float32]

@@ -21,12 +21,14 @@ from slarm_graph.backends.particle_matching import (
 from slarm_graph.config import GmappingConfig
 from slarm_graph.geometry import Floats
 
-_ENOUGH_M = 1e-3
-_ENOUGH_RAD = 5e-4
+_ENOUGH_M, _ENOUGH_RAD = 1e-3, 5e-4
+"""Steps shorter than that end the climb: a fiftieth of a map's cell, and as much at 2 m."""
 _STEPS_A_LOOK = 2
 """Gauss-Newton steps between two looks for walls, which take several times as long."""
 _LATTICE_CELL_VOLUME = 4.0
+"""Of the body-centred lattice of side 2: two points to a cube of 8."""
 _TINY_VARIANCE = 1e-12
+"""Added to a covariance so that it can be factorised: a thousandth of a millimetre."""
 
 
 def body_centred_lattice(radius: float) -> Floats:

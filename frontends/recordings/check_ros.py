@@ -26,7 +26,7 @@ from slarm_graph.frontends.recordings.packed import Ints, Malformed
 from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
-from slarm_graph.frontends.recordings.scan_rules import in_si_units
+from slarm_graph.frontends.recordings.scan_units import in_si_units
 from slarm_graph.frontends.recordings.topic_facts import sorted_stamps, topic_facts
 
 

@@ -28,8 +28,6 @@ from slarm_graph.frontends.recordings.scan_rules import (
     SWEEPS_IGNORED,
     far_off,
     frozen,
-    in_si_units,
-    other_units,
     repeats,
     sweeps,
     too_few_beams,
@@ -40,6 +38,7 @@ from slarm_graph.frontends.recordings.scan_table import (
     ScanTable,
     beam_angles,
 )
+from slarm_graph.frontends.recordings.scan_units import measured
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 
@@ -83,7 +82,7 @@ class RecordedSource:
         description: str,
         notices: Sequence[str] = (),
     ) -> None:
-        self._table, self._config, self._topic = self._measured(table, config, topic), config, topic
+        self._table, self._config, self._topic = measured(table, config, topic), config, topic
         self._notices = list(notices)
         self._fates = Fates(len(table))
         self._sweeps = sweeps(self._table, believed=config.sweep_times)
@@ -166,15 +165,6 @@ class RecordedSource:
             mounting.robot_from_laser,
             sweep,
         )
-
-    @staticmethod
-    def _measured(table: ScanTable, config: SourceConfig, topic: str) -> ScanTable:
-        """Scans in metres and radians; what cannot be in these units is refused."""
-        units = config.range_unit_m, config.angle_unit_rad
-        blocks = [in_si_units(block, *units) for block in table.blocks]
-        if told := other_units(blocks):
-            raise BadInput(f"{topic}: {told}")
-        return ScanTable(blocks)
 
     def _choose_stamps(self) -> Ints:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""
