@@ -36,7 +36,7 @@ NO_TILE = -1
 _SPARE_TILES = 2
 """Tiles by which tables grow beyond what is asked for, so that they do so seldom."""
 _FIRST_TILES = 1024
-"""Tiles of the pool before it grows, 5 MB; it grows when needed, so the result is the same for all."""
+"""Tiles of the pool before it grows, 5 MB; the result is the same for any."""
 _TILE_BYTES = TILE_CELLS**2 * CELL_VALUES * 4
 """Four bytes for each value of each cell."""
 _USUAL_PLACE_M = 50.0
