@@ -129,6 +129,7 @@ class GraphBuilder:
 
     def closed(self) -> ClosedGraph:
         """Look for old places over the whole recording, and weigh all closures together."""
+        self._closer.forget_prepared()
         graph, frontend = self._graph, self._frontend
         matcher = SubmapMatcher(
             self._settings.loops, frontend.matching, graph.keyframes, graph.submaps

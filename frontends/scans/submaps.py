@@ -124,6 +124,10 @@ class SubmapCache(Generic[Prepared]):
         """Leave out what can be prepared again."""
         return {**self.__dict__, "_kept": OrderedDict()}
 
+    def clear(self) -> None:
+        """Free what was prepared."""
+        self._kept.clear()
+
     def of(self, submap: Submap, keyframes: Sequence[Keyframe]) -> Prepared:
         """Return the prepared submap, in its anchor's frame."""
         prepared = self._kept.pop(submap.anchor, None)

@@ -8,6 +8,7 @@ import ctypes
 import sys
 from typing import Final
 
+_LINUX: Final = sys.platform == "linux"
 _MMAP_THRESHOLD: Final = -3
 """M_MMAP_THRESHOLD of the GNU C library's malloc.h."""
 _LARGE_BYTES: Final = 1 << 17
@@ -16,10 +17,15 @@ is freed, to 32 MB, so that what lies between smaller blocks never goes back. Wi
 this a whole run takes the same memory and time."""
 
 
+def return_freed() -> None:
+    """Return what has been freed between blocks that are still in use; GNU libraries only."""
+    malloc_trim = getattr(ctypes.CDLL(None), "malloc_trim", None) if _LINUX else None
+    if malloc_trim is not None:
+        malloc_trim(0)
+
+
 def return_large_blocks() -> None:
     """Have large arrays of this process returned to the system when freed; GNU libraries only."""
-    if sys.platform != "linux":
-        return
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if _LINUX else None
     if mallopt is not None:
         mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)

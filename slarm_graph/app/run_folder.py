@@ -20,6 +20,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import slarm_graph
+from slarm_graph.app.allocation import return_freed
 from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.progress import Progress
 from slarm_graph.errors import BadInput, RunFailed
@@ -107,6 +108,7 @@ class RunFolder:
         finally:
             spent_s = time.monotonic() - started_s
             self._stages[name] = round(self._stages.get(name, 0.0) + spent_s, 3)
+            return_freed()
             self._peaks_mb[name] = round(_peak_memory_mb(), 1)
             _log.info("%s took %.2f s", name, spent_s)
             self.note()
