@@ -57,6 +57,18 @@ class GridGeometry:
             self.origin_y_m + height,
         )
 
+    def part(self, rows: slice, cols: slice) -> GridGeometry:
+        """Return the lattice of some of the rows and columns."""
+        first_row, past_row, _ = rows.indices(self.rows)
+        first_col, past_col, _ = cols.indices(self.cols)
+        return GridGeometry(
+            self.origin_x_m + first_col * self.resolution_m,
+            self.origin_y_m + first_row * self.resolution_m,
+            self.resolution_m,
+            past_row - first_row,
+            past_col - first_col,
+        )
+
     @staticmethod
     def covering(
         x_min_m: float, x_max_m: float, y_min_m: float, y_max_m: float, resolution_m: float
@@ -147,9 +159,7 @@ class OccupancyGrid:
 
     def in_rows(self, rows: slice) -> OccupancyGrid:
         """Return some of the rows, without a copy."""
-        first, last, _ = rows.indices(self.geometry.rows)
-        low_m = self.geometry.origin_y_m + first * self.geometry.resolution_m
-        part = replace(self.geometry, origin_y_m=low_m, rows=last - first)
+        part = self.geometry.part(rows, slice(None))
         return replace(self, geometry=part, probability=self.probability[rows])
 
     @property

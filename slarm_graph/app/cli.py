@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import typer
 
 from slarm_graph import __version__, parts
-from slarm_graph.app.allocation import return_large_blocks
+from slarm_graph.app.allocation import spare_memory
 from slarm_graph.app.ending import BAD_INPUT, FAILED, INTERRUPTED, OK, end_on_signals
 from slarm_graph.app.options import POINT_OPTIONS
 from slarm_graph.app.tied import die_with_starter
@@ -87,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     _show_warnings()
     if arguments is None:
         die_with_starter()
-        return_large_blocks()
+        spare_memory()
         signal.signal(signal.SIGTERM, signal.default_int_handler)
         end_on_signals()
     try:

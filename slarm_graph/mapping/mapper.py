@@ -95,14 +95,7 @@ class GridMapper:
             return OccupancyGrid(empty, np.full((1, 1), np.nan, dtype=np.float32))
         rows = slice(int(seen_rows[0]), int(seen_rows[-1]) + 1)
         cols = slice(int(seen_cols[0]), int(seen_cols[-1]) + 1)
-        g = self._geometry
-        cropped = GridGeometry(
-            g.origin_x_m + cols.start * g.resolution_m,
-            g.origin_y_m + rows.start * g.resolution_m,
-            g.resolution_m,
-            rows.stop - rows.start,
-            cols.stop - cols.start,
-        )
+        cropped = self._geometry.part(rows, cols)
         at = self._config.occupied_at
         return OccupancyGrid(cropped, self._share((rows, cols)), occupied_at=at, free_at=at)
 

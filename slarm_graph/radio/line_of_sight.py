@@ -24,7 +24,14 @@ from slarm_graph.convex import convex_plans, nearest_on_outline
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.polygons import contains, counter_clockwise
-from slarm_graph.radio.shadows import boxes_of_cells, hidden_points, next_around, shadowed_cells
+from slarm_graph.radio.shadows import (
+    GRAZE_CELLS,
+    boxes_of_cells,
+    hidden_points,
+    next_around,
+    outlines_of_shadows,
+    shadowed_cells,
+)
 from slarm_graph.world import Solid
 
 _ENDLESS = 1e7
@@ -138,6 +145,38 @@ def line_of_sight_past_solids(
     return ~blocked
 
 
+def shadow_outlines(
+    geometry: GridGeometry,
+    sets: Sequence[Sequence[Solid]],
+    position_m: Floats,
+    antenna_height_m: float,
+) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
+    """Outlines of the shadows of sets of solids, as `line_of_sight_past_solids` takes them.
+
+    Returns
+    -------
+    outlines : (P, 2) float64
+        End to end, in cells from the corner of the grid.
+    starts : (N + 1,) int64
+        Where each starts.
+    slacks : (N,) float64
+        How far inside a centre must lie to be hidden [cells].
+    sets : (N,) int64
+        Number of the set that each belongs to, ascending.
+    """
+    plans, sides, of = [], [], []
+    for number, solids in enumerate(sets):
+        for part, slack in zip(_plans(solids, None), (1.0, -1.0), strict=True):
+            plans += part
+            sides += [slack] * len(part)
+            of += [number] * len(part)
+    corners, starts, tops_m = _end_to_end(plans)
+    eye, inside = _in_cells(geometry, position_m[:2]), _in_cells(geometry, corners)
+    scales = _scales(tops_m, float(position_m[2]), antenna_height_m)
+    outlines, begins = outlines_of_shadows(eye, inside, starts, scales)
+    return outlines, begins, GRAZE_CELLS * np.array(sides), np.array(of, dtype=np.int64)
+
+
 def _without_mount(
     geometry: GridGeometry, heights: NDArray[Scalar], plan: Floats, radius_m: float
 ) -> NDArray[Scalar]:
@@ -160,9 +199,7 @@ def line_of_sight_to_points(
     access_point_m: ArrayLike,
     antenna_height_m: float,
 ) -> Mask:
-    """Decide for antennas (N, 2) [m] anywhere whether they are in sight past convex solids.
-
-    An antenna inside a solid is taken to be on the nearest face: walls are only known so well.
+    """Decide for antennas (N, 2) [m] outside of solids whether they are in sight past them.
 
     Parameters
     ----------
@@ -175,8 +212,19 @@ def line_of_sight_to_points(
     -------
     (N,) bool
     """
-    points = np.array(points_m, dtype=np.float64).reshape(-1, 2)
+    points = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    whole, cut = _plans(solids, None)
+    if not solids:
+        return np.ones(len(points), dtype=np.bool_)
+    corners, starts, tops_m = _end_to_end(whole + cut)
+    scales = _scales(tops_m, float(z), antenna_height_m)
+    return ~hidden_points(np.array([x, y]), points, corners, starts, scales)
+
+
+def moved_to_faces(points_m: ArrayLike, solids: Sequence[Solid]) -> Floats:
+    """Move antennas (N, 2) [m] inside a solid to its nearest face: walls are only known so well."""
+    points = np.array(points_m, dtype=np.float64).reshape(-1, 2)
     corners, starts, _ = _end_to_end([(solid.corners_m, solid.height_m) for solid in solids])
     at = next_around(0, points, corners, starts)
     while at < len(solids):
@@ -185,12 +233,7 @@ def line_of_sight_to_points(
             foot, normal = nearest_on_outline(ring, points[index])
             points[index] = foot + _OFF_WALL_M * normal
         at = next_around(at + 1, points, corners, starts)
-    whole, cut = _plans(solids, None)
-    if not solids:
-        return np.ones(len(points), dtype=np.bool_)
-    corners, starts, tops_m = _end_to_end(whole + cut)
-    scales = _scales(tops_m, float(z), antenna_height_m)
-    return ~hidden_points(np.array([x, y]), points, corners, starts, scales)
+    return points
 
 
 def _plans(

@@ -17,7 +17,7 @@ from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
@@ -61,8 +61,12 @@ def radio_map(
         recovered_sight(geographic, free, position_m, config)
         for position_m in _positions_m(access_points)
     ]
-    unknown = np.stack([sight.unknown for sight in sights])
-    probability = np.where(unknown, 0.0, np.stack([sight.probability for sight in sights]))
+    for sight in sights:
+        sight.probability[sight.unknown | ~reachable] = 0.0
+        np.logical_and(sight.unknown, reachable, out=sight.unknown)
+    probability = _layers([sight.probability for sight in sights])
+    unknown = _layers([sight.unknown for sight in sights])
+    del sights, free
     radio = _map_of(
         geographic.geometry,
         reachable,
@@ -73,7 +77,7 @@ def radio_map(
     )
     return replace(
         radio,
-        los_unknown=unknown & reachable if unknown.any() else None,
+        los_unknown=unknown if unknown.any() else None,
         expansion_radius_m=geographic.expansion_radius_m,
     )
 
@@ -108,7 +112,12 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
     ]
     free = solid_heights_m(world, geometry) <= 0.0
     return _map_of(
-        geometry, free, world.access_points, config, np.stack(clear).astype(np.float64), "truth"
+        geometry,
+        free,
+        world.access_points,
+        config,
+        np.stack([(mask & free).astype(np.float32) for mask in clear]),
+        "truth",
     )
 
 
@@ -154,18 +163,20 @@ def _map_of(
     free: Mask,
     access_points: Sequence[AccessPoint],
     config: RadioConfig,
-    probability: Floats,
+    probability: NDArray[np.float32],
     height_source: str,
 ) -> RadioMap:
-    """Expected path loss, eq. (2), and line of sight; nan where no antenna can be."""
-    probability = probability * free
+    """Expected path loss, eq. (2), and line of sight; nan, or probability 0, where none can be."""
     loss_db: NDArray[np.float32] = np.full(probability.shape, np.nan, dtype=np.float32)
     for ap, likely, ap_loss_db in zip(access_points, probability, loss_db, strict=True):
         for band in bands(free.shape):
             here, rows = free[band.rows], band.rows
             distances_m = _distances_m(geometry, ap, config, rows)[here]
             ap_loss_db[rows][here] = expected_path_loss_db(
-                distances_m, ap.frequency_hz, likely[rows][here], config.scenario
+                distances_m,
+                ap.frequency_hz,
+                likely[rows][here].astype(np.float64),
+                config.scenario,
             )
     unsure = bool(((probability > 0.0) & (probability < 1.0)).any())
     return RadioMap(
@@ -177,8 +188,13 @@ def _map_of(
         scenario=config.scenario,
         rician_factor_db=config.rician_factor_db,
         height_source=height_source,
-        los_probability=probability.astype(np.float32) if unsure else None,
+        los_probability=probability if unsure else None,
     )
+
+
+def _layers(layers: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
+    """Stack layers (rows, cols) of access points; one alone is not copied."""
+    return layers[0][None] if len(layers) == 1 else np.stack(layers)
 
 
 def expected_path_loss_db(

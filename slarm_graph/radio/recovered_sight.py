@@ -6,10 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
-from scipy import ndimage
+from numpy.typing import NDArray
 
 from slarm_graph.config import RadioConfig
 from slarm_graph.geographic import CellState, GeographicMap
@@ -21,8 +22,12 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_past_cells,
     line_of_sight_past_solids,
     line_of_sight_to_points,
+    moved_to_faces,
 )
+from slarm_graph.radio.uncertain_sight import told_apart, weigh
+from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.patches import joined, larger_than
 from slarm_graph.raster.segments import cells_passed
 from slarm_graph.world import Solid
 
@@ -31,6 +36,9 @@ _GAP_M = 0.36
 _MOUNT_STEP_M = 0.001
 """A millimetre: walls are known to about a centimetre."""
 
+_FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
+_AROUND, _SIDES = np.ones((3, 3), np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+
 
 @dataclass(frozen=True, slots=True)
 class RecoveredSight:
@@ -38,13 +46,14 @@ class RecoveredSight:
 
     Parameters
     ----------
-    probability : (rows, cols) float64
-        That nothing known hides the antenna; 0 or 1 where heights are certain.
+    probability : (rows, cols) float32
+        That nothing known hides the antenna; 0 or 1 where heights are certain, 0 where no antenna
+        can be.
     unknown : (rows, cols) bool
         Links that pass cells nobody has seen, and that nothing known hides for certain.
     """
 
-    probability: Floats
+    probability: NDArray[np.float32]
     unknown: Mask
 
 
@@ -68,65 +77,44 @@ def recovered_sight(
     if geographic.solids:
         probability = _past_solids(geographic, free, position_m, config)
     else:
-        probability = line_of_sight_over_cells(
+        clear = line_of_sight_over_cells(
             geographic.geometry,
             geographic.heights_m,
             position_m,
             config.antenna_height_m,
             mount_radius_m=config.mount_radius_m,
-        ).astype(np.float64)
-    unknown = _past_unseen(geographic, position_m, config) & (probability > 0.0)
+        )
+        probability = _certain(clear & free)
+    unknown = _past_unseen(geographic, probability > 0.0, position_m, config)
     return RecoveredSight(probability, unknown)
+
+
+def _certain(clear: Mask) -> NDArray[np.float32]:
+    """Probability (rows, cols) 1 in clear cells; the rest of a large site takes no memory."""
+    probability = np.zeros(clear.shape, dtype=np.float32)
+    probability[clear] = 1.0
+    return probability
 
 
 def _past_solids(
     geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
-) -> Floats:
+) -> NDArray[np.float32]:
     """Probability of line of sight (rows, cols) past certain and uncertain solids."""
-    on_face = free & inside_solids(geographic.geometry, geographic.solids)
-    position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
-    unsure = {n for group in geographic.height_groups for n in group.solids}
-    sure = [s for n, s in enumerate(geographic.solids) if n not in unsure]
-
-    def clear(solids: Sequence[Solid]) -> Mask:
-        """Line of sight (rows, cols) past some of the solids."""
-        return _clear_of(geographic, on_face, solids, position_m, config.antenna_height_m)
-
-    probability = clear(sure).astype(np.float64)
-    for group in geographic.height_groups:
-        solids = [geographic.solids[n] for n in group.solids]
-        share, before = np.zeros(probability.shape), None
-        for levels_m in _effective(group.levels_m, position_m[2], config.antenna_height_m):
-            if before is None or not np.array_equal(levels_m, before[0]):
-                high = [replace(s, height_m=h) for s, h in zip(solids, levels_m, strict=True)]
-                before = (levels_m, clear(high))
-            share += before[1]
-        probability *= share / len(group.levels_m)
-    return probability
-
-
-def _effective(levels_m: Floats, access_point_m: float, antenna_m: float) -> Floats:
-    """Levels (K, N) between which a link can tell: all above both ends are alike, all below too."""
-    low, high = sorted((access_point_m, antenna_m))
-    return np.where(levels_m >= high, np.inf, np.where(levels_m <= low, 0.0, levels_m))
-
-
-def _clear_of(
-    geographic: GeographicMap,
-    on_face: Mask,
-    solids: Sequence[Solid],
-    position_m: Floats,
-    antenna_height_m: float,
-) -> Mask:
-    """Line of sight (rows, cols) past some of the map's solids."""
     geometry = geographic.geometry
-    standing = [solid for solid in solids if solid.height_m > 0.0]
-    clear = line_of_sight_past_solids(geometry, standing, position_m, antenna_height_m)
+    on_face = free & inside_solids(geometry, geographic.solids)
+    position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
+    antenna_m = config.antenna_height_m
+    solids = [solid for solid in geographic.solids if solid.height_m > 0.0]
+    sure, groups = told_apart(
+        geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
+    )
+    clear = free & line_of_sight_past_solids(geometry, sure, position_m, antenna_m)
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
-    if on_face.any():
-        points = geometry.center_of(np.argwhere(on_face))
-        clear[on_face] = line_of_sight_to_points(points, standing, position_m, antenna_height_m)
-    return clear
+    points_m = moved_to_faces(geometry.center_of(np.argwhere(on_face)), solids)
+    clear[on_face] = line_of_sight_to_points(points_m, sure, position_m, antenna_m)
+    probability = _certain(clear)
+    weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m)
+    return probability
 
 
 def unseen_pockets(geographic: GeographicMap) -> Mask:
@@ -136,17 +124,20 @@ def unseen_pockets(geographic: GeographicMap) -> Mask:
     narrower than a robot are places where a wall was not hit, not ways in.
     """
     states, geometry = geographic.states, geographic.geometry
-    free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-    pockets, _ = ndimage.label(states == CellState.UNKNOWN)
-    around = np.ones((3, 3))
-    # A wall one cell deep has holes where its face lies on centres, none without wall beside it.
-    wall = (states == CellState.OBSTACLE) | _outlined(geometry, geographic.solids)
-    near_wall = ndimage.binary_dilation(wall, around)
-    border = ndimage.binary_dilation(free) & (pockets > 0) & ~near_wall
-    gaps, count = ndimage.label(border, around)
-    wide = np.bincount(gaps.ravel(), minlength=count + 1) * geometry.resolution_m >= _GAP_M
-    wide[0] = False
-    return np.asarray(np.isin(pockets, np.unique(pockets[wide[gaps]])) & (pockets > 0))
+    outlined = _outlined(geometry, geographic.solids)
+
+    def border(rows: slice) -> Mask:
+        """Unknown cells, of some rows, beside a free one and with no wall beside them."""
+        # A wall one cell deep has holes where its face lies on centres, none without wall beside.
+        wall = (states[rows] == CellState.OBSTACLE) | outlined[rows]
+        free = np.isin(states[rows], _FREE).view(np.uint8)
+        near_wall = cv2.dilate(wall.view(np.uint8), _AROUND).view(np.bool_)
+        beside = cv2.dilate(free, _SIDES).view(np.bool_) & ~near_wall
+        return np.asarray(beside & (states[rows] == CellState.UNKNOWN))
+
+    least = math.ceil(round(_GAP_M / geometry.resolution_m, 9))
+    wide = larger_than(by_bands(geometry.shape, 1, border), least - 1)
+    return joined(states == CellState.UNKNOWN, wide) if wide.any() else wide
 
 
 def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
@@ -160,18 +151,30 @@ def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
     return passed
 
 
-def _past_unseen(geographic: GeographicMap, position_m: Floats, config: RadioConfig) -> Mask:
-    """Links (rows, cols) that pass unseen cells at whatever height: nobody knows if clear."""
-    unseen = unseen_pockets(geographic)
-    if not unseen.any():
-        return unseen
-    return ~line_of_sight_past_cells(
-        geographic.geometry,
-        unseen,
-        position_m,
-        config.antenna_height_m,
-        mount_radius_m=config.mount_radius_m,
-    )
+def _past_unseen(
+    geographic: GeographicMap, asked: Mask, position_m: Floats, config: RadioConfig
+) -> Mask:
+    """Links (rows, cols), of those asked, that pass unseen cells: nobody knows if clear."""
+    unseen, past = unseen_pockets(geographic), np.zeros(asked.shape, dtype=np.bool_)
+    window = _around(geographic.geometry, asked, position_m)
+    if unseen[window].any():
+        past[window] = asked[window] & ~line_of_sight_past_cells(
+            geographic.geometry.part(*window),
+            np.ascontiguousarray(unseen[window]),
+            position_m,
+            config.antenna_height_m,
+            mount_radius_m=config.mount_radius_m,
+        )
+    return past
+
+
+def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> tuple[slice, slice]:
+    """Rows and columns of a grid that all links from a position to some cells stay within."""
+    here = np.maximum(geometry.cell_of(position_m[:2]), 0)
+    ends = [np.flatnonzero(cells.any(axis=1 - axis)) for axis in range(2)]
+    lows = [min([*at[:1], n]) for at, n in zip(ends, here.tolist(), strict=True)]
+    pasts = [max([*at[-1:], n]) + 1 for at, n in zip(ends, here.tolist(), strict=True)]
+    return slice(int(lows[0]), int(pasts[0])), slice(int(lows[1]), int(pasts[1]))
 
 
 def _on_room_side(

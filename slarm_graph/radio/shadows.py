@@ -15,7 +15,7 @@ from slarm_graph.grid import Mask
 from slarm_graph.raster.bands import by_bands
 from slarm_graph.raster.fill import cover_strictly
 
-_GRAZE_CELLS = 1e-9
+GRAZE_CELLS = 1e-9
 """A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
 
 
@@ -63,14 +63,14 @@ def shadowed_cells(
     slack: float,
 ) -> Mask:
     """Union of all shadows as a mask; lengths in cells."""
-    hulls, hull_starts = _hulls(eye, corners, starts, scales)
+    hulls, hull_starts = outlines_of_shadows(eye, corners, starts, scales)
     return by_bands(
         shape, 0, lambda rows: _filled(rows.start, rows.stop, shape[1], hulls, hull_starts, slack)
     )
 
 
 @njit(cache=True, nogil=True)
-def _hulls(
+def outlines_of_shadows(
     eye: Floats, corners: Floats, starts: NDArray[np.int64], scales: Floats
 ) -> tuple[Floats, NDArray[np.int64]]:
     """Outlines of the shadows, end to end, and where each starts."""
@@ -115,7 +115,7 @@ def _filled(
     for i in range(len(hull_starts) - 1):
         if hull_starts[i] < hull_starts[i + 1]:
             hull = hulls[hull_starts[i] : hull_starts[i + 1]]
-            cover_strictly(steps, first_row, left, right, hull, slack * _GRAZE_CELLS)
+            cover_strictly(steps, first_row, left, right, hull, slack * GRAZE_CELLS)
     mask = np.empty((rows, cols), dtype=np.bool_)
     for row in range(rows):
         covers = 0

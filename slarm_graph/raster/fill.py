@@ -141,15 +141,39 @@ def cover_strictly(
 ) -> None:
     """Add one to every cell, of some rows, whose centre lies inside a convex polygon.
 
-    The polygon is counter-clockwise, the corner of cell (0, 0) its origin. `steps` (rows, cols + 1)
-    holds differences along each row from `first_row` on; `left` and `right` (rows,) are scratch.
+    `steps` (rows, cols + 1) holds differences along each row from `first_row` on; the rest is as
+    in `row_spans`.
     """
-    rows, cols = first_row + steps.shape[0], steps.shape[1] - 1
+    spans = np.empty((len(left), 2), dtype=np.int64)
+    first, past = row_spans(spans, first_row, steps.shape[1] - 1, left, right, polygon, slack)
+    for row in range(first, past):
+        if spans[row, 0] < spans[row, 1]:
+            steps[row, spans[row, 0]] += 1
+            steps[row, spans[row, 1]] -= 1
+
+
+@njit(cache=True, nogil=True)
+def row_spans(
+    spans: NDArray[np.int64],
+    first_row: int,
+    cols: int,
+    left: Floats,
+    right: Floats,
+    polygon: Floats,
+    slack: float,
+) -> tuple[int, int]:
+    """Find first and past column, of some rows, of the cells with their centre in a polygon.
+
+    The polygon is convex and counter-clockwise, the corner of cell (0, 0) its origin. `spans`
+    (rows, 2) is filled from the returned first to the past row, counted from `first_row`; `left`
+    and `right` (rows,) are scratch.
+    """
+    rows = first_row + len(spans)
     low, high = polygon[:, 1].min() - 0.5, polygon[:, 1].max() - 0.5
     first = max(first_row, math.floor(min(max(low + slack, -1.0), float(rows))) + 1)
     last = math.ceil(min(max(high - slack, -1.0), float(rows))) - 1
     if first > last:
-        return
+        return 0, 0
     for k in range(len(polygon)):
         x0, y0 = polygon[k, 0], polygon[k, 1] - 0.5
         x1, y1 = polygon[(k + 1) % len(polygon), 0], polygon[(k + 1) % len(polygon), 1] - 0.5
@@ -166,6 +190,6 @@ def cover_strictly(
     for row in range(first - first_row, last + 1 - first_row):
         begin = max(0, math.floor(min(max(left[row] - 0.5 + slack, -1.0), float(cols))) + 1)
         end = min(cols, math.ceil(min(max(right[row] - 0.5 - slack, -1.0), float(cols))))
-        if begin < end:
-            steps[row, begin] += 1
-            steps[row, end] -= 1
+        spans[row, 0] = begin
+        spans[row, 1] = end
+    return first - first_row, last + 1 - first_row

@@ -51,13 +51,14 @@ def uncertain_heights(
         Number of the first strip among the map's solids.
     """
     prior = HeightPrior(config.ceiling_m, config.laser_height_m)
+    of_outline: dict[int, list[int]] = {}
+    for k, strip in enumerate(strips):
+        of_outline.setdefault(strip.outline, []).append(k)
     groups = []
-    for n, outline in enumerate(outlines):
-        mine = [k for k, strip in enumerate(strips) if strip.outline == n]
-        if mine:
-            kinds = side_kinds(outline, returns)
-            own = [kinds[strips[k].side] for k in mine]
-            groups.append(height_group(prior, [first + k for k in mine], own))
+    for n, mine in sorted(of_outline.items()):
+        kinds = side_kinds(outlines[n], returns)
+        own = [kinds[strips[k].side] for k in mine]
+        groups.append(height_group(prior, [first + k for k in mine], own))
     return tuple(groups)
 
 
