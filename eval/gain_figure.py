@@ -33,7 +33,7 @@ def gain_figure(radio: RadioMap) -> Figure:
     g = radio.geometry
     x = g.origin_x_m + (np.arange(cols.start, cols.stop, step) + 0.5) * g.resolution_m
     y = g.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * g.resolution_m
-    gain_db = single(np.round(radio.channel_power_gain_db[:, rows, cols][:, ::step, ::step], 2))
+    gain_db = single(np.round(-radio.path_loss_db[:, rows, cols][:, ::step, ::step], 2))
     clear = radio.line_of_sight[:, rows, cols][:, ::step, ::step]
     labels = _put_gains(fig, radio, single(x), single(y), gain_db, clear)
     labels += _put_sights(fig, radio, single(x), single(y), gain_db, clear)
@@ -159,8 +159,8 @@ def gain_curves(radio: RadioMap) -> Figure:
     fig = go.Figure()
     shares = np.linspace(0.0, 1.0, _CURVE_POINTS)
     for index, ap in enumerate(radio.access_points):
-        values = radio.channel_power_gain_db[index]
-        known = values[np.isfinite(values)]
+        loss_db = radio.path_loss_db[index]
+        known = -loss_db[np.isfinite(loss_db)]
         if not known.size:
             continue
         fig.add_scatter(

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.files.arrays import read_arrays
-from slarm_graph.files.npz import write_npz
+from slarm_graph.files.npz import InParts, write_npz
 from slarm_graph.radio.columns import (
     AP_FIELDS,
     GRID,
@@ -35,16 +35,26 @@ def write_radio_npz(path: Path, radio: RadioMap) -> None:
     write_npz(path, _arrays(radio))
 
 
-def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike]]:
+def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
     """Yield all arrays with their names."""
     yield "path_loss_db", radio.path_loss_db
-    yield "channel_power_gain_db", radio.channel_power_gain_db
+    yield "channel_power_gain_db", InParts(*_kind(radio.path_loss_db), _gains(radio))
     yield "line_of_sight", radio.line_of_sight
     yield "access_point", np.array([ap.name for ap in radio.access_points])
     yield from ((f"access_point_{name}", column(radio, name)) for name in AP_FIELDS)
     yield from ((name, getattr(radio.geometry, name)) for name in GRID)
     yield from ((name, getattr(radio, name)) for name in SCALARS + WORDS)
     yield from ((name, layer) for name in LAYERS if (layer := getattr(radio, name)) is not None)
+
+
+def _kind(layer: NDArray[np.float32]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    return layer.shape, layer.dtype
+
+
+def _gains(radio: RadioMap) -> Iterator[NDArray[np.float32]]:
+    """Gains in bands of rows, of one access point after the other [dB]."""
+    for loss_db in radio.path_loss_db:
+        yield from (-loss_db[band.rows] for band in bands(radio.geometry.shape))
 
 
 def read_radio_npz(path: Path) -> RadioMap:

@@ -100,6 +100,9 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
     sight = _layer(file, "line_of_sight", "line of sight", "1", "i1")
     sight.flag_values = np.array([-1, 0, 1], dtype=np.int8)
     sight.flag_meanings = "unknown blocked clear"
+    likely = None
+    if radio.los_probability is not None:
+        likely = _layer(file, "los_probability", "probability of line of sight", "1")
     for index, power in enumerate(power_dbm):
         for first in range(0, radio.geometry.rows, _CHUNK[1]):
             part = slice(first, first + _CHUNK[1])
@@ -108,9 +111,8 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
             gain_db[index, part] = -values
             rss_dbm[index, part] = power - values
             sight[index, part] = three_classes(radio, index, part)
-    if radio.los_probability is not None:
-        likely = _layer(file, "los_probability", "probability of line of sight", "1")
-        likely[:] = radio.los_probability
+            if likely is not None and radio.los_probability is not None:
+                likely[index, part] = radio.los_probability[index, part]
 
 
 def _layer(
@@ -129,6 +131,8 @@ def _layer(
         complevel=_LEVEL,
         shuffle=True,
         chunksizes=size,
+        # A chunk is written whole and not looked at again.
+        chunk_cache=math.prod(_CHUNK) * np.dtype(kind).itemsize,
         fill_value=math.nan if kind == "f4" else None,
     )
     layer.units = units
