@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import networkx as nx
@@ -56,6 +57,29 @@ def test_paths_are_as_short_as_networkx_says(seed, outage_m):
         return
     assert made.length_m == pytest.approx(0.5 * length, abs=1e-4)
     assert made.least_dbm >= -82.0 or outage_m > 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_weighed_paths_between_any_two_places_cost_least(seed):
+    """Dijkstra over the directed steps, each with the weight of the cell it leads to."""
+    level, rng = levels(seed), np.random.default_rng(seed)
+    weight = 1.0 + 0.3 * np.maximum(-75.0 - level, 0.0)
+    steps = nx.DiGraph()
+    for a, b, data in graph(np.isfinite(level), None).edges(data=True):
+        steps.add_edge(a, b, cost=data["weight"] * weight[b])
+        steps.add_edge(b, a, cost=data["weight"] * weight[a])
+    floor = np.argwhere(np.isfinite(level))
+    start, goal = (tuple(cell) for cell in rng.choice(floor, 2, replace=False).tolist())
+    ends = [(0.5 * col + 0.25, 0.5 * row + 0.25) for row, col in (start, goal)]
+    made = connected_path(GRID, level, *ends, -75.0, longest_outage_m=math.inf, weight_per_db=0.3)
+    if not (start in steps and nx.has_path(steps, start, goal)):
+        assert made is None
+        return
+    cells = [tuple(cell) for cell in made.cells.tolist()]
+    assert (cells[0], cells[-1]) == (start, goal)
+    cost = sum(steps.edges[a, b]["cost"] for a, b in itertools.pairwise(cells))
+    least = nx.shortest_path_length(steps, start, goal, weight="cost")
+    assert cost == pytest.approx(least, rel=1e-5)
 
 
 def corridor(gap):

@@ -72,6 +72,25 @@ def test_tolerates_comments_early_fix_gaps_and_unknown_tags(tmp_path: Path) -> N
     assert [(c.i, c.j) for c in read.graph.constraints] == [(0, 1), (1, 2)]
 
 
+def test_edges_that_run_backwards_chain_poses_and_are_no_odometry(tmp_path: Path) -> None:
+    """The same graph with every edge told from its other end places every pose as before."""
+    steps = [(0, 1, Pose2(1.0, 0.2, 0.4)), (1, 2, Pose2(0.8, -0.3, -1.1)), (2, 3, Pose2(1, 1, 2))]
+    forth = "".join(f"EDGE_SE2 {i} {j} {s.x} {s.y} {s.theta} 1 0 0 1 0 1\n" for i, j, s in steps)
+    turned = [(j, i, s.inverse()) for i, j, s in steps]
+    back = "".join(f"EDGE_SE2 {i} {j} {s.x} {s.y} {s.theta} 1 0 0 1 0 1\n" for i, j, s in turned)
+    graphs = []
+    for name, text in (("forth", forth), ("back", back)):
+        (tmp_path / name).write_text("VERTEX_SE2 0 0.5 -0.5 0.3\n" + text)
+        graphs.append(read_g2o(tmp_path / name).graph)
+    at = Pose2(0.5, -0.5, 0.3)
+    for index, (_, _, step) in enumerate(steps, start=1):
+        at = at @ step
+        for graph in graphs:
+            assert np.allclose(graph.poses[index], at.as_array(), atol=1e-12)
+    assert {c.kind for c in graphs[0].constraints} == {ConstraintKind.ODOMETRY}
+    assert {c.kind for c in graphs[1].constraints} == {ConstraintKind.LOOP_CLOSURE}
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -4,14 +4,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from slarm_graph.exploration.coverage_grid import BLOCKED, OPEN, CoverageGrid, known_coverage
+from slarm_graph.exploration.coverage_grid import (
+    BLOCKED,
+    OPEN,
+    VISITED,
+    CoverageGrid,
+    known_coverage,
+)
 from slarm_graph.exploration.ggmr import GgmrCounts, ggmr_path
-from slarm_graph.exploration.searches import reachable
+from slarm_graph.exploration.searches import distances_from, reachable
+
+Place = tuple[int, int]
 
 
 def floor(drawing: str) -> CoverageGrid:
@@ -105,6 +116,59 @@ def test_every_reachable_cell_is_visited_and_no_blocked_one(seed: int) -> None:
     np.testing.assert_array_equal(visited, reachable(coverage.moves, (0, 0)))
     assert (coverage.codes[path.cells[:, 0], path.cells[:, 1]] != BLOCKED).all()
     assert np.abs(np.diff(path.cells, axis=0)).max(initial=0) <= 1
+
+
+def next_by_the_rules(codes: NDArray[np.uint8], here: Place, facing: int) -> list[Place]:
+    """Second implementation of a step: ahead, up, up-ahead, up-behind; empty: a restart."""
+
+    def code(place: Place) -> int:
+        row, col = place
+        inside = 0 <= row < codes.shape[0] and 0 <= col < codes.shape[1]
+        return int(codes[place]) if inside else BLOCKED
+
+    row, col = here
+    if facing == 0:
+        facing = 1 if code((row, col + 1)) == OPEN or code((row, col - 1)) != OPEN else -1
+    for place in ((row, col + facing), (row + 1, col)):
+        if code(place) == OPEN:
+            return [place]
+    for side in (facing, -facing):
+        for via in ((row + 1, col), (row, col + side)):
+            if code(via) != BLOCKED and code((row + 1, col + side)) == OPEN:
+                return [via, (row + 1, col + side)]
+    return []
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=60, deadline=None)
+def test_every_step_is_the_one_that_the_rules_ask_for(seed: int) -> None:
+    """On floors of which parts are passed over already, as they are after a restart."""
+    rng = np.random.default_rng(seed)
+    free = rng.uniform(size=(rng.integers(2, 12), rng.integers(2, 12))) > 0.2
+    free[0, 0] = True
+    coverage = known_coverage(free)
+    codes = coverage.codes.copy()
+    codes[free & (rng.uniform(size=free.shape) < 0.3)] = VISITED
+    path = ggmr_path(replace(coverage, codes=codes.copy()), (0, 0))
+    cells = [(int(row), int(col)) for row, col in path.cells]
+    at, restarts = 0, 0
+    codes[cells[0]] = VISITED
+    while True:
+        steps = next_by_the_rules(codes, cells[at], int(path.facing[at]))
+        if not steps:
+            open_cells = [(int(row), int(col)) for row, col in np.argwhere(codes == OPEN)]
+            away = distances_from(coverage.moves, cells[at])
+            within = [cell for cell in open_cells if np.isfinite(away[cell])]
+            if not within:
+                break
+            restarts += 1
+            goal = min(within, key=lambda cell: (round(away[cell], 6), cell))
+            steps = cells[at + 1 : cells.index(goal, at) + 1]
+        assert cells[at + 1 : at + 1 + len(steps)] == steps
+        at += len(steps)
+        codes[cells[at]] = VISITED
+    assert at == len(cells) - 1
+    assert restarts == path.counts.restarts
 
 
 def test_comparisons_per_cell_of_an_empty_floor_are_nearly_one() -> None:

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
 from slarm_graph.convex import convex_pieces, is_convex
 from slarm_graph.frontends.simulation.random_worlds import random_world
@@ -163,6 +164,31 @@ def test_concave_solid_and_a_ray_along_its_cut():
     solid = Solid("notched", corners, math.inf)
     clear = line_of_sight_past_solids(geometry, [solid], [0.1, 0.1, 2.0], 0.5)
     assert not np.diag(clear)[8:].any()
+
+
+NOTCHED = {
+    "L": [[2, 2], [8, 2], [8, 4], [4, 4], [4, 8], [2, 8]],
+    "U": [[2, 2], [9, 2], [9, 8], [7, 8], [7, 4], [4, 4], [4, 8], [2, 8]],
+    "T": [[4, 1], [6, 1], [6, 5], [9, 5], [9, 7], [1, 7], [1, 5], [4, 5]],
+    "arrow": [[2, 2], [8, 5], [2, 8], [5, 5]],
+}
+
+
+@pytest.mark.parametrize("shape", NOTCHED)
+def test_no_ray_slips_through_where_a_concave_solid_is_cut(shape):
+    """Second implementation: shapely on the whole plan, for rays through corners and along cuts."""
+    plan = np.array(NOTCHED[shape], dtype=float)
+    inner = shapely.Polygon(plan).buffer(-1e-6)
+    geometry = GridGeometry(-0.5, -0.5, 1.0, 11, 11)
+    solid = Solid(shape, plan, math.inf)
+    for place in np.ndindex(11, 11):
+        eye = np.array(place, dtype=float)
+        if inner.intersects(shapely.Point(eye)):
+            continue
+        clear = line_of_sight_past_solids(geometry, [solid], [*eye, 2.0], 0.5)
+        rays = shapely.linestrings([[eye, (col, row)] for row, col in np.ndindex(11, 11)])
+        slips = clear & shapely.intersects(inner, rays).reshape(clear.shape)
+        assert not slips.any(), (eye, np.argwhere(slips)[:3])
 
 
 def test_outer_wall_hides_the_far_leg_of_an_l_shaped_room():

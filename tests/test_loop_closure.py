@@ -121,3 +121,61 @@ def test_the_window_grows_with_vain_searches_but_not_beyond_what_matching_drifts
     assert driving[0] == pytest.approx(3.0 * sigma_m)
     assert driving[-1] == pytest.approx(12.0 * sigma_m)
     assert driving == sorted(driving)
+
+
+@pytest.mark.parametrize(
+    ("off", "agrees"),
+    [
+        ((0.0, 0.0, 0.0), True),
+        ((0.03, 0.0, 0.01), True),
+        ((0.25, 0.0, 0.0), False),
+        ((0.0, -0.25, 0.0), False),
+        ((0.0, 0.0, -0.06), False),
+    ],
+)
+def test_a_second_match_that_lands_elsewhere_confirms_nothing(
+    way: list[Keyframe], monkeypatch: pytest.MonkeyPatch, off: tuple[float, ...], agrees: bool
+) -> None:
+    class Misled(LoopCloser):
+        """Its second matches are off by so much."""
+
+        second = False
+
+        def confirm(self, *given: object) -> list[Closure]:
+            self.second = True
+            done = super().confirm(*given)
+            self.second = False
+            return done
+
+        def _refine(self, *given: object) -> Closure:
+            closure = super()._refine(*given)
+            if not self.second:
+                return closure
+            there = compose(closure.submap_from_keyframe, np.array(off))
+            return replace(closure, submap_from_keyframe=there)
+
+    monkeypatch.setitem(globals(), "LoopCloser", Misled)
+    done = closures(way[:OLD], way[2:OLD], make_submap(way, 0, OLD, 6))
+    assert done
+    if agrees:
+        assert any(closure.reason == "" for closure in done)
+    else:
+        assert {closure.reason for closure in done} == {"not confirmed: a second match disagrees"}
+
+
+@pytest.mark.parametrize("heading", np.linspace(0.0, np.pi, 7))
+def test_a_match_along_one_wall_slides_whichever_way_the_wall_runs(heading: float) -> None:
+    """The weakest direction counts, not an axis and not the strongest."""
+    config = LoopClosureConfig()
+    along = np.array([np.cos(heading), np.sin(heading)])
+    across = np.array([-along[1], along[0]])
+    strong, weak = 25.0 / config.max_sigma_m**2, 0.25 / config.max_sigma_m**2
+
+    def reason(of_along: float, of_across: float) -> str:
+        information = np.eye(3)
+        information[:2, :2] = of_along * np.outer(along, along)
+        information[:2, :2] += of_across * np.outer(across, across)
+        return loop_closure.doubt(1.0, information, 0.0, config)
+
+    assert reason(strong, strong) == ""
+    assert reason(weak, strong) == reason(strong, weak) == "slides along a wall"

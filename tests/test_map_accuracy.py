@@ -54,6 +54,30 @@ def test_an_all_free_map_fails_on_iou_though_most_cells_agree() -> None:
     assert result.iou == result.recall == result.f1 == 0.0
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_shares_are_those_counted_cell_by_cell(seed: int) -> None:
+    """What the estimate does not know is neither found nor missed."""
+    rng, resolution_m, tolerance_m = np.random.default_rng(seed), 0.1, 0.15
+    geometry = GridGeometry(0.0, 0.0, resolution_m, 12, 15)
+    a, b = (
+        rng.choice(
+            np.array([0.0, 1.0, np.nan], dtype=np.float32), geometry.shape, p=[0.6, 0.2, 0.2]
+        )
+        for _ in range(2)
+    )
+    result = map_accuracy(
+        OccupancyGrid(geometry, a), OccupancyGrid(geometry, b), tolerance_m=tolerance_m
+    )
+
+    def share(of: np.ndarray, near: np.ndarray, judged: np.ndarray) -> float:
+        cells = np.argwhere((of == 1.0) & ~np.isnan(judged))
+        walls = np.argwhere(near == 1.0)
+        return float((resolution_m * cdist(cells, walls).min(axis=1) <= tolerance_m).mean())
+
+    assert result.recall == pytest.approx(share(a, b, b))
+    assert result.precision == pytest.approx(share(b, a, a))
+
+
 def test_counts_of_a_small_map() -> None:
     geometry = GridGeometry(0.0, 0.0, 1.0, 1, 5)
     reference = OccupancyGrid(geometry, np.array([[1, 1, 0, 0, np.nan]], dtype=np.float32))

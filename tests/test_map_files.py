@@ -122,6 +122,18 @@ def test_scale_and_raw_maps_follow_nav2(tmp_path: Path) -> None:
         )
 
 
+@pytest.mark.parametrize("mode", ["trinary", "scale"])
+def test_a_shade_just_at_a_threshold_is_decided_as_nav2_does(tmp_path: Path, mode: str) -> None:
+    """Thresholds belong to the class on their far side: p >= occupied, p <= free."""
+    image = np.array([[0, 63, 64, 65, 127, 128, 129, 255]], dtype=np.uint8)
+    shades = {"occupied_thresh": 128 / 255, "free_thresh": 64 / 255, "negate": 1, "mode": mode}
+    found = read_map(described(tmp_path, image, **shades)).probability[0]
+    assert (found[[0, 1, 2]] == 0.0).all()
+    assert (found[[5, 6, 7]] == 1.0).all()
+    between = found[[3, 4]]
+    assert np.isnan(between).all() if mode == "trinary" else ((between > 0) & (between < 1)).all()
+
+
 def test_negated_coloured_and_transparent_images(tmp_path: Path) -> None:
     dark = np.zeros((1, 2), dtype=np.uint8)
     assert (read_map(described(tmp_path, dark, negate=1)).probability == 0).all()

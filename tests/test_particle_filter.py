@@ -35,6 +35,15 @@ def test_n_eff_of_equal_weights_is_their_number() -> None:
     assert np.isclose(effective_sample_size(normalised(np.array([0.0, -1e5]))), 1.0)
 
 
+@given(st.lists(st.integers(1, 50), min_size=1, max_size=12))
+def test_n_eff_is_the_number_of_distinct_draws_in_pairs(counts: list[int]) -> None:
+    """Brute force: two draws by weight are the same particle with probability 1 / N_eff."""
+    of = np.repeat(np.arange(len(counts)), counts)
+    same = (of[:, None] == of[None]).mean()
+    weights = np.array(counts) / sum(counts)
+    assert effective_sample_size(weights) == pytest.approx(1.0 / same)
+
+
 @pytest.mark.parametrize("method", METHODS)
 def test_resampling_is_unbiased(method: str) -> None:
     rng, runs, count = np.random.default_rng(5), 4000, len(WEIGHTS)

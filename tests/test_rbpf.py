@@ -43,3 +43,17 @@ def test_a_descendant_supposes_what_its_ancestor_did() -> None:
     assert len(np.unique(ancestors)) < PARTICLES
     assert np.array_equal(after.drifts, before.drifts[ancestors])
     assert np.array_equal(after.poses, before.poses[ancestors])
+
+
+def test_weights_start_anew_after_resampling_and_only_then() -> None:
+    """By brute force: what survivors were worth is in how many they are, not in their weights."""
+    before, after = stepped(0.0, 0.0), stepped(0.0, 1.0)
+    assert not before.selections[-1].resampled
+    assert np.ptp(before.log_weights) > 1.0
+    assert after.selections[-1].resampled
+    assert np.array_equal(after.log_weights, np.zeros(PARTICLES))
+    weights = np.exp(before.log_weights - before.log_weights.max())
+    weights /= weights.sum()
+    pairs = sum(w * w for w in weights.tolist())
+    assert np.isclose(after.selections[-1].n_eff, 1.0 / pairs)
+    assert np.isclose(before.selections[-1].n_eff, 1.0 / pairs)

@@ -11,9 +11,11 @@ import pytest
 from evo.tools import file_interface
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file, tum_text
+from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
 from slarm_graph.trajectory import Trajectory
 
@@ -176,3 +178,11 @@ def test_a_long_header_is_not_told_at_length(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="expected lines") as refused:
         read_trajectory(written(tmp_path, text))
     assert len(str(refused.value).replace(str(tmp_path), "")) < 500
+
+
+def test_yaw_of_a_tilted_body_is_where_its_x_axis_points_seen_from_above() -> None:
+    turns = Rotation.random(200, random_state=3)
+    poses = np.column_stack([np.zeros((200, 3)), turns.as_quat()])
+    flat = SpatialTrajectory(np.arange(200, dtype=np.int64), poses).in_xy()
+    forward = turns.apply([1.0, 0.0, 0.0])
+    assert np.allclose(flat.poses[:, 2], np.arctan2(forward[:, 1], forward[:, 0]), atol=1e-9)
