@@ -20,6 +20,7 @@ from slarm_graph.config import (
     SimulationConfig,
 )
 from slarm_graph.exploration.closed_loop import Exploration, explore
+from slarm_graph.exploration.coverage_grid import BLOCKED
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
 from slarm_graph.exploration.explorers import make
 from slarm_graph.exploration.live_map import LiveMap
@@ -274,3 +275,56 @@ def test_noise_beside_a_known_wall_does_not_close_a_gap() -> None:
     news = LaserScan(np.array([1.0]), 0.0, 0.1, 0.1, 8.0)
     live.stand_by(news, Pose2(1.0, 1.25, 0.0))
     assert not live.is_clear(np.array([[1.5, 1.25], [2.5, 1.25]]))
+
+
+def blocked_m(live: LiveMap) -> tuple[float, float, float, float]:
+    """Least distance of passable cells from the four sides of a rough boundary 4 m x 3 m [m]."""
+    coverage = live.coverage()
+    centers = live.geometry.centers()[coverage.codes != BLOCKED]
+    (x_min, y_min), (x_max, y_max) = centers.min(axis=0), centers.max(axis=0)
+    return x_min, 4.0 - x_max, y_min, 3.0 - y_max
+
+
+@pytest.mark.parametrize("rmse_m", [0.0, 0.3, 0.6])
+def test_the_rough_boundary_shrinks_by_half_the_error_on_each_side(rmse_m: float) -> None:
+    """What is left is brute force: cells farther from a side than body, margin and error."""
+    driving = DrivingConfig(robot_radius_m=0.2, margin_m=0.1)
+    live = LiveMap((0.0, 4.0, 0.0, 3.0), ExploreConfig(resolution_m=0.05, driving=driving))
+    g = live.driving_geometry
+    x, y = np.moveaxis(g.centers(), -1, 0)
+    for known_m in (rmse_m, 0.0, rmse_m):
+        live.shrink_by(known_m)
+        inset = 0.5 * known_m
+        outside = (x < inset) | (x > 4.0 - inset) | (y < inset) | (y > 3.0 - inset)
+        walls = g.centers()[outside]
+        for path in ([0.21 + inset, 1.5], [0.9, 0.26 + inset], [3.78 - inset, 1.5], [1.0, 1.0]):
+            away_m = np.hypot(*(walls - path).T).min() if len(walls) else math.inf
+            fits = away_m > 0.2 + 0.5 * g.resolution_m + 0.04
+            if fits or away_m < 0.2 - 0.04:
+                assert live.is_clear(np.array([path, path])) == fits
+
+
+def test_planning_keeps_the_margin_that_a_tight_gap_and_a_path_do_without() -> None:
+    reach = {}
+    for margin_m in (0.0, 0.15):
+        driving = DrivingConfig(robot_radius_m=0.2, margin_m=margin_m)
+        config = ExploreConfig(resolution_m=0.05, driving=driving, slam_rmse_m=0.4)
+        reach[margin_m] = blocked_m(LiveMap((0.0, 4.0, 0.0, 3.0), config))
+    for without_m, with_m in zip(reach[0.0], reach[0.15], strict=True):
+        assert with_m - without_m == pytest.approx(0.15, abs=0.051)
+
+
+@pytest.mark.parametrize("speed_m_s", [0.6, 1.0])
+def test_the_follower_never_drives_faster_than_it_can_brake(speed_m_s: float) -> None:
+    """v^2 <= 2 a s before every stop, from where the robot is and not from where it was."""
+    config = DrivingConfig(speed_m_s=speed_m_s, acceleration_m_s2=0.4)
+    follower, pose, fastest = PathFollower(config), Pose2(), 0.0
+    follower.follow(np.array([[0.0, 0.0], [1.7, 0.0]]))
+    while not follower.done:
+        left_m = 1.7 - pose.x
+        speed = follower.command(pose, 0.05).speed_m_s
+        assert speed**2 <= 2.0 * 0.4 * left_m + 1e-9
+        assert speed <= speed_m_s
+        fastest = max(fastest, speed)
+        pose = Pose2(pose.x + 0.05 * speed, 0.0, 0.0)
+    assert fastest == pytest.approx(min(speed_m_s, math.sqrt(0.4 * 1.7)), abs=0.05)

@@ -224,6 +224,18 @@ def test_filling_meets_corrected_poses_and_keeps_the_rest_smooth() -> None:
     assert np.allclose(between(same, local), 0.0, atol=1e-12)
 
 
+def test_filling_undoes_a_drift_that_grows_evenly_with_time() -> None:
+    """Brute force: the truth comes back at every scan, however unevenly they are stamped."""
+    rng = np.random.default_rng(1)
+    stamps = np.cumsum(rng.integers(1, 10**9, 40))
+    truth = np.column_stack([np.cumsum(rng.normal(0.0, 0.1, (40, 2)), axis=0), np.zeros(40)])
+    time_s = (stamps - stamps[0])[:, None] * 1e-9
+    local = truth + time_s * np.array([0.02, -0.03, 0.0])
+    corrected = np.array([0, 9, 11, 39])
+    filled = fill_path(stamps, local, corrected, truth[corrected])
+    assert np.allclose(filled, truth, atol=1e-12)
+
+
 def mean_errors(recording: Path, seed: int) -> Floats:
     """Mean translation [m] and rotation [deg] errors over all relations, at the laser."""
     backend = GmappingBackend(GmappingConfig(), FrontendConfig(), np.random.default_rng(seed))

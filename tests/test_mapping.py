@@ -214,3 +214,18 @@ def test_beams_are_cut_where_they_leave_given_cells() -> None:
     occupied = whole.geometry.resample(whole.occupied, cells, outside=False)
     assert np.array_equal(cut.occupied(), occupied)
     assert np.array_equal(cut.occupied((slice(3, 9), slice(20, 50))), occupied[3:9, 20:50])
+
+
+def test_rates_are_those_of_the_way_to_the_next_pose_and_the_last_goes_on() -> None:
+    """Brute force, one pose at a time; a body at constant velocity has one rate throughout."""
+    rng = np.random.default_rng(2)
+    stamps = np.cumsum(rng.integers(5e7, 2e8, 20)).astype(np.int64)
+    velocity = np.array([0.4, -0.2, 2.5])
+    poses = (stamps - stamps[0])[:, None] * 1e-9 * velocity
+    poses[:, 2] = (poses[:, 2] + np.pi) % (2.0 * np.pi) - np.pi
+    assert np.allclose(pose_rates(Trajectory(stamps, poses)), velocity)
+    gap = stamps + np.where(np.arange(20) > 9, 10**11, 0)
+    rates = pose_rates(Trajectory(gap, poses))
+    assert np.allclose(np.delete(rates, 9, axis=0), velocity)
+    assert not rates[9].any()
+    assert not pose_rates(Trajectory(stamps[:1], poses[:1])).any()

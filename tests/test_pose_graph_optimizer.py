@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
+import gtsam
 import numpy as np
 import pytest
 
@@ -138,6 +140,29 @@ def test_cauchy_softens_false_closures() -> None:
     spoilt, truth, _ = laps(300, 60, false_share=0.1, seed=4)
     plain, robust = optimize(spoilt), optimize(spoilt, kernel=Kernel.CAUCHY)
     assert rmse_m(robust.poses, truth) < 0.5 * rmse_m(plain.poses, truth)
+
+
+@pytest.mark.parametrize("slip_sigmas", [math.inf, 2.5])
+@pytest.mark.parametrize("kernel", list(Kernel))
+def test_weights_are_those_of_the_kernels_at_what_is_left(
+    kernel: Kernel, slip_sigmas: float
+) -> None:
+    """From the definitions: Cauchy 1 / (1 + r^2 / k^2), Huber min(1, k / r), of whitened errors."""
+    spoilt, _, _ = laps(200, 30, false_share=0.2, seed=4)
+    found = optimize(spoilt, kernel=kernel, slip_sigmas=slip_sigmas)
+    for weight, c in zip(found.weights, spoilt.constraints, strict=True):
+        there = between(found.poses[c.i], found.poses[c.j])
+        error = between(c.i_from_j.as_array(), there)
+        turned = gtsam.Pose2.Logmap(gtsam.Pose2(*error))
+        r = math.sqrt(turned @ np.linalg.inv(c.covariance) @ turned)
+        if c.kind is not ConstraintKind.LOOP_CLOSURE:
+            k = slip_sigmas
+            expected = 1.0 if math.isinf(k) else 1.0 / (1.0 + r * r / k**2)
+        elif kernel is Kernel.CAUCHY:
+            expected = 1.0 / (1.0 + r * r)
+        else:
+            expected = 1.0 if kernel is Kernel.NONE else min(1.0, 1.345 / max(r, 1e-9))
+        assert weight == pytest.approx(expected, rel=2e-2, abs=1e-6)
 
 
 @pytest.mark.parametrize("count", [1000, pytest.param(10000, marks=pytest.mark.slow)])

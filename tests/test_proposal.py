@@ -205,3 +205,45 @@ def test_after_a_motion_not_followed_some_of_the_particles_find_the_place() -> N
     measurement = Measurement(seen_from(truth), MOTION, covariance, is_lost=True)
     poses, gained = propose(maps, measurement, CONFIG, np.zeros((60, 3)), normals)
     assert np.allclose(poses[np.argmax(gained)], truth, atol=0.03)
+
+
+@pytest.mark.parametrize("off", [(0.03, 0.0, 0.0), (-0.01, 0.04, 0.02), (0.0, -0.03, -0.02)])
+def test_eq_7_to_10_are_those_of_the_product_summed_over_a_fine_lattice(
+    off: tuple[float, float, float],
+) -> None:
+    """The scan was taken away from where the motion leads; the prior stays where that is."""
+    covariance = np.diag([0.03, 0.03, 0.02]) ** 2
+    likelihood = ParticleLikelihoodConfig(sigma_m=0.1, beam_information=0.02)
+    config = CONFIG.model_copy(
+        update={
+            "likelihood": likelihood,
+            "proposal": ProposalConfig(lattice_radius=6.0, iterations=20),
+        }
+    )
+    maps, points = room_maps(), seen_from(compose(MOTION, np.array(off)))
+    measurement = Measurement(points, MOTION, covariance)
+    pose, gained = propose(maps, measurement, config, np.zeros((1, 3)), np.zeros((1, 6)))
+    information = np.linalg.inv(covariance)
+    c, s = np.cos(MOTION[2]), np.sin(MOTION[2])
+    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    prior, lines = turn @ information @ turn.T, np.zeros((len(points), 5))
+    peak, hessian = find_peak(
+        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, config.proposal.kernel_size, points,
+        MOTION, MOTION, prior, 0.1, 0.02, 20, lines,
+    )  # fmt: skip
+    axis = np.linspace(-6.0, 6.0, 31)
+    grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
+    root = np.linalg.cholesky(np.linalg.inv(hessian))
+    tried, logs = peak + grid @ root.T, np.empty(len(grid))
+    miss = log_of_miss(config.proposal.kernel_size, RESOLUTION_M, 0.1)
+    log_likelihoods(points, lines, tried, 0.1, miss, logs)
+    away = tried - MOTION
+    log_prior = -0.5 * np.einsum("na,ab,nb->n", away, prior, away)
+    log_prior += 0.5 * np.log(np.linalg.det(information) / (2.0 * np.pi) ** 3)
+    logs = 0.02 * logs + log_prior
+    density = np.exp(logs - logs.max())
+    mean = (density[:, None] * tried).sum(axis=0) / density.sum()
+    assert np.hypot(*(mean - MOTION)[:2]) > 0.002
+    assert np.allclose(pose[0], mean, atol=2e-4)
+    volume = np.linalg.det(root) * (axis[1] - axis[0]) ** 3
+    assert gained[0] == pytest.approx(logs.max() + np.log(density.sum() * volume), abs=0.05)
