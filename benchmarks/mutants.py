@@ -52,7 +52,7 @@ class Workbench:
     Parameters
     ----------
     work : Path
-        An empty folder.
+        Empty, or left by an earlier run: then nothing is compiled anew.
     """
 
     def __init__(self, work: Path) -> None:
@@ -61,8 +61,9 @@ class Workbench:
         self._kept = work / "original.py"
         self._sound: dict[str, bool] = {}
         ignore = shutil.ignore_patterns(".git", ".venv", "__pycache__", "runs", ".*cache")
+        shutil.rmtree(self.tree, ignore_errors=True)
         shutil.copytree(ROOT, self.tree, symlinks=True, ignore=ignore)
-        if (ROOT.parent / "shared").exists():
+        if (ROOT.parent / "shared").exists() and not (work / "shared").exists():
             (work / "shared").symlink_to((ROOT.parent / "shared").resolve())
 
     def kills(self, mutant: Mutant) -> bool:
@@ -168,12 +169,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--per-room", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--work", type=Path, help="Keep the copy of the tree here.")
     parser.add_argument("--rooms", default=",".join(ROOMS))
     parser.add_argument("--out", type=Path, default=Path("mutants.csv"))
     options = parser.parse_args()
     results = []
     with tempfile.TemporaryDirectory() as scratch:
-        bench = Workbench(Path(scratch))
+        bench = Workbench((options.work or Path(scratch)).resolve())
         for room in options.rooms.split(","):
             mine = run_room(bench, room, options.per_room, options.seed)
             results += mine

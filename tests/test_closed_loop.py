@@ -291,14 +291,16 @@ def test_the_rough_boundary_shrinks_by_half_the_error_on_each_side(rmse_m: float
     driving = DrivingConfig(robot_radius_m=0.2, margin_m=0.1)
     live = LiveMap((0.0, 4.0, 0.0, 3.0), ExploreConfig(resolution_m=0.05, driving=driving))
     g = live.driving_geometry
-    x, y = np.moveaxis(g.centers(), -1, 0)
+    # The same lattice goes on beyond the boundary, where everything is in the way.
+    x, y = np.meshgrid(*(g.resolution_m * (np.arange(-9, n + 9) + 0.5) for n in g.shape[::-1]))
     for known_m in (rmse_m, 0.0, rmse_m):
         live.shrink_by(known_m)
         inset = 0.5 * known_m
         outside = (x < inset) | (x > 4.0 - inset) | (y < inset) | (y > 3.0 - inset)
-        walls = g.centers()[outside]
-        for path in ([0.21 + inset, 1.5], [0.9, 0.26 + inset], [3.78 - inset, 1.5], [1.0, 1.0]):
-            away_m = np.hypot(*(walls - path).T).min() if len(walls) else math.inf
+        walls = np.column_stack([x[outside], y[outside]])
+        across = [(x_m, 1.5) for x_m in np.arange(0.05, 4.0, 0.07)]
+        for path in (*across, *((2.0, y_m) for y_m in np.arange(0.05, 3.0, 0.07))):
+            away_m = np.hypot(*(walls - path).T).min()
             fits = away_m > 0.2 + 0.5 * g.resolution_m + 0.04
             if fits or away_m < 0.2 - 0.04:
                 assert live.is_clear(np.array([path, path])) == fits
