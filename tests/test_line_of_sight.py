@@ -19,6 +19,7 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_past_solids,
     line_of_sight_to_points,
 )
+from slarm_graph.radio.shadows import next_around
 from slarm_graph.world import Solid
 
 HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]
@@ -189,6 +190,23 @@ def test_no_ray_slips_through_where_a_concave_solid_is_cut(shape):
         rays = shapely.linestrings([[eye, (col, row)] for row, col in np.ndindex(11, 11)])
         slips = clear & shapely.intersects(inner, rays).reshape(clear.shape)
         assert not slips.any(), (eye, np.argwhere(slips)[:3])
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_next_polygon_around_a_point_is_the_one_that_shapely_finds(seed):
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0.0, 2.0 * np.pi, 8)[:7] + 0.1
+    stars = [
+        rng.uniform(-2.0, 2.0, 2)
+        + rng.uniform(0.3, 1.5, (7, 1)) * np.column_stack([np.cos(angle), np.sin(angle)])
+        for _ in range(8)
+    ]
+    starts = np.arange(0, 57, 7)
+    for point in rng.uniform(-3.0, 3.0, (60, 2)):
+        around = [shapely.Polygon(star).contains(shapely.Point(point)) for star in stars]
+        for first in range(9):
+            expected = next((i for i in range(first, 8) if around[i]), 8)
+            assert next_around(first, point[None], np.concatenate(stars), starts) == expected
 
 
 def test_outer_wall_hides_the_far_leg_of_an_l_shaped_room():

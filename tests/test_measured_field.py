@@ -14,6 +14,7 @@ from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
 from slarm_graph.radio.measured.priors import FloorField, drift_precision, matern_correlation
 from slarm_graph.radio.measured.readings import Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.validate import _bridge
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
 
@@ -139,3 +140,18 @@ def test_outliers_weigh_less_and_saturated_readings_only_push_up():
     assert weights[1] < 0.15
     assert weights[2] < 1e-3
     assert values[3] > -60.0
+
+
+def test_drift_between_kept_times_is_kriged_from_both_ends():
+    """Second implementation: the simple kriging of an Ornstein-Uhlenbeck process from all ends."""
+    rng = np.random.default_rng(4)
+    kept = np.array([0.0, 1.0, 3.0, 3.5, 9.0])
+    times, correlation_s = np.sort(rng.uniform(0.0, 9.0, 30)), 2.5
+
+    def kernel(a, b):
+        return np.exp(-np.abs(a[:, None] - b[None]) / correlation_s)
+
+    weights, left = _bridge(times, kept, correlation_s)
+    expected = np.linalg.solve(kernel(kept, kept), kernel(kept, times)).T
+    np.testing.assert_allclose(weights.toarray(), expected, atol=1e-9)
+    np.testing.assert_allclose(left, 1.0 - (expected * kernel(times, kept)).sum(axis=1), atol=1e-9)
