@@ -56,6 +56,24 @@ def read(path: Path) -> list[Reading]:
     return list(open_source(path, SourceConfig()))
 
 
+@pytest.mark.parametrize("first", ["a.clf", "a.bag"])
+@pytest.mark.parametrize("second", ["b.bag", "b.mcap", "b.db3", "b_folder"])
+def test_compressed_on_wish(tmp_path, first, second):
+    format_written_as(tmp_path / first).write(tmp_path / first, drive())
+    sizes = []
+    for compress in (False, True):
+        convert(tmp_path / first, tmp_path / second, overwrite=True, compress=compress)
+        there = tmp_path / second
+        files = (
+            [path for path in there.iterdir() if path.suffix == ".mcap"]
+            if (there.is_dir())
+            else [there]
+        )
+        sizes.append(sum(path.stat().st_size for path in files))
+    assert sizes[1] < 0.97 * sizes[0]
+    assert_same(read(tmp_path / second), read(tmp_path / first))
+
+
 @pytest.mark.parametrize("first", ENDINGS)
 @pytest.mark.parametrize("second", ["b.bag", "b.mcap", "b.clf"])
 def test_there_and_on(tmp_path: Path, first: str, second: str) -> None:

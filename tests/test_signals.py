@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import sqlite3
+from contextlib import closing
+
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -79,6 +82,29 @@ def test_topic_of_a_bag_by_its_own_definitions(tmp_path):
         open_rss("/wlan:rssi", [tmp_path / "bag"])
     with pytest.raises(BadInput, match="rssi"):
         open_rss("/wifi:rssi", [tmp_path / "bag"])
+
+
+def test_types_of_an_older_release_where_a_bag_has_no_definitions(tmp_path):
+    store, kind = get_typestore(Stores.ROS2_FOXY), "visualization_msgs/msg/Marker"
+    make = {name.rpartition("/")[2]: made for name, made in store.types.items()}
+    with Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/heard", kind, typestore=store)
+        header = make["Header"](make["Time"](5, 0), "map")
+        none = make["Point"](0.0, 0.0, 0.0), make["Quaternion"](0.0, 0.0, 0.0, 1.0)
+        at, color = make["Pose"](*none), make["ColorRGBA"](0.0, 0.0, 0.0, 1.0)
+        size, forever = make["Vector3"](-42.0, 0.0, 0.0), make["Duration"](0, 0)
+        message = make["Marker"](
+            header, "ap", 1, 0, 0, at, size, color, forever, False, [], [], "ap one", "", False
+        )
+        writer.write(connection, 10**9, store.serialize_cdr(message, kind))
+    with closing(sqlite3.connect(next((tmp_path / "bag").glob("*.db3")))) as file:
+        # As recorders before iron leave it.
+        file.execute("DELETE FROM message_definitions")
+        file.commit()
+    log = open_rss("/heard:scale.x,text", [tmp_path / "bag"], "foxy")
+    assert log.names == ("ap one",) and log.rss_dbm.tolist() == [-42.0]
+    with pytest.raises(BadInput, match="--ros-distro"):
+        open_rss("/heard:scale.x,text", [tmp_path / "bag"])
 
 
 def test_neither_file_nor_topic():

@@ -21,6 +21,7 @@ def convert(
     config: SourceConfig | None = None,
     *,
     overwrite: bool = False,
+    compress: bool = False,
     section: Sections | None = None,
     simulation: SimulationConfig | None = None,
 ) -> str:
@@ -39,6 +40,8 @@ def convert(
     config : SourceConfig, optional
         Choice of topics, where readings are made.
     overwrite : bool
+    compress : bool
+        What is written for ROS; a CARMEN log is compressed where its name ends in `.gz`.
     section : callable, optional
         As for `open_source`.
     simulation : SimulationConfig, optional
@@ -59,12 +62,15 @@ def convert(
     kind, target = format_of(paths, section), format_written_as(destination, section)
     besides = ""
     if isinstance(kind, Ros) and isinstance(target, Ros):
-        loss = copy_messages(paths, destination)
+        distro = None if config is None else config.ros_distro
+        loss = copy_messages(paths, destination, distro, compress=compress)
         if not loss:
             return f"{destination}: every message of {', '.join(path.name for path in paths)}"
         besides = f"; only scans and odometry, for {loss}"
     source = open_source(paths, config, simulation, section=section)
     count = target.write(destination, source)
+    if compress and isinstance(target, Ros):
+        copy_messages([destination], destination, compress=True)
     if isinstance(kind, WorldFile) and isinstance(target, Ros):
         besides = ", with ground truth"
         if simulation is not None and simulation.signals.rate_hz > 0.0:

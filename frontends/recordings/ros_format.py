@@ -57,8 +57,30 @@ def _truth(readings: Iterable[Reading]) -> Iterator[tuple[int, Pose2]]:
         yield stamp_ns, Pose2.from_array(pose)
 
 
-def copy_messages(paths: Sequence[Path], destination: Path) -> str:
+def _packing(destination: Path) -> tuple[str, str]:
+    """Compression that other tools read, and whether it is of files' blocks or of messages."""
+    if destination.suffix == ".bag":
+        return "lz4", "none"
+    return "zstd", "message" if destination.suffix == ".db3" else "storage"
+
+
+def copy_messages(
+    paths: Sequence[Path],
+    destination: Path,
+    distro: str | None = None,
+    *,
+    compress: bool = False,
+) -> str:
     """Copy every message by rosbags, beside the destination first; return why it cannot.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+    destination : Path
+    distro : str, optional
+        Release whose types hold where there are no definitions.
+    compress : bool
+        lz4 in ROS 1 bags, zstd in ROS 2 bags.
 
     Raises
     ------
@@ -68,11 +90,13 @@ def copy_messages(paths: Sequence[Path], destination: Path) -> str:
     open_recording(paths)
     from rosbags.convert.converter import ConverterError
     from rosbags.convert.converter import convert as convert_bags
-    from rosbags.typesys import Stores, get_typestore
+
+    from slarm_graph.frontends.signals.rss_topic import typestore_of
 
     folder = Path(tempfile.mkdtemp(dir=destination.parent, prefix=".converting-"))
     single = destination.suffix in (".mcap", ".db3")
     made = folder / (destination.stem if single else destination.name)
+    packing, mode = _packing(destination) if compress else (None, "none")
     storage = "sqlite3" if destination.suffix == ".db3" else "mcap"
     inputs = [path.parent if path.name == "metadata.yaml" else path for path in paths]
     if any(path.is_dir() and not (path / "metadata.yaml").exists() for path in inputs):
@@ -80,7 +104,7 @@ def copy_messages(paths: Sequence[Path], destination: Path) -> str:
     try:
         with contextlib.redirect_stdout(io.StringIO()):
             convert_bags(
-                inputs, made, storage, 9, None, "file", get_typestore(Stores.LATEST),
+                inputs, made, storage, 9, packing, mode, typestore_of(distro),
                 None, (), (), (), (),
             )  # fmt: skip
         remove(destination)

@@ -13,7 +13,7 @@ from slarm_graph.frontends.signals.rss_csv import read_rss_csv
 from slarm_graph.radio.measured.log import RssLog
 
 
-def open_rss(given: str, recording: Sequence[Path] = ()) -> RssLog:
+def open_rss(given: str, recording: Sequence[Path] = (), distro: str | None = None) -> RssLog:
     """Open readings of signal strength.
 
     Parameters
@@ -23,6 +23,8 @@ def open_rss(given: str, recording: Sequence[Path] = ()) -> RssLog:
         `TOPIC:FIELD[,NAME_FIELD...]` of the recording, such as `/wifi:rssi,ssid,bssid`.
     recording : sequence of Path
         Where topics are looked for.
+    distro : str, optional
+        ROS 2 release whose types hold where the recording brings no definitions.
 
     Raises
     ------
@@ -40,7 +42,7 @@ def open_rss(given: str, recording: Sequence[Path] = ()) -> RssLog:
 
     topic, _, fields = given.partition(":")
     value, *names = fields.split(",")
-    return read_rss_topic(recording, topic, value, names)
+    return read_rss_topic(recording, topic, value, names, distro)
 
 
 def beside(scans: Path) -> str | None:

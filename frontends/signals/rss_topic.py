@@ -11,13 +11,18 @@ from pathlib import Path
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 from rosbags.typesys import Stores, get_typestore
+from rosbags.typesys.store import Typestore
 
-from slarm_graph.errors import BadInput
+from slarm_graph.errors import BadInput, brief
 from slarm_graph.radio.measured.log import RssLog
 
 
 def read_rss_topic(
-    recording: Sequence[Path], topic: str, value: str, names: Sequence[str]
+    recording: Sequence[Path],
+    topic: str,
+    value: str,
+    names: Sequence[str],
+    distro: str | None = None,
 ) -> RssLog:
     """Read a numeric field of a topic.
 
@@ -30,6 +35,8 @@ def read_rss_topic(
         Field with the strength [dBm]; dots lead into parts.
     names : sequence of str
         Fields that together name the access point; without any the topic does.
+    distro : str, optional
+        ROS 2 release whose types hold where the bag brings no definitions.
 
     Raises
     ------
@@ -39,14 +46,13 @@ def read_rss_topic(
     folders = [p.parent if p.name == "metadata.yaml" else p for p in recording]
     stamps, owners, values = [], [], []
     try:
-        store = get_typestore(Stores.ROS2_HUMBLE)
-        with AnyReader(folders, default_typestore=store) as reader:
+        with AnyReader(folders, default_typestore=typestore_of(distro)) as reader:
             connections = [c for c in reader.connections if c.topic == topic]
             if not connections:
                 known = ", ".join(sorted({c.topic for c in reader.connections}))
                 raise BadInput(f"--rss {topic}: no such topic; the recording has {known}")
             for connection, recorded_ns, raw in reader.messages(connections):
-                message = reader.deserialize(raw, connection.msgtype)
+                message = _message(reader, raw, connection.msgtype)
                 values.append(float(attrgetter(value)(message)))
                 words = [str(attrgetter(name)(message)) for name in names]
                 owners.append(" ".join(words) or topic.strip("/"))
@@ -59,6 +65,28 @@ def read_rss_topic(
     rss[~np.isfinite(rss)] = np.nan
     described = f"{topic}, {len(values)} readings"
     return RssLog.of_rows(np.array(stamps, dtype=np.int64), owners, rss, described)
+
+
+def typestore_of(distro: str | None) -> Typestore:
+    """Return the standard message types of a ROS 2 release, or of the latest."""
+    return get_typestore(Stores.LATEST if distro is None else Stores(f"ros2_{distro}"))
+
+
+def _message(reader: AnyReader, raw: bytes, msgtype: str) -> object:
+    """Decode a message; a type of another release runs over its end, or into nonsense.
+
+    Raises
+    ------
+    BadInput
+        When the type that is taken for it does not fit.
+    """
+    try:
+        return reader.deserialize(raw, msgtype)
+    except AnyReaderError as error:
+        raise BadInput(
+            f"messages are of another release's {msgtype} ({brief(str(error))}); --ros-distro NAME"
+            " says of which"
+        ) from None
 
 
 def _stamp_ns(message: object, recorded_ns: int) -> int:

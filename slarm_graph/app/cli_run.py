@@ -27,6 +27,7 @@ from slarm_graph.app.options import (
     Overwrite,
     RelationsFile,
     Resume,
+    RosDistro,
     Rss,
     Scan,
     Seed,
@@ -92,6 +93,7 @@ def run_command(
     scan: Scan = None,
     segment: Segment = None,
     static_tf: StaticTf = None,
+    ros_distro: RosDistro = None,
     seed: Seed = None,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -111,6 +113,7 @@ def run_command(
         *overriding("backend", backend),
         *overriding("seed", seed),
         *source_settings(odom, scan, segment, static_tf),
+        *overriding("source.ros_distro", ros_distro),
         *limit_settings(max_time, max_memory),
         *overriding("radio.csv_most_lines", 0 if no_csv else None),
     ]

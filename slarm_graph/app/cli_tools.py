@@ -15,10 +15,12 @@ from slarm_graph.app.options import (
     Json,
     Odom,
     Recording,
+    RosDistro,
     Scan,
     Segment,
     Settings,
     StaticTf,
+    overriding,
     source_config,
 )
 
@@ -57,18 +59,24 @@ def convert_command(
     scan: Scan = None,
     segment: Segment = None,
     static_tf: StaticTf = None,
+    ros_distro: RosDistro = None,
+    compress: Annotated[
+        bool, typer.Option("--compress", help="ROS 1 bags by lz4, ROS 2 bags by zstd.")
+    ] = False,
     config: ConfigFile = None,
     settings: Settings = None,
 ) -> None:
     """Convert between ROS 1 bag, ROS 2 bag and CARMEN log."""
     from slarm_graph.frontends.recordings.convert import convert
 
+    settings = [*(settings or ()), *overriding("source.ros_distro", ros_distro)]
     chosen = source_config(odom, scan, segment, static_tf, config, settings)
     told = convert(
         sources,
         destination,
         chosen.source,
         overwrite=overwrite,
+        compress=compress,
         section=chosen.section,
         simulation=chosen.simulation,
     )

@@ -19,10 +19,12 @@ from slarm_graph.radio.measured.log import RssLog, merged, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 
 
-def signal_logs(given: Sequence[str], recording: Sequence[Path]) -> tuple[RssLog, ...]:
+def signal_logs(
+    given: Sequence[str], recording: Sequence[Path], distro: str | None = None
+) -> tuple[RssLog, ...]:
     """Open what `--rss` names, or what lies beside the recording when it names nothing."""
     found = given or [log for path in recording if (log := beside(path))]
-    return tuple(open_rss(one, recording) for one in found)
+    return tuple(open_rss(one, recording, distro) for one in found)
 
 
 def measured_map(

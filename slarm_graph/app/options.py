@@ -46,6 +46,14 @@ StaticTf = Annotated[
     list[str] | None,
     typer.Option(metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."),
 ]
+RosDistro = Annotated[
+    str | None,
+    typer.Option(
+        "--ros-distro",
+        metavar="NAME",
+        help="Release whose message types hold where a ROS 2 bag brings none (before iron).",
+    ),
+]
 GroundTruth = Annotated[
     Path | None,
     typer.Option("--ground-truth", help="True trajectory (TUM, EuRoC ...), or none."),

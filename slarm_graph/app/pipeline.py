@@ -68,7 +68,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
-        signals = signal_logs(job.rss, job.paths)
+        signals = signal_logs(job.rss, job.paths, config.source.ros_distro)
         source = _source(job)
     # readings -> SLAM backend
     backend, log = _fed(source, config, folder, progress, stop)

@@ -11,6 +11,8 @@ from pydantic import Field, PrivateAttr
 from slarm_graph.config.sections import PartName
 from slarm_graph.config.stage import Count, Reach, Resolution, Sigma, Stage
 
+Distro = Literal["dashing", "eloquent", "foxy", "galactic", "humble", "iron", "jazzy", "kilted"]
+
 
 class SourceConfig(Stage):
     """What to read from a recording."""
@@ -31,6 +33,8 @@ class SourceConfig(Stage):
     """Which part to use when the clock jumps back, counted from 1."""
     max_odom_gap_s: float | None = Field(default=None, gt=0)
     """Longest silence of the odometry that is bridged [s]; null: five times its usual spacing."""
+    ros_distro: Distro | None = None
+    """Release whose message types hold where a ROS 2 bag brings no definitions (before iron)."""
     stamp_at: Literal["first", "middle", "last"] = "first"
     """Which beam the recorded stamps belong to; first, by the definition of the message."""
     range_unit_m: float = Field(default=1.0, gt=0, le=1000)

@@ -1,0 +1,175 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Corridors of 3 km spread over a square kilometre, and the same ones folded into 200 x 200 m.
+
+    python benchmarks/large_site.py
+
+Both are driven once, in simulation; whole runs are compared in time and memory. What goes with the
+bounding box instead of with what is mapped shows as the ratio of the two.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from slarm_graph.config import SimulationConfig
+from slarm_graph.frontends.recordings.formats import format_written_as
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.world import Solid, WorldMap
+
+WIDTH_M = 2.4
+"""Of a corridor, as in offices."""
+WALL_M, HEIGHT_M = 0.2, 3.0
+STEP_M = 5.0
+"""Between two waypoints."""
+NICHE_EVERY_M = 3.0
+"""A cupboard stands at a wall about so often: corridors of nothing but walls are of one place."""
+SPEED_M_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """Of a whole run.
+
+    Parameters
+    ----------
+    wall_s, cpu_s, peak_mb : float
+    """
+
+    wall_s: float
+    cpu_s: float
+    peak_mb: float
+
+
+def spread_m(length_m: float) -> Floats:
+    """Middle line (K, 2) of corridors along three sides of a square [m]."""
+    side = length_m / 3.0
+    return np.array([[0.0, 0.0], [side, 0.0], [side, side], [0.0, side]])
+
+
+def folded_m(length_m: float, side_m: float) -> Floats:
+    """Middle line (K, 2) of corridors in as many lanes as fit a square [m]."""
+    lanes = round(length_m / side_m)
+    apart = side_m / max(lanes - 1, 1)
+    along = (length_m - side_m) / lanes
+    corners = []
+    for lane in range(lanes):
+        ends = (0.0, along) if lane % 2 == 0 else (along, 0.0)
+        corners += [(x, lane * apart) for x in ends]
+    return np.array(corners)
+
+
+def world_along(line_m: Floats, name: str) -> WorldMap:
+    """Walls on both sides of a line, and cupboards at them."""
+    rng = np.random.default_rng(0)
+    solids, half = [], 0.5 * (WIDTH_M + WALL_M)
+    for left in (half, -half):
+        sides = _offset(line_m, left)
+        solids += [_bar(a, b, WALL_M) for a, b in pairwise(sides)]
+    for end, inner in ((line_m[0], line_m[1]), (line_m[-1], line_m[-2])):
+        along = (end - inner) / np.linalg.norm(end - inner)
+        across = np.array([-along[1], along[0]]) * half
+        middle = end + along * half
+        solids.append(_bar(middle - across, middle + across, WALL_M))
+    for a, b in pairwise(line_m):
+        length, along = float(np.linalg.norm(b - a)), (b - a) / np.linalg.norm(b - a)
+        at = 3.0
+        while at < length - 3.0:
+            side = rng.choice([-1.0, 1.0]) * (0.5 * WIDTH_M - 0.2)
+            middle = a + along * at + side * np.array([-along[1], along[0]])
+            reach = 0.5 * along * rng.uniform(0.3, 2.5)
+            solids.append(_bar(middle - reach, middle + reach, rng.uniform(0.1, 0.8)))
+            at += NICHE_EVERY_M * rng.uniform(0.5, 1.5)
+    low, high = line_m.min(axis=0) - 5.0, line_m.max(axis=0) + 5.0
+    boundary = np.array([low, [high[0], low[1]], high, [low[0], high[1]]])
+    heading = float(np.arctan2(*(line_m[1] - line_m[0])[::-1]))
+    start = Pose2(float(line_m[0, 0]), float(line_m[0, 1]), heading)
+    return WorldMap(name, tuple(solids), boundary, HEIGHT_M, (), start)
+
+
+def _offset(line_m: Floats, left_m: float) -> Floats:
+    """A line with right-angled corners moved to its left, and as far beyond its ends."""
+    step = np.diff(line_m, axis=0)
+    along = step / np.linalg.norm(step, axis=1, keepdims=True)
+    normals = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    reach = abs(left_m)
+    points = [line_m[0] + left_m * normals[0] - reach * along[0]]
+    for corner, before, after in zip(line_m[1:-1], normals[:-1], normals[1:], strict=True):
+        points.append(corner + left_m * (before + after))
+    points.append(line_m[-1] + left_m * normals[-1] + reach * along[-1])
+    return np.array(points)
+
+
+def _bar(a: Floats, b: Floats, thick_m: float) -> Solid:
+    along = (b - a) / np.linalg.norm(b - a)
+    across = 0.5 * thick_m * np.array([-along[1], along[0]])
+    ring = np.array([a - across, b - across, b + across, a + across])
+    return Solid("wall", ring, HEIGHT_M)
+
+
+def _ways(line_m: Floats) -> Iterator[Floats]:
+    for a, b in pairwise(line_m):
+        count = max(round(float(np.linalg.norm(b - a)) / STEP_M), 1)
+        yield from (a + (b - a) * (k / count) for k in range(1, count + 1))
+
+
+def record(line_m: Floats, name: str, path: Path) -> int:
+    """Drive along a line once and write the recording; returns its number of scans."""
+    script = waypoints(np.array(list(_ways(line_m))), speed_m_s=SPEED_M_S)
+    config = SimulationConfig.model_validate(
+        {"lidar": {"rate_hz": 5.0, "beams": 361, "field_of_view_rad": np.pi, "range_max_m": 30.0}}
+    )
+    source = SourceFromWorld(world_along(line_m, name), config, script=script)
+    return format_written_as(path).write(path, source)
+
+
+def cost_of(path: Path, out: Path, words: list[str]) -> Cost:
+    """Run it whole in a process of its own."""
+    begun_s = time.monotonic()
+    command = [sys.executable, "-m", "slarm_graph", "run", str(path), "--out", str(out), *words]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
+    _, status, used = os.wait4(process.pid, 0)
+    if status:
+        raise SystemExit(f"{path.name}: the run failed")
+    return Cost(time.monotonic() - begun_s, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0)
+
+
+def main() -> None:
+    """Record, run and compare."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("--length", type=float, default=3000.0, help="Of the corridors [m].")
+    parser.add_argument("--folded", type=float, default=200.0, help="Side of the small site [m].")
+    parser.add_argument("words", nargs="*", help="Further options of `slarm run`, after --.")
+    given = parser.parse_args()
+    print("| site | scans | wall [s] | CPU [s] | peak memory [MB] |\n|---|---|---|---|---|")
+    with tempfile.TemporaryDirectory() as folder:
+        lines = {
+            "spread": spread_m(given.length),
+            "folded": folded_m(given.length, given.folded),
+        }
+        for name, line_m in lines.items():
+            path = Path(folder) / f"{name}.bag"
+            scans = record(line_m, name, path)
+            cost = cost_of(path, Path(folder), given.words)
+            width, height = np.ptp(line_m, axis=0)
+            print(
+                f"| {name}, {width:.0f} x {height:.0f} m | {scans} | {cost.wall_s:.1f}"
+                f" | {cost.cpu_s:.1f} | {cost.peak_mb:.0f} |",
+                flush=True,
+            )
+
+
+if __name__ == "__main__":
+    main()
