@@ -9,12 +9,15 @@ import math
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from scanned_rooms import WORLD, scanned_room
+from scanned_rooms import WORLD, scanned_room, toured
 
-from slarm_graph.config import MappingConfig, RecoveryConfig
+from slarm_graph.app.truth import accuracy_on
+from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
+from slarm_graph.files.worlds import load_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains
+from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.known_sizes import MeasuredPlan, known_sizes_of, match
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.recovery.wall_shapes import rectangle_m
@@ -126,3 +129,29 @@ def test_sizes_that_cannot_be_are_refused():
             RecoveryConfig(known_sizes=(size,))
     with pytest.raises(ValidationError, match="at most 1"):
         RecoveryConfig(known_sizes=((1.0, 2.0, 3.0, 1.5),))
+
+
+def least_accuracy(name: str, resolution_m: float) -> float:
+    """Accuracy of the worst access point of a world scanned all over from true poses."""
+    world = load_world(name)
+    scans, trajectory = toured(world, 0.5, 0.01)
+    geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
+    recovery = with_sizes_of(world, RecoveryConfig())
+    geographic = recover_scans(scans, trajectory, MappingConfig(), recovery, geometry=geometry)
+    radio = radio_map(geographic, world.access_points, RadioConfig())
+    judged = accuracy_on(world, geographic, radio, RadioConfig(), resolution_m)
+    return min(link.accuracy for link in judged.links)
+
+
+@pytest.mark.parametrize("name", ["paper_room", "cluttered", "office"])
+def test_with_sizes_every_access_point_of_a_world_is_right(name: str) -> None:
+    assert least_accuracy(name, 0.1) >= 0.98
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    ["paper_room", "cluttered", "dead_ends", "office", "corridors", "warehouse", "large"],
+)
+def test_with_sizes_every_access_point_of_all_worlds_is_right_at_fine_cells(name: str) -> None:
+    assert least_accuracy(name, 0.05) >= 0.98
