@@ -16,7 +16,8 @@ from rosbags.highlevel import AnyReader
 from test_cli import run
 
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.outputs import save_map, save_radio, save_trajectory
+from slarm_graph.app.map_images import save_map
+from slarm_graph.app.outputs import save_radio, save_trajectory
 from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.config import RadioConfig
 from slarm_graph.files.coverage import write_coverage

@@ -9,7 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from slarm_graph.app.outputs import save_map, save_trajectory
+from slarm_graph.app.map_images import save_map
+from slarm_graph.app.outputs import save_trajectory
 from slarm_graph.app.run_folder import RunFolder, read_record
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.errors import BadInput

@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import time
 
-from slarm_graph.app.outputs import save_map, save_readings, save_trajectory
+from slarm_graph.app.map_images import save_map
+from slarm_graph.app.outputs import save_readings, save_trajectory
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.reading_log import ReadingLog

@@ -7,36 +7,33 @@ from __future__ import annotations
 import csv
 import io
 import logging
-import math
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
+from slarm_graph.app.map_images import save_map
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
 from slarm_graph.config import RadioConfig
+from slarm_graph.config.maps import LargeImage
 from slarm_graph.consistency import Contradictions
 from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
-from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.files.trajectory_covariances import (
     TrajectoryCovariance,
     write_trajectory_covariance,
 )
 from slarm_graph.geographic import CellState, GeographicMap
-from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.grid import OccupancyGrid
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
-
-_MOST_IMAGE_CELLS = 16_384
-"""Side of the largest texture of common graphics chips, in which map viewers hold an image."""
 
 
 def save_trajectory(folder: RunFolder, name: str, trajectory: Trajectory | None) -> None:
@@ -55,13 +52,15 @@ def save_readings(folder: RunFolder, log: ReadingLog) -> None:
     folder.note(scans=len(log), robot_from_laser=log.robot_from_laser.as_array().tolist())
 
 
-def save_slam(folder: RunFolder, slam: SlamResult, grid: OccupancyGrid) -> None:
+def save_slam(
+    folder: RunFolder, slam: SlamResult, grid: OccupancyGrid, large: LargeImage = "whole"
+) -> None:
     """Write covariances, occupancy map, pose graph and the backend's tables."""
     if slam.covariances is not None:
         known = TrajectoryCovariance(slam.trajectory.stamps_ns, slam.covariances)
         with folder.replacing("trajectory_covariance.npz") as temporary:
             write_trajectory_covariance(temporary, known)
-    save_map(folder, "map", grid.geometry, grid.occupied, grid.free)
+    save_map(folder, "map", grid.geometry, grid.occupied, grid.free, large)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:
             write_g2o(temporary, slam.pose_graph)
@@ -75,22 +74,9 @@ def save_consistency(folder: RunFolder, result: Contradictions) -> None:
     folder.write_text("conflicts.csv", csv_text(CONFLICT_COLUMNS, conflict_rows(result)))
 
 
-def save_map(
-    folder: RunFolder, name: str, geometry: GridGeometry, occupied: Mask, free: Mask
+def save_geographic(
+    folder: RunFolder, geographic: GeographicMap, large: LargeImage = "whole"
 ) -> None:
-    """Write `<name>.pgm` and `<name>.yaml`, map_server's trinary form."""
-    if max(geometry.shape) > _MOST_IMAGE_CELLS:
-        _log.warning(
-            f"{name}.pgm has {geometry.cols} x {geometry.rows} cells, and many programs read at"
-            f" most {_MOST_IMAGE_CELLS} a side; --set mapping.resolution_m="
-            f"{geometry.resolution_m * math.ceil(max(geometry.shape) / _MOST_IMAGE_CELLS):g}"
-            " makes them fewer"
-        )
-    folder.write_bytes(f"{name}.pgm", pgm_bytes(trinary_image(occupied, free)))
-    folder.write_text(f"{name}.yaml", map_yaml(f"{name}.pgm", geometry))
-
-
-def save_geographic(folder: RunFolder, geographic: GeographicMap) -> None:
     """Write the recovered map and its coverage.
 
     In the map every cell known to be without an obstacle is free, reachable or not; the states
@@ -98,7 +84,7 @@ def save_geographic(folder: RunFolder, geographic: GeographicMap) -> None:
     """
     states = geographic.states
     free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-    save_map(folder, "geographic_map", geographic.geometry, geographic.obstacle, free)
+    save_map(folder, "geographic_map", geographic.geometry, geographic.obstacle, free, large)
     with folder.replacing("coverage.npz") as temporary:
         write_coverage(temporary, geographic)
 

@@ -82,14 +82,14 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_trajectory(folder, "trajectory", slam.trajectory)
         progress.say(f"rendering {len(log)} scans")
         grid = render(log.scans, slam.trajectory, config.mapping)
-        save_slam(folder, slam, grid)
+        save_slam(folder, slam, grid, config.mapping.large_image)
     # trajectory -> does it contradict itself
     verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
         geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
-        save_geographic(folder, geographic)
+        save_geographic(folder, geographic, config.mapping.large_image)
     # geographic map and readings of signal strength -> radio maps
     heard = (*signals, *heard_with(log))
     radio, measured = _radio_maps(geographic, job, heard, slam, folder, progress)

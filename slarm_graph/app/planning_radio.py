@@ -12,8 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.app.map_images import save_map
 from slarm_graph.app.measuring import measured_map, save_measured
-from slarm_graph.app.outputs import csv_text, save_map, save_radio
+from slarm_graph.app.outputs import csv_text, save_radio
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig

@@ -15,6 +15,8 @@ from slarm_graph.config.stage import Reach, Resolution, Stage
 Scenario = Literal["InF-SL", "InF-DL", "InF-SH", "InF-DH", "InF-HH", "InH", "free-space"]
 """Rows of `slarm_graph.radio.path_loss.SCENARIOS`."""
 
+LargeImage = Literal["whole", "split", "coarse"]
+
 
 class MappingConfig(Stage):
     """Rendering scans into an occupancy grid."""
@@ -25,6 +27,9 @@ class MappingConfig(Stage):
     """Beams are cut here; what lies behind stays unseen."""
     occupied_at: float = Field(default=0.25, gt=0, le=1)
     """A cell is occupied when at least this share of its visits were hits."""
+    large_image: LargeImage = "whole"
+    """What becomes of map_server's image with more than 16,384 cells a side, which many programs do
+    not read: it is written whole all the same, split, or in coarser cells."""
     max_cells: int = Field(default=400_000_000, gt=0, le=4_000_000_000)
     """A larger map is refused before it fills the memory."""
 
