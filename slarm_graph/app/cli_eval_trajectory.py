@@ -93,7 +93,7 @@ def trajectory_command(
     for name, found in evaluations.items():
         prefix = f"{name}: " if len(evaluations) > 1 else ""
         show_notices(prefix + notice for notice in found.notices)
-    _show(evaluations, as_json)
+    _show(evaluations, f"against {reference.resolve().name}", as_json)
     if plot is not None:
         _plot(plot, evaluations, _map_below(map_file, files, evaluations))
 
@@ -125,18 +125,20 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(path) for path in paths]
 
 
-def _show(evaluations: Mapping[str, Evaluation], as_json: bool) -> None:
+def _show(evaluations: Mapping[str, Evaluation], against: str, as_json: bool) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_metrics_of_many
     from slarm_graph.eval.metrics import metrics_json
 
     if len(evaluations) == 1:
         ((name, found),) = evaluations.items()
-        show_metrics(found.metrics, title=f"{name}, {found.alignment.note}", as_json=as_json)
+        show_metrics(
+            found.metrics, title=f"{name} {against}, {found.alignment.note}", as_json=as_json
+        )
     elif as_json:
         content = {name: json.loads(metrics_json(e.metrics)) for name, e in evaluations.items()}
         print(json.dumps(content, indent=2))
     else:
-        show_metrics_of_many({name: e.metrics for name, e in evaluations.items()})
+        show_metrics_of_many({name: e.metrics for name, e in evaluations.items()}, title=against)
 
 
 def _map_below(

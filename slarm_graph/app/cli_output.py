@@ -28,7 +28,7 @@ def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False
     show_table(("metric", "value", "unit", "key", "how"), rows, title=title, right=(1,))
 
 
-def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]]) -> None:
+def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]], *, title: str = "") -> None:
     """Print metrics of several beside each other, the best with a star."""
     from slarm_graph.eval.metric_table import in_table_order
 
@@ -40,7 +40,7 @@ def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]]) -> None:
         best = best_of(row, metric.kind.better)
         shown = [f"{'*' if index == best else ''}{v:.4g}" for index, v in enumerate(row)]
         rows.append((metric.kind.titled(), *shown))
-    show_table(("metric", *metrics), rows, right=range(1, len(metrics) + 1))
+    show_table(("metric", *metrics), rows, title=title, right=range(1, len(metrics) + 1))
 
 
 def show_table(

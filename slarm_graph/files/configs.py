@@ -140,8 +140,11 @@ def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:
 
 
 def _complete(config: RunConfig, *others: RunConfig) -> Tree:
-    """Everything that is set, with the sections that any of the others has."""
-    names = {name for other in others for name in other.sections()}
+    """Everything that is set, with the sections that any of the others was given.
+
+    What nobody was given is the same in all, and may be of a part that cannot be used here.
+    """
+    names = {name for other in others for name in other.model_extra or ()}
     sections = {name: config.section(name).model_dump(mode="json") for name in names}
     return config.model_dump(mode="json") | sections
 
