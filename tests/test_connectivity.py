@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import math
 
@@ -109,6 +110,52 @@ def test_the_longest_outage_decides_between_ways():
     assert nothing is None
     with pytest.raises(BadInput, match="not on the floor"):
         connected_path(grid, level, (2.25, 2.25), ends[1], -80.0)
+
+
+def shortest_within(level, start, goal, limit):
+    """Brute force: Dijkstra over cells and the exact length without connection so far [cells]."""
+    best, heap = {}, [(0.0, start, 0.0)]
+    while heap:
+        length, (row, col), lost = heapq.heappop(heap)
+        if (row, col) == goal:
+            return length
+        if any(so_far <= lost + 1e-9 for so_far in best.get((row, col), ())):
+            continue
+        best.setdefault((row, col), []).append(lost)
+        for dr, dc in itertools.product((-1, 0, 1), repeat=2):
+            r, c = row + dr, col + dc
+            if not (0 <= r < level.shape[0] and 0 <= c < level.shape[1]) or (dr == dc == 0):
+                continue
+            if np.isnan(level[[r, r, row], [c, col, c]]).any():
+                continue
+            step = math.hypot(dr, dc)
+            without = 0.0 if level[r, c] >= -80.0 else lost + step
+            if without <= limit:
+                heapq.heappush(heap, (length + step, (r, c), without))
+    return None
+
+
+def test_ways_with_a_longest_outage_are_nearly_always_the_shortest():
+    """Never longer without connection than allowed, nor shorter than can be; seldom longer."""
+    grid, longer, found = GridGeometry(0.0, 0.0, 1.0, 9, 9), 0, 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        level = rng.choice(
+            np.array([-60.0, -95.0, np.nan], dtype=np.float32), (9, 9), p=[0.4, 0.5, 0.1]
+        )
+        level[0, 0] = level[8, 8] = -60.0
+        limit = float(rng.choice([1.5, 2.5, 4.0]))
+        made = connected_path(grid, level, (0.5, 0.5), (8.5, 8.5), -80.0, longest_outage_m=limit)
+        least = shortest_within(level, (0, 0), (8, 8), limit)
+        if made is None:
+            assert least is None
+            continue
+        found += 1
+        assert made.longest_below_m <= limit + 1e-6
+        assert made.length_m >= least - 1e-4
+        longer += made.length_m > least + 1e-4
+    assert found > 20
+    assert longer == 0
 
 
 def signal():

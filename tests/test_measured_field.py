@@ -10,10 +10,11 @@ from scipy import sparse, stats
 
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.fit import Hyperparameters, Problem
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
 from slarm_graph.radio.measured.priors import FloorField, drift_precision, matern_correlation
-from slarm_graph.radio.measured.readings import Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 from slarm_graph.radio.measured.validate import _bridge
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
@@ -155,3 +156,25 @@ def test_drift_between_kept_times_is_kriged_from_both_ends():
     expected = np.linalg.solve(kernel(kept, kept), kernel(kept, times)).T
     np.testing.assert_allclose(weights.toarray(), expected, atol=1e-9)
     np.testing.assert_allclose(left, 1.0 - (expected * kernel(times, kept)).sum(axis=1), atol=1e-9)
+
+
+def test_the_determinant_of_field_and_drift_is_that_of_their_dense_matrix():
+    nodes = make_nodes(GRID, two_rooms(), 0.8, 10_000)
+    times = np.array([0.2, 0.7, 1.1, 5.0])
+    points = np.tile([1.0, 1.0], (4, 1))
+    placed = Placed(points, times, np.full(4, -60.0), np.zeros(4, dtype=np.int64))
+    nothing = Coefficients(np.zeros(1), np.ones(1))
+    problem = Problem(FloorField(nodes), placed, np.ones((4, 1)), nothing, np.zeros(4), Receiver())
+    np.testing.assert_array_equal(problem.drift_times_s(), [0.0, 1.0, 5.0])
+    prior = problem.prior(Hyperparameters(2.0, 3.0, 0.7, 4.0, np.array([2.0])))
+    sign, logarithm = np.linalg.slogdet(prior.matrix.toarray())
+    assert sign == 1.0
+    assert prior.log_determinant == pytest.approx(logarithm, rel=1e-9)
+    covariance = np.linalg.inv(prior.matrix.toarray())
+    np.testing.assert_allclose(np.diag(covariance)[: len(nodes)], 9.0, rtol=1e-6)
+    np.testing.assert_allclose(np.diag(covariance)[len(nodes) :], 0.49, rtol=1e-6)
+    where = problem.where().toarray()
+    expected = np.zeros_like(where)
+    expected[:, nodes.at(points[:1])[0]] = 1.0
+    expected[range(4), len(nodes) + np.array([0, 0, 1, 2])] = 1.0
+    np.testing.assert_array_equal(where, expected)

@@ -91,3 +91,19 @@ def test_too_many_solids_are_refused_before_they_are_built() -> None:
     text = HEAD + f"start: {{x_m: 1, y_m: 1}}\nboxes: [{', '.join([box] * 5001)}]\n"
     with pytest.raises(BadInput, match="5001 solids; a world has at most 5000"):
         world_from_yaml(text)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_an_access_point_in_a_block_is_told_when_nothing_free_is_near(seed: int) -> None:
+    """Brute force over all cells, with one free cell somewhere around."""
+    rng = np.random.default_rng(seed)
+    p = np.ones((30, 30), np.float32)
+    row, col = rng.integers(8, 22, 2)
+    p[row, col] = 0.0
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.1, 30, 30), p)
+    x_m, y_m = rng.uniform(1.0, 2.0, 2)
+    away_m = np.hypot(0.1 * col + 0.05 - x_m, 0.1 * row + 0.05 - y_m)
+    ap = AccessPoint("AP1", float(x_m), float(y_m), 2.5)
+    for radius_m in (0.15, 0.4, 0.8):
+        told = placement_notices(as_geographic(grid, None), [ap], radius_m)
+        assert len(told) == (away_m > radius_m + 0.1)

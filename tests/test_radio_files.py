@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -59,6 +60,21 @@ def test_npz_round_trip(radio, tmp_path):
 def test_netcdf_round_trip(radio, tmp_path):
     write_radio_netcdf(tmp_path / "r.nc", radio)
     assert_same(read_radio_netcdf(tmp_path / "r.nc"), radio)
+
+
+@pytest.mark.parametrize("kind", ["npz", "nc"])
+@pytest.mark.parametrize("share", [0.0, 0.3])
+def test_links_of_unknown_sight_come_back(radio, tmp_path, kind, share):
+    unknown = np.random.default_rng(1).random(radio.line_of_sight.shape) < share
+    told = replace(radio, line_of_sight=radio.line_of_sight & ~unknown, los_unknown=unknown)
+    write, read = {
+        "npz": (write_radio_npz, read_radio_npz),
+        "nc": (write_radio_netcdf, read_radio_netcdf),
+    }[kind]
+    write(tmp_path / "r", told)
+    again = read(tmp_path / "r")
+    np.testing.assert_array_equal(again.sight_unknown, unknown)
+    np.testing.assert_array_equal(again.line_of_sight, told.line_of_sight)
 
 
 def test_netcdf_opens_in_xarray_with_units(radio, tmp_path):

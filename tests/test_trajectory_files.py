@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from slarm_graph.errors import BadInput
-from slarm_graph.files.trajectories import read_trajectory, trajectory_file, tum_text
+from slarm_graph.files.trajectories import read_spatial, read_trajectory, trajectory_file, tum_text
+from slarm_graph.files.trajectory_columns import stamp_ns
 from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
 from slarm_graph.trajectory import Trajectory
@@ -186,3 +187,23 @@ def test_yaw_of_a_tilted_body_is_where_its_x_axis_points_seen_from_above() -> No
     flat = SpatialTrajectory(np.arange(200, dtype=np.int64), poses).in_xy()
     forward = turns.apply([1.0, 0.0, 0.0])
     assert np.allclose(flat.poses[:, 2], np.arctan2(forward[:, 1], forward[:, 0]), atol=1e-9)
+
+
+def test_kitti_keeps_height_and_the_whole_turn(tmp_path: Path) -> None:
+    """Rows are the upper three of [R t], here from scipy's matrices."""
+    turns = Rotation.random(5, random_state=8)
+    places = np.random.default_rng(8).uniform(-9.0, 9.0, (5, 3))
+    rows = np.concatenate([turns.as_matrix(), places[:, :, None]], axis=2).reshape(5, 12)
+    text = "".join(" ".join(repr(float(value)) for value in row) + "\n" for row in rows)
+    read = read_spatial(written(tmp_path, text))
+    assert np.allclose(read.poses[:, :3], places, atol=1e-12)
+    assert np.allclose((Rotation.from_quat(read.poses[:, 3:]) * turns.inv()).magnitude(), 0.0)
+
+
+@pytest.mark.parametrize("stamp", [2**63, -(2**63) - 1024, 2**63 - 1024, -(2**63) + 1024])
+def test_stamps_in_nanoseconds_fit_64_bits_or_are_refused(stamp: int) -> None:
+    if abs(stamp) < 2**63:
+        assert stamp_ns(str(stamp), "ns") == stamp
+    else:
+        with pytest.raises(ValueError, match="64 bits"):
+            stamp_ns(str(stamp), "ns")
