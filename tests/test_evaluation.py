@@ -196,6 +196,12 @@ def test_drift_equals_the_devkits_loops() -> None:
     pairs = associate(path, noisy(path))
     ours = np.concatenate([d.translation_share for d in drift(pairs, (1.0, 3.0))])
     np.testing.assert_allclose(ours, kitti_drift(path.poses, pairs.estimate, np.array([1.0, 3.0])))
+    way_m = np.hypot(*np.diff(path.poses[:, :2], axis=0).T).sum()
+    told = drift(pairs)
+    tenths = np.arange(1, 6) / 10 * way_m
+    np.testing.assert_allclose([d.length_m for d in told], tenths)
+    of_all = np.concatenate([d.translation_share for d in told])
+    np.testing.assert_allclose(of_all, kitti_drift(path.poses, pairs.estimate, tenths))
 
 
 @pytest.mark.parametrize("method", ["se2", "none", "origin", "se3"])
