@@ -60,19 +60,18 @@ def there_and_back(readings: Sequence[Reading], times: int) -> Iterator[Reading]
         begun_ns += last_ns - first_ns + step_ns
 
 
-def measured(readings: Sequence[Reading], times: int, backend_name: str) -> list[Point]:
+def measured(readings: Sequence[Reading], times: int, backend_name: str) -> Iterator[Point]:
     """Feed a backend and measure a tenth of a pass apart."""
     config = RunConfig(backend=backend_name)
     backend = backends.make(config.backend, config, np.random.default_rng(0), silent)
-    begun_s, every, points = time.process_time(), max(len(readings) // 10, 1), []
+    begun_s, every = time.process_time(), max(len(readings) // 10, 1)
     first_ns = readings[0].stamp_ns
     for count, reading in enumerate(there_and_back(readings, times), 1):
         backend.update(reading)
         if count % every == 0:
             hours = (reading.stamp_ns - first_ns) * 1e-9 / 3600.0
             spent_s = time.process_time() - begun_s
-            points.append(Point(hours, resident_mb(), spent_s, count))
-    return points
+            yield Point(hours, resident_mb(), spent_s, count)
 
 
 def resident_mb() -> float:
@@ -103,13 +102,13 @@ def main() -> None:
     given = parser.parse_args()
     spare_memory()
     readings = list(open_source(given.recording))
-    points = measured(readings, given.times, given.backend)
     print("| driven [h] | scans | memory [MB] | CPU [s] |\n|---|---|---|---|")
-    for point in points[9::10]:
-        print(
-            f"| {point.driven_h:.2f} | {point.scans} | {point.memory_mb:.0f} | {point.cpu_s:.0f} |",
-            flush=True,
-        )
+    points = []
+    for point in measured(readings, given.times, given.backend):
+        points.append(point)
+        if len(points) % 10 == 0:
+            figures = f"{point.memory_mb:.0f} | {point.cpu_s:.0f}"
+            print(f"| {point.driven_h:.2f} | {point.scans} | {figures} |", flush=True)
     if given.chart is not None:
         draw(points, f"{given.recording.name}, {given.backend}", given.chart)
 

@@ -13,6 +13,7 @@ from scipy.spatial import cKDTree
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats
 from slarm_graph.mapping import thinned
+from slarm_graph.recovery.returns import cell_keys
 
 _MIN_NEIGHBOURS = 8
 """A covariance of the plane has three parameters; of fewer points than about twice as many it is
@@ -84,7 +85,7 @@ def sharpness(
 
 def _spread(points_m: Floats, count: int, seed: int) -> Floats:
     """Pick one point per 5 cm cell, then at random, so that often-seen places count alike."""
-    _, first = np.unique(np.floor(points_m / 0.05), axis=0, return_index=True)
+    _, first = np.unique(cell_keys(points_m, 0.05), return_index=True)
     rng = np.random.default_rng(seed)
     picked: Floats = points_m[rng.permutation(first)[:count]]
     return picked
