@@ -198,8 +198,11 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
     """
     links = nx.Graph()
     links.add_nodes_from(range(len(found)))
+    ways = np.array([(graph.way_of_submap(c.submap), graph.way_of(c.keyframe)) for c in found])
     for a in range(len(found)):
-        for b in range(a):
+        # Only of neighbours it is asked: a long corridor that looks alike has thousands of finds.
+        near = (np.abs(ways[:a] - ways[a]) <= _NEIGHBOURS_M).all(axis=1)
+        for b in np.flatnonzero(near).tolist():
             if agree(found[a], found[b], graph):
                 links.add_edge(a, b)
     believed: set[int] = set()
