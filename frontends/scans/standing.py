@@ -46,22 +46,22 @@ def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Ke
         _touched(scan_segments(k.points_m, pose, matching.max_gap_m))
         for k, pose in zip(keyframes, poses, strict=True)
     ]
-    cells = np.concatenate(touched)
-    by = np.repeat(np.arange(len(keyframes)), [len(t) for t in touched])
-    confirmed = _met_again(cells, by)
+    counts = [len(t) for t in touched]
+    confirmed = _met_again(np.concatenate(touched), np.repeat(np.arange(len(touched)), counts))
     kept = []
-    for k, (keyframe, pose) in enumerate(zip(keyframes, poses, strict=True)):
+    parts = np.split(confirmed, np.cumsum(counts)[:-1])
+    for keyframe, pose, cells, is_met in zip(keyframes, poses, touched, parts, strict=True):
         own = _packed(transform_points(pose, keyframe.points_m))
-        points = keyframe.points_m[np.isin(own, cells[confirmed & (by == k)])]
-        kept.append(replace(keyframe, points_m=points) if len(points) >= matching.min_points else keyframe)
+        points = keyframe.points_m[np.isin(own, cells[is_met])]
+        enough = len(points) >= matching.min_points
+        kept.append(replace(keyframe, points_m=points) if enough else keyframe)
     return kept
 
 
 def _touched(segments: Floats) -> _Cells:
     """Cells that segments (S, 4) [m] pass through, each once; sampled twice per cell."""
-    steps = 1 + np.ceil(
-        2.0 * np.hypot(*(segments[:, 2:] - segments[:, :2]).T) / _CELL_M
-    ).astype(np.int64)
+    lengths_m = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
+    steps = 1 + np.ceil(2.0 * lengths_m / _CELL_M).astype(np.int64)
     which = np.repeat(np.arange(len(segments)), steps)
     first = np.repeat(np.cumsum(steps) - steps, steps)
     along = (np.arange(len(which)) - first) / np.maximum(steps[which] - 1, 1)

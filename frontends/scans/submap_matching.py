@@ -42,6 +42,9 @@ are prepared again in a tenth more cases, double in a quarter fewer."""
 class SubmapMatcher:
     """Aligns submaps with the regions around others.
 
+    An aligned submap must agree as well as a tracked scan must (`matching.min_score`), not as well
+    as a single scan that closes a loop on its own: what it finds is believed in sets.
+
     Parameters
     ----------
     loops : LoopClosureConfig
@@ -57,7 +60,8 @@ class SubmapMatcher:
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> None:
-        self._loops, self._matching = loops, matching
+        self._loops = loops.model_copy(update={"min_score": matching.min_score})
+        self._matching = matching
         self._keyframes, self._submaps = keyframes, submaps
         self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(
             _MOST_GRIDS, partial(likelihood_of, matching=matching)
