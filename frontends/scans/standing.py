@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """What stands: returns of keyframes where others of the same stretch of way had some, too.
 
-A wall is met again from the next steps; of passers-by each scan shows others, or the same elsewhere.
-So a place looks the same when they are left out, however many there were.
+A wall is met again from the next steps; of passers-by each scan shows others, or elsewhere. So a
+place looks the same when they are left out, however many there were.
 """
 
 from __future__ import annotations
