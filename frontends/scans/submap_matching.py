@@ -39,10 +39,11 @@ _MOST_GRIDS = 24
 are prepared again in a tenth more cases, double in a quarter fewer."""
 _BESIDE = _NEIGHBOURS + 1
 """Submaps from one to the middle of the nearest region that it is no part of."""
-_BELIEVABLE, _ASKED = 0.53, 50
-"""Share of the agreement that three submaps in four reach with those beside them, from which a match
-is believed, and submaps asked for that. So `min_score` stays what it is where they agree as in clean
-recordings (0.93 to 0.99); among ten passers-by they agree by 0.76, a scan a metre by 0.67."""
+_BELIEVABLE, _ASKED, _LEAST_ASKED = 0.53, 50, 8
+"""Share of the agreement that three submaps in four reach with those beside them, from which one
+is believed, submaps asked for that, and the fewest that have a fourth. So `min_score` stays what it
+is where they agree as in clean recordings (0.93 to 0.99); among ten passers-by they agree by 0.76,
+in a scan a metre by 0.67, where 0.5 turns down half of the true finds."""
 
 
 class SubmapMatcher:
@@ -126,12 +127,13 @@ class SubmapMatcher:
 
     @cached_property
     def _believable(self) -> LoopClosureConfig:
-        """What a match must reach in this recording."""
-        count = len(self._submaps)
-        asked = range(_BESIDE, count, max(1, count // _ASKED))
-        usual = float(np.percentile([self._beside(s) for s in asked], 25.0)) if asked else 1.0
-        bar = min(self._loops.min_score, _BELIEVABLE * usual)
-        return self._loops.model_copy(update={"min_score": bar})
+        """What a match must reach in this recording: at least what a tracked scan must."""
+        asked = range(_BESIDE, len(self._submaps), max(1, len(self._submaps) // _ASKED))
+        if len(asked) < _LEAST_ASKED:
+            return self._loops
+        usual = float(np.percentile([self._beside(submap) for submap in asked], 25.0))
+        bar = max(self._matching.min_score, _BELIEVABLE * usual)
+        return self._loops.model_copy(update={"min_score": min(self._loops.min_score, bar)})
 
     def _beside(self, submap: int) -> float:
         """Agreement of a submap with the region before it, of which it is no part."""
