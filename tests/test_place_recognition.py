@@ -195,11 +195,8 @@ def test_what_is_believed_follows_from_how_submaps_agree_with_those_beside_them(
         submaps = [make_submap(keyframes, k, k + 4, k) for k in range(0, len(keyframes) - 4, 4)]
         loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
         matcher = SubmapMatcher(loops, matching, keyframes, submaps)
-        beside = [
-            matcher._beside(s)  # noqa: SLF001
-            for s in range(3, len(submaps), max(1, len(submaps) // 50))
-        ]
-        bar = matcher._believable.min_score  # noqa: SLF001
+        beside = [matcher._beside(s) for s in range(3, len(submaps), max(1, len(submaps) // 50))]
+        bar = matcher._believable.min_score
         assert bar == pytest.approx(min(0.5, max(0.35, 0.53 * np.percentile(beside, 25))))
         assert len(beside) >= 8
         assert bar == pytest.approx(expected, abs=0.08)
