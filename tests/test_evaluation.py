@@ -15,6 +15,7 @@ import pytest
 from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
+from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from test_cli import run
 
@@ -322,6 +323,25 @@ def test_several_estimates_in_one_table_and_figures(
     low, high = found["b.tum"]["ate_rmse_m"]["interval_95"]
     assert low < found["b.tum"]["ate_rmse_m"]["value"] < high
     assert found["a_$x.tum"]["ate_rmse_m"]["value"] < low
+
+
+def test_printed_paths_lie_on_a_map_that_holds_them_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A metre is as long up as across, and a tenth of the way is no margin."""
+    drawn: dict[str, Figure] = {}
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.update({path.stem: self}))
+    path = room_drive(60)
+    found = evaluate(in_space(path), in_space(noisy(path)), EvaluationOptions())
+    save_prints(tmp_path, {"one": found, "other": found})
+    maps = [*drawn["paths"].axes, *drawn["error_on_path"].axes[:2]]
+    low, high = path.poses[:, :2].min(axis=0), path.poses[:, :2].max(axis=0)
+    for axes in maps:
+        assert axes.get_aspect() == 1.0
+        limits = np.array([axes.get_xlim(), axes.get_ylim()])
+        assert (limits[:, 0] < low).all()
+        assert (limits[:, 1] > high).all()
+        assert (np.diff(limits)[:, 0] < 1.3 * (high - low).max() + 0.5).all()
 
 
 def test_prints_need_no_drift(tmp_path: Path) -> None:

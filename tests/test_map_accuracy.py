@@ -8,6 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from scipy.spatial.distance import cdist
 
 from slarm_graph.errors import BadInput
@@ -151,3 +153,31 @@ def test_blurred_and_doubled_walls_have_a_larger_sigma() -> None:
 
 def test_no_points_no_sharpness() -> None:
     assert sharpness(np.zeros((0, 2))).samples == 0
+
+
+def test_the_closer_view_shows_where_most_cells_differ(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A new thing in one corner: it is seen there, framed beside, and a metre is a metre."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    geometry = GridGeometry(-1.0, -2.0, 0.1, 120, 160)
+    before = np.zeros(geometry.shape, dtype=np.float32)
+    after = before.copy()
+    after[80:90, 100:110] = 1.0
+    save_difference(
+        tmp_path / "d.png", OccupancyGrid(geometry, before), OccupancyGrid(geometry, after)
+    )
+    whole, closer = drawn[0].axes
+    (low_x, high_x), (low_y, high_y) = closer.get_xlim(), closer.get_ylim()
+    assert low_x <= -1.0 + 10.0
+    assert high_x >= -1.0 + 11.0
+    assert low_y <= -2.0 + 8.0
+    assert high_y >= -2.0 + 9.0
+    assert high_x - low_x == pytest.approx(high_y - low_y)
+    assert high_x - low_x < 8.0
+    frames = [p for p in whole.patches if isinstance(p, Rectangle) and not p.get_fill()]
+    assert frames[0].get_bbox().bounds == pytest.approx(
+        (low_x, low_y, high_x - low_x, high_y - low_y)
+    )
+    assert {axes.get_aspect() for axes in (whole, closer)} == {1.0}
