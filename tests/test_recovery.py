@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scanned_rooms import WORLD, scanned_room
@@ -21,7 +22,7 @@ from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.raster.distance import within
 from slarm_graph.recovery.coverage import visited_cells
 from slarm_graph.recovery.grid_cleaning import cleaned
-from slarm_graph.recovery.recover import recover, recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import _faces, recover, recover_scans, with_sizes_of
 from slarm_graph.recovery.returns import gathered
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
@@ -271,3 +272,21 @@ def test_without_known_sizes_heights_are_the_default():
     recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
     assert recovered.height_source == "default"
     assert {s.height_m for s in recovered.solids} == {1.2}
+
+
+def test_faces_are_slim_rectangles_that_free_sides_lengthen_and_blocked_ones_shorten():
+    ring = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 2.0], [1.0, 2.5], [0.0, 2.0]])
+    free, blocked = (shapely.polygons(quads) for quads in _faces([ring], 0.05))
+    assert len(free) + len(blocked) == 5
+    sides = shapely.linestrings(np.stack([ring, np.roll(ring, -1, axis=0)], axis=1))
+    for quads, sign in ((free, 1.0), (blocked, -1.0)):
+        for quad in quads:
+            side = min(sides, key=lambda line: line.centroid.distance(quad.centroid))
+            assert quad.is_valid
+            half_m = shapely.hausdorff_distance(quad.exterior, side)
+            half_m = min(half_m, shapely.distance(quad.exterior, side.centroid))
+            assert 0.0 < half_m <= 0.0101
+            assert quad.area == pytest.approx(2.0 * half_m * (side.length + 2.0 * sign * half_m))
+    normals = np.roll(ring, -1, axis=0) - ring
+    right_or_above = (np.column_stack([-normals[:, 1], normals[:, 0]]) @ [1.0, 0.01]) > 0.0
+    assert len(free) == right_or_above.sum()
