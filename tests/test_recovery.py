@@ -290,3 +290,27 @@ def test_faces_are_slim_rectangles_that_free_sides_lengthen_and_blocked_ones_sho
     normals = np.roll(ring, -1, axis=0) - ring
     right_or_above = (np.column_stack([-normals[:, 1], normals[:, 0]]) @ [1.0, 0.01]) > 0.0
     assert len(free) == right_or_above.sum()
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("axis", [0, 1])
+def test_cleaning_treats_all_borders_alike(seed, axis):
+    """What is mirrored before comes out mirrored; small unknown patches touch every border."""
+    rng = np.random.default_rng(seed)
+    probability = rng.choice(
+        np.array([0.0, 1.0, np.nan], dtype=np.float32), (24, 30), p=[0.9, 0.02, 0.08]
+    )
+    geometry, visited = GridGeometry(0.0, 0.0, 0.05, 24, 30), np.zeros((24, 30), dtype=bool)
+    visited[12, 15] = True
+    probability[12, 15] = 0.0
+    there = cleaned(OccupancyGrid(geometry, probability), visited, RecoveryConfig())
+    flipped = np.ascontiguousarray(np.flip(probability, axis))
+    mirrored = cleaned(
+        OccupancyGrid(geometry, flipped),
+        np.ascontiguousarray(np.flip(visited, axis)),
+        RecoveryConfig(),
+    )
+    for name in ("occupied", "free", "reached"):
+        np.testing.assert_array_equal(
+            np.flip(getattr(mirrored, name), axis), getattr(there, name), err_msg=name
+        )
