@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
@@ -13,13 +13,17 @@ from itertools import combinations
 import numpy as np
 
 from slarm_graph.eval.metric_table import headlines, kind_of
-from slarm_graph.eval.resampling import mean_interval
+from slarm_graph.eval.resampling import nested_interval
+from slarm_graph.geometry import Floats
 
 ALL_SOURCES = "all sources"
 _LOST = "inconsistent"
 """What a run says of itself when its map contradicts itself throughout."""
 _ALL_PAIRS_UP_TO = 4
 """Of so many variants every pair is told; of more, each against the first."""
+FEWEST_CLEAR = 6
+"""Differences of one sign that chance brings less often than 1 in 20 times: 2 / 2^6 = 0.03, while
+with five it is 0.06 (the sign test). Over fewer an interval leaves out 0 by chance too often."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,14 +81,18 @@ class Spread:
     interval: tuple[float, float] = (math.nan, math.nan)
 
 
-def spread(values: Sequence[float], *, more_is_better: bool = False) -> Spread:
-    """Summarise values; the worst is the largest, or the smallest where more is better."""
-    if not values:
+def spread(by_source: Sequence[Sequence[float]], *, more_is_better: bool = False) -> Spread:
+    """Summarise the values of every source.
+
+    The worst is the largest, or the smallest where more is better.
+    """
+    groups = [np.array(values, dtype=np.float64) for values in by_source if len(values)]
+    if not groups:
         return Spread(math.nan, math.nan, math.nan, math.nan, 0)
-    v = np.array(values, dtype=np.float64)
+    v = np.concatenate(groups)
     sd = float(v.std(ddof=1)) if len(v) > 1 else 0.0
     worst = float(v.min() if more_is_better else v.max())
-    return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v), mean_interval(v))
+    return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v), nested_interval(groups))
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,8 +146,11 @@ def _group(source: str, variant: str, outcomes: Sequence[Outcome]) -> Group:
     good = [o for o in outcomes if o.status == "ok"]
     spreads = {}
     for name in headlines_of(good):
-        values = [o.figures[name] for o in good if name in o.figures]
-        spreads[name] = spread(values, more_is_better=kind_of(name).better == "more")
+        values: dict[str, list[float]] = defaultdict(list)
+        for outcome in good:
+            if name in outcome.figures:
+                values[outcome.source].append(outcome.figures[name])
+        spreads[name] = spread(list(values.values()), more_is_better=kind_of(name).better == "more")
     counted = Counter(f"{o.status}: {o.problem}" for o in outcomes if o.status != "ok")
     problems = "; ".join(f"{n} x {p}" if n > 1 else p for p, n in sorted(counted.items()))
     lost = sum(o.lost for o in outcomes)
@@ -157,9 +168,12 @@ class Difference:
     mean : float
         Of the paired differences, in the figure's unit.
     interval : (float, float)
-        95 % bootstrap interval of it.
+        95 % bootstrap interval of it, over sources and, in each, seeds.
     pairs : int
         Runs of the same source and seed that both have the figure.
+    independent : int
+        How many of them tell something of their own: one a source or, where there is a single
+        source, one a value, as the seeds of a backend without random numbers give the same.
     """
 
     figure: str
@@ -168,6 +182,13 @@ class Difference:
     mean: float
     interval: tuple[float, float]
     pairs: int
+    independent: int
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it is beyond what chance does."""
+        low, high = self.interval
+        return self.independent >= FEWEST_CLEAR and (low > 0.0 or high < 0.0)
 
 
 def differences(outcomes: Sequence[Outcome]) -> list[Difference]:
@@ -182,13 +203,19 @@ def differences(outcomes: Sequence[Outcome]) -> list[Difference]:
     for name in headlines_of(good):
         by_run = {(o.variant, o.source, o.seed): o.figures[name] for o in good if name in o.figures}
         for than, variant in couples:
-            apart = [
-                value - by_run[than, source, seed]
-                for (mine, source, seed), value in by_run.items()
-                if mine == variant and (than, source, seed) in by_run
-            ]
+            apart: dict[str, list[float]] = defaultdict(list)
+            for (mine, source, seed), value in by_run.items():
+                if mine == variant and (than, source, seed) in by_run:
+                    apart[source].append(value - by_run[than, source, seed])
             if apart:
-                values = np.array(apart)
-                mean, interval = float(values.mean()), mean_interval(values)
-                found.append(Difference(name, variant, than, mean, interval, len(apart)))
+                found.append(_difference(name, variant, than, [*map(np.array, apart.values())]))
     return found
+
+
+def _difference(figure: str, variant: str, than: str, by_source: Sequence[Floats]) -> Difference:
+    values = np.concatenate(by_source)
+    independent = len(by_source) if len(by_source) > 1 else len(np.unique(values))
+    interval = nested_interval(by_source)
+    return Difference(
+        figure, variant, than, float(values.mean()), interval, len(values), independent
+    )

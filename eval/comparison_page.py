@@ -47,8 +47,8 @@ _FLATTENED = 20.0
 """Where the largest figure is so many times the smallest, linear axes would flatten the rest."""
 
 _OWN_WAYS = (
-    "Each robot explored on a way of its own: the true path drawn is that of the first run; errors"
-    " are to the true path of each."
+    "Each robot explored on a way of its own: the true path drawn is that of the map's robot;"
+    " errors are to the true path of each."
 )
 
 
@@ -60,11 +60,14 @@ class SourceView:
     ----------
     name : str
     estimates : mapping of str to Estimate
-        One run of every variant, the map of the first below all.
+        One run of every variant.
+    ground : str
+        The variant whose map lies below all.
     """
 
     name: str
     estimates: Mapping[str, Estimate]
+    ground: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,25 +124,28 @@ def as_block(table: TextTable) -> PageTable:
 
 
 def _view(view: SourceView) -> tuple[Block, ...]:
-    (_, first), *others = view.estimates.items()
+    ground = view.estimates[view.ground]
+    others = {name: e for name, e in view.estimates.items() if name != view.ground}
     paths = {name: estimate.trajectory for name, estimate in view.estimates.items()}
-    blocks: list[Block] = [trajectory_figure(first.grid, paths | _true_path(first))]
-    blocks.append(Words(MAP_WORDS))
-    if not all(is_one_drive(first, other) for _, other in others):
+    blocks: list[Block] = [trajectory_figure(ground.grid, paths | _true_path(ground))]
+    blocks.append(Words(f"{MAP_WORDS} The map is that of {view.ground}."))
+    if not all(is_one_drive(ground, other) for other in others.values()):
         blocks.append(Words(_OWN_WAYS))
     figure = error_figure(
         {n: (e.truth, e.trajectory) for n, e in view.estimates.items() if e.truth is not None}
     )
     blocks += [figure] if figure else []
-    reference = next(iter(view.estimates))
-    for name, other in others[:1]:
-        names = {"wall only in EST": f"wall only in {name}"}
-        names["wall only in REF"] = f"wall only in {reference}"
-        looks = {k: (names.get(label, label), color) for k, (label, color) in LOOKS.items()}
-        classes = difference_classes(first.grid, other.grid)
-        difference = difference_figure(classes, first.grid.geometry, looks)
-        blocks.append(Folded(f"difference of the maps: {reference}, {name}", (difference,)))
+    blocks += [_difference(view.ground, ground, *other) for other in [*others.items()][:1]]
     return tuple(blocks)
+
+
+def _difference(reference: str, ground: Estimate, name: str, other: Estimate) -> Folded:
+    names = {"wall only in EST": f"wall only in {name}"}
+    names["wall only in REF"] = f"wall only in {reference}"
+    looks = {k: (names.get(label, label), color) for k, (label, color) in LOOKS.items()}
+    classes = difference_classes(ground.grid, other.grid)
+    figure = difference_figure(classes, ground.grid.geometry, looks)
+    return Folded(f"difference of the maps: {reference}, {name}", (figure,))
 
 
 def _true_path(of: Estimate) -> dict[str, Trajectory]:

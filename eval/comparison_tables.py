@@ -5,12 +5,13 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from slarm_graph.eval.agreement import Agreement
 from slarm_graph.eval.comparison import (
-    Difference,
+    FEWEST_CLEAR,
     Group,
     Outcome,
     Spread,
@@ -23,6 +24,8 @@ from slarm_graph.eval.metrics import best_of
 
 Cell = float | int | str | None
 
+_WIDE = 8
+"""Columns from which on a table of figures is wider than a page of 16 cm in 10 pt."""
 _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -78,12 +81,17 @@ class TextTable:
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        """Return it as LaTeX for the package booktabs, the best in bold."""
+        """Return it as LaTeX for the package booktabs, the best in bold.
+
+        One that no page would hold is shrunk to its width.
+        """
         form = "l" * self.words + "r" * (len(self.columns) - self.words)
+        is_wide = len(self.columns) > _WIDE
         lines = [
             r"\begin{table}",
             r"\centering",
             rf"\caption{{{self.title.translate(_LATEX)}}}",
+            *([r"\resizebox{\textwidth}{!}{% package graphicx"] if is_wide else []),
             rf"\begin{{tabular}}{{{form}}}",
             r"\toprule",
             _latex_row(self.columns),
@@ -93,7 +101,8 @@ class TextTable:
             if r and row[0] != self.rows[r - 1][0] and self.words > 1:
                 lines.append(r"\addlinespace")
             lines.append(_latex_row(row, {i for i in range(len(row)) if (r, i) in self.best}))
-        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", r"\end{table}"]) + "\n"
+        end = r"\end{tabular}}" if is_wide else r"\end{tabular}"
+        return "\n".join([*lines, r"\bottomrule", end, r"\end{table}"]) + "\n"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:
@@ -101,20 +110,26 @@ def _markdown_row(cells: Sequence[str]) -> str:
 
 
 def _latex_row(cells: Sequence[str], bold: set[int] | None = None) -> str:
-    plain = [cell.translate(_LATEX) for cell in cells]
+    plain = [_in_math(cell.translate(_LATEX)) for cell in cells]
     shown = [rf"\textbf{{{c}}}" if i in (bold or ()) else c for i, c in enumerate(plain)]
     return " & ".join(shown) + r" \\"
 
 
-def number(value: float) -> str:
-    """Write a number for people."""
+def _in_math(text: str) -> str:
+    """Set minus signs and powers of ten, which LaTeX would take for hyphens and words."""
+    text = re.sub(r"(?<![\w.])-(?=\d)", "$-$", text)
+    return re.sub(r"(?<=\d)e([+-]\d+)\b", lambda m: rf"$\cdot10^{{{int(m[1])}}}$", text)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Write a number for people: no fewer digits than it has before the point."""
     if not math.isfinite(value):
         return "-"
-    return f"{value:.0f}" if abs(value) >= 1000.0 else f"{value:.3g}"
+    return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
 
 
 def _mean(s: Spread) -> str:
-    return number(s.mean) + (f" ± {s.sd:.2g}" if s.count > 1 else "")
+    return number(s.mean) + (f" ± {number(s.sd, 2)}" if s.count > 1 else "")
 
 
 def _median(s: Spread) -> str:
@@ -185,16 +200,14 @@ def difference_table(outcomes: Sequence[Outcome]) -> TextTable | None:
         interval = " to ".join(number(end) for end in d.interval) if is_known else "-"
         what = (kind_of(d.figure).titled(), f"{d.variant} - {d.than}")
         rows.append((*what, number(d.mean), interval, str(d.pairs)))
-        if _is_clear(d):
+        if d.is_clear:
             clear.add((index, 2))
     columns = ("figure", "difference", "mean", "95 % interval", "n")
-    title = "Paired differences over sources and seeds (bold: the interval leaves out 0)"
+    title = (
+        "Paired differences over sources and seeds (bold: the interval leaves out 0,"
+        f" over {FEWEST_CLEAR} sources or more, or as many seeds of a single one)"
+    )
     return TextTable(title, columns, tuple(rows), frozenset(clear))
-
-
-def _is_clear(d: Difference) -> bool:
-    low, high = d.interval
-    return low > 0.0 or high < 0.0
 
 
 def agreement_table(found: Sequence[Agreement]) -> TextTable | None:

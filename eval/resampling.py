@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from slarm_graph.geometry import Floats
@@ -46,3 +48,33 @@ def rms_interval(errors: Floats, seed: int = 0) -> Interval:
     """Return the 95 % interval of the root mean square of errors (N,) along a path."""
     low, high = mean_interval(errors * errors, blocks=_BLOCKS, seed=seed)
     return float(np.sqrt(max(low, 0.0))), float(np.sqrt(max(high, 0.0)))
+
+
+def nested_interval(groups: Sequence[Floats], seed: int = 0) -> Interval:
+    """Return the 95 % bootstrap interval of the mean of all values in groups.
+
+    Groups are drawn, then values in each: those of one group (the seeds of one recording) resemble
+    each other and do not count as so many groups. NaN where there is nothing to draw from: one
+    group whose values are all the same.
+
+    Parameters
+    ----------
+    groups : sequence of (N_i,) float64
+        None of them empty.
+    seed : int
+    """
+    counts = np.array([len(group) for group in groups])
+    if len(groups) == 0 or (len(groups) == 1 and np.ptp(groups[0]) == 0.0):
+        return float("nan"), float("nan")
+    padded = np.zeros((len(groups), counts.max()))
+    for row, group in zip(padded, groups, strict=True):
+        row[: len(group)] = group
+    rng = np.random.default_rng(seed)
+    chosen = rng.integers(0, len(groups), (_REPEATS, len(groups)))
+    sizes = counts[chosen][..., None]
+    picks = (rng.random((*chosen.shape, counts.max())) * sizes).astype(np.int64)
+    drawn = padded[chosen[..., None], picks]
+    drawn[np.arange(counts.max()) >= sizes] = 0.0
+    means = drawn.sum(axis=(1, 2)) / sizes.sum(axis=(1, 2))
+    low, high = np.quantile(means, _QUANTILES)
+    return float(low), float(high)

@@ -13,13 +13,19 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_cli import room_bag, run
 
 from slarm_graph.app import compare as compare_module
+from slarm_graph.app import comparison_folder
 from slarm_graph.app.compare import carry_out, compare
 from slarm_graph.app.trials import ComparisonPlan, Trial, TrialSource, find_sources
+from slarm_graph.eval.agreement import Estimate
 from slarm_graph.eval.comparison import Outcome
+from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
+from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.trajectory import Trajectory
 
 
 class Crashing(Trial):
@@ -125,6 +131,37 @@ def test_a_budget_starts_nothing_more_and_says_how_to_go_on(
     assert "go on with: slarm" in capsys.readouterr().err
     with (tmp_path / "c" / "comparison.csv").open(newline="") as file:
         assert [row["status"] for row in csv.DictReader(file)] == ["missing"]
+
+
+def test_going_on_does_not_begin_anew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bag = room_bag(tmp_path / "good.bag", 8)
+    words = ("--backends", "odometry", "--out", tmp_path, "--name", "c", "--overwrite")
+    monkeypatch.setattr(sys, "argv", ["slarm", "compare", str(bag), *map(str, words)])
+    assert run("compare", bag, *words, "--budget", 0) == 1
+    (told,) = (line for line in capsys.readouterr().err.splitlines() if "go on with" in line)
+    assert told.endswith(f"slarm compare {bag} --backends odometry --out {tmp_path} --name c")
+
+
+def test_the_map_below_all_paths_is_the_one_least_in_doubt() -> None:
+    path = Trajectory(np.arange(2), np.zeros((2, 3)))
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 1.0, 2, 2), np.zeros((2, 2), dtype=np.float32))
+    runs = [
+        Outcome("a", name, 0, "ok", figures={"map_conflict_share": share}, verdict=verdict)
+        for name, share, verdict in (
+            ("odometry", 0.3, "inconsistent"),
+            ("gmapping", 0.02, "doubtful"),
+            ("pose_graph", 0.01, "consistent"),
+            ("theirs", 0.0, "inconsistent"),
+        )
+    ]
+    estimates = {("a", run.variant, 0): Estimate(path, grid) for run in runs}
+    (view,) = comparison_folder._views(estimates, runs)
+    assert view.ground == "pose_graph"
+    assert list(view.estimates) == ["odometry", "gmapping", "pose_graph", "theirs"]
+    content = ComparisonContent("t", "l", runs, views=[view])
+    assert "The map is that of pose_graph." in comparison_html(content)
 
 
 def test_a_process_dies_with_the_one_that_started_it(tmp_path: Path) -> None:

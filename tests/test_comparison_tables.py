@@ -12,7 +12,14 @@ import pytest
 from slarm_graph.eval.agreement import Estimate, agreements
 from slarm_graph.eval.comparison import Outcome, differences, groups, spread
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
-from slarm_graph.eval.comparison_tables import run_rows, summary_rows, summary_tables
+from slarm_graph.eval.comparison_tables import (
+    TextTable,
+    difference_table,
+    number,
+    run_rows,
+    summary_rows,
+    summary_tables,
+)
 from slarm_graph.eval.run_figures import error_figure
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
@@ -95,6 +102,67 @@ def test_differences_are_paired_by_source_and_seed() -> None:
     assert (found.variant, found.than, found.pairs) == ("y", "x", 6)
     assert found.mean == pytest.approx(-0.2)
     assert found.interval == pytest.approx((-0.2, -0.2))
+    assert found.independent == 2
+
+
+def twice(values: list[float], sources: list[str]) -> list[Outcome]:
+    """Runs of two variants that differ by the given values, in order of source and seed."""
+    return [
+        Outcome(source, name, sources[:index].count(source), "ok", figures={"ate_rmse_m": figure})
+        for index, (value, source) in enumerate(zip(values, sources, strict=True))
+        for name, figure in (("x", 1.0), ("y", 1.0 + value))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("values", "sources", "clear"),
+    [
+        ([0.1] * 20, ["a"] * 20, False),  # a backend without random numbers, seed by seed
+        ([0.1, 0.2] * 10, ["a", "b"] * 10, False),  # two recordings say little of others
+        ([0.1, 0.2, 0.3, 0.2, 0.1], list("abcde"), False),
+        ([0.1, 0.2, 0.3, 0.2, 0.1, 0.3], list("abcdef"), True),
+        ([0.1, 0.12, 0.13, 0.14, 0.15, 0.16], ["a"] * 6, True),  # seeds that do differ
+        ([0.1, -0.2, 0.3, -0.2, 0.1, -0.3], list("abcdef"), False),
+    ],
+)
+def test_what_chance_or_repetition_brings_is_not_called_clear(
+    values: list[float], sources: list[str], clear: bool
+) -> None:
+    runs = twice(values, sources)
+    (found,) = differences(runs)
+    assert found.is_clear is clear
+    table = difference_table(runs)
+    assert table is not None
+    assert ((0, 2) in table.best) is clear
+
+
+def test_a_repeated_figure_has_no_interval() -> None:
+    (found,) = differences(twice([0.1] * 5, ["a"] * 5))
+    assert np.isnan(found.interval).all()
+    table = difference_table(twice([0.1] * 5, ["a"] * 5))
+    assert table is not None
+    assert table.rows[0][3] == "-"
+
+
+def test_large_spreads_and_small_numbers_are_written_for_people() -> None:
+    assert (number(470.0, 2), number(0.0234, 2), number(1234.0), number(-0.5)) == (
+        "470", "0.023", "1234", "-0.5",
+    )  # fmt: skip
+    runs = [
+        Outcome("a-1", "x", i, "ok", figures={"scans_per_s": v}) for i, v in enumerate((1, 941))
+    ]
+    assert summary_tables(runs)[1].rows[0][4] == "471 ± 665"
+    table = TextTable("t", ("a", "b", "c"), (("run-2", "y - x", "-1.5 to 2.3e-05"),))
+    assert r"run-2 & y - x & $-$1.5 to 2.3$\cdot10^{-5}$ \\" in table.latex()
+
+
+def test_a_table_no_page_would_hold_is_shrunk_to_it() -> None:
+    narrow, wide = (TextTable("t", ("c",) * n, (("1",) * n,)).latex() for n in (8, 9))
+    assert "resizebox" not in narrow
+    for text in (narrow, wide):
+        assert text.count("{") == text.count("}")
+    assert wide.index("resizebox") < wide.index(r"\begin{tabular}")
+    assert wide.index(r"\end{tabular}}") < wide.index(r"\end{table}")
 
 
 def test_every_run_has_a_row_with_every_figure() -> None:
@@ -106,11 +174,11 @@ def test_every_run_has_a_row_with_every_figure() -> None:
 
 
 def test_spread_is_that_of_a_sample() -> None:
-    s = spread([1.0, 2.0, 6.0])
+    s = spread([[1.0, 2.0], [6.0]])
     assert (s.mean, s.median, s.worst, s.count) == (3.0, 2.0, 6.0, 3)
     assert s.sd == pytest.approx(7.0**0.5)
-    assert spread([1.0, 2.0], more_is_better=True).worst == 1.0
-    assert spread([]).count == 0
+    assert spread([[1.0, 2.0]], more_is_better=True).worst == 1.0
+    assert spread([]).count == spread([[]]).count == 0
 
 
 def test_runs_agree_with_themselves_and_not_with_others() -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from pathlib import Path
 
 import numpy as np
@@ -24,7 +24,7 @@ from slarm_graph.eval.alignment import AlignmentMethod, align, fit
 from slarm_graph.eval.association import AssociationMethod, associate
 from slarm_graph.eval.evaluation import EvaluationOptions, evaluate
 from slarm_graph.eval.plane_of_motion import level, plane_of
-from slarm_graph.eval.resampling import mean_interval, rms_interval
+from slarm_graph.eval.resampling import mean_interval, nested_interval, rms_interval
 from slarm_graph.eval.trajectory_accuracy import (
     absolute_errors,
     absolute_rotations_rad,
@@ -294,6 +294,39 @@ def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
         low, high = mean_interval(rng.normal(2.0, 1.0, 60), seed=seed)
         inside += low <= 2.0 <= high
     assert 0.89 < inside / 200 < 0.99
+
+
+def test_intervals_of_sources_and_seeds_are_those_of_every_possible_drawing() -> None:
+    groups = [np.array([1.0, 2.0]), np.array([5.0]), np.array([7.0, 8.0, 12.0])]
+    means: list[float] = []
+    weights: list[float] = []
+    for chosen in product(groups, repeat=3):  # 27 equally likely, each with all its inner drawings
+        inner = [list(product(group, repeat=len(group))) for group in chosen]
+        count = np.prod([len(drawings) for drawings in inner])
+        for drawn in product(*inner):
+            means.append(np.mean(np.concatenate(drawn)))
+            weights.append(1.0 / 27.0 / count)
+    order = np.argsort(means)
+    share = np.cumsum(np.array(weights)[order])
+    ends = [np.array(means)[order][np.searchsorted(share, q)] for q in (0.025, 0.975)]
+    np.testing.assert_allclose(nested_interval(groups), ends, atol=0.35)
+    flat = np.random.default_rng(0).normal(size=40)
+    alone = [np.array([v]) for v in flat]
+    np.testing.assert_allclose(nested_interval(alone), mean_interval(flat), atol=0.05)
+    np.testing.assert_allclose(nested_interval([flat]), mean_interval(flat), atol=0.05)
+
+
+def test_seeds_of_few_sources_do_not_feign_certainty() -> None:
+    rng = np.random.default_rng(5)
+    nested = pooled = 0
+    for trial in range(200):
+        groups = [rng.normal(rng.normal(), 0.1, 5) for _ in range(12)]
+        low, high = nested_interval(groups, seed=trial)
+        nested += low < 0.0 < high
+        low, high = mean_interval(np.concatenate(groups), seed=trial)
+        pooled += low < 0.0 < high
+    assert nested > 0.82 * 200
+    assert pooled < 0.65 * 200, "what would be wrong with drawing single runs"
 
 
 def test_intervals_of_slow_errors_are_wider_than_those_of_white_ones() -> None:

@@ -204,7 +204,8 @@ def _tell_found(planned: Sequence[Trial]) -> None:
 
 def _tell_how_to_go_on(folder: RunFolder) -> None:
     """Print the command that finishes what is missing."""
-    words = list(sys.argv[1:])
+    # Not what replaces the runs that are there.
+    words = [word for word in sys.argv[1:] if word != "--overwrite"]
     if "--name" not in words:
         words += ["--name", folder.path.name]
     print(f"slarm: go on with: slarm {shlex.join(words)}", file=sys.stderr)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -59,7 +60,7 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
     folder.write_text("summary.csv", csv_text(*summary_rows(outcomes)))
     folder.write_text("tables.md", "\n".join(table.markdown() for table in shown))
     folder.write_text("tables.tex", "\n".join(table.latex() for table in shown))
-    views = _views(estimates)
+    views = _views(estimates, outcomes)
     pictures = _pictures(folder.path, outcomes)
     content = ComparisonContent("Backend comparison", lead, outcomes, found, views, pictures)
     folder.write_text("report.html", comparison_html(content))
@@ -84,16 +85,25 @@ def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[tuple[str, str
     return found
 
 
-def _views(estimates: dict[tuple[str, str, int], Estimate]) -> list[SourceView]:
-    """Return every source with the first run of each variant."""
+def _views(
+    estimates: dict[tuple[str, str, int], Estimate], outcomes: Sequence[Outcome]
+) -> list[SourceView]:
+    """Return every source with the first run of each variant, over the map least in doubt."""
+    doubts = {(o.source, o.variant, o.seed): _doubt(o) for o in outcomes}
     views = []
     for source in list(dict.fromkeys(key[0] for key in estimates))[:_MAX_VIEWS]:
-        first: dict[str, Estimate] = {}
-        for (place, variant, _), estimate in estimates.items():
-            if place == source:
-                first.setdefault(variant, estimate)
-        views.append(SourceView(source, first))
+        first: dict[str, tuple[str, str, int]] = {}
+        for key in estimates:
+            if key[0] == source:
+                first.setdefault(key[1], key)
+        ground = min(first, key=lambda variant: doubts[first[variant]])
+        views.append(SourceView(source, {v: estimates[key] for v, key in first.items()}, ground))
     return views
+
+
+def _doubt(outcome: Outcome) -> tuple[bool, float]:
+    """Return a key by which runs whose maps contradict themselves least come first."""
+    return outcome.lost, outcome.figures.get("map_conflict_share", math.inf)
 
 
 def _pictures(folder: Path, outcomes: Sequence[Outcome]) -> list[tuple[str, bytes]]:
