@@ -73,10 +73,10 @@ def save_difference(
         axes.tick_params(labelsize=7)
         axes.set_xlabel("x [m]", fontsize=8)
     whole.set_ylabel("y [m]", fontsize=8)
-    x_m, y_m, side_m = _where_it_differs(classes, geometry)
+    x_m, y_m, side_m = where_it_differs(classes, geometry)
     closer.set_xlim(x_m, x_m + side_m)
     closer.set_ylim(y_m, y_m + side_m)
-    closer.set_title("where they differ most", fontsize=8)
+    closer.set_title(_differing(classes), fontsize=8)
     frame = Rectangle((x_m, y_m), side_m, side_m, fill=False, lw=0.8, ls="--", ec="#009e73")
     whole.add_patch(frame)
     for axes in (whole, closer):
@@ -91,17 +91,29 @@ def save_difference(
     figure.savefig(path, dpi=_DPI)
 
 
-def _where_it_differs(
+def where_it_differs(
     classes: NDArray[np.uint8], geometry: GridGeometry
 ) -> tuple[float, float, float]:
-    """Return the lower left corner and side of the square with the most differing cells [m]."""
+    """Return the lower left corner and side of the square with the most differing cells [m].
+
+    Where none differs, that with the most walls.
+    """
     cells = max(2, round(_CLOSER_SHARE * max(classes.shape)))
-    differs = (classes == _ESTIMATE) | (classes == _REFERENCE)
+    differs = _differs(classes) if _differs(classes).any() else classes == _BOTH
     density = uniform_filter(differs.astype(np.float64), cells, mode="constant")
     row, col = np.unravel_index(int(density.argmax()), density.shape)
     x_m, y_m = geometry.center_of(np.array([[row, col]]))[0]
     side_m = cells * geometry.resolution_m
     return float(x_m) - side_m / 2.0, float(y_m) - side_m / 2.0, side_m
+
+
+def _differs(classes: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    return np.isin(classes, (_ESTIMATE, _REFERENCE))
+
+
+def _differing(classes: NDArray[np.uint8]) -> str:
+    count = int(_differs(classes).sum())
+    return f"where they differ most (cells in all: {count})" if count else "no cell differs"
 
 
 def _put_scale(axes: Axes) -> None:

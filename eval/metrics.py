@@ -82,6 +82,16 @@ class Metric:
         """Return the unit of its kind."""
         return self.kind.unit
 
+    def interval_words(self) -> str:
+        """Return the interval as people read it; empty where there is none."""
+        if self.interval is None or not all(map(math.isfinite, self.interval)):
+            return ""
+        return "{:.3g} to {:.3g}".format(*self.interval)
+
+
+INTERVAL = "95 % interval"
+"""Title of the column."""
+
 
 def best_of(values: Sequence[float], better: Better) -> int | None:
     """Return the index of the best of several values; None where no way is better or none is."""
@@ -102,7 +112,7 @@ def metrics_json(metrics: Iterable[Metric]) -> str:
 def _as_json(metric: Metric) -> dict[str, object]:
     value = metric.value if math.isfinite(metric.value) else None
     found: dict[str, object] = {"value": value, "unit": metric.unit, "note": metric.note}
-    if metric.interval is not None and all(map(math.isfinite, metric.interval)):
+    if metric.interval is not None and metric.interval_words():
         found["interval_95"] = list(metric.interval)
     return found
 

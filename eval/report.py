@@ -13,10 +13,11 @@ from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval.gain_figure import gain_curves, gain_figure
 from slarm_graph.eval.measured_figure import measured_figure
 from slarm_graph.eval.metric_table import headlines
-from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.metrics import INTERVAL, Metric
 from slarm_graph.eval.page import (
     Bars,
     Block,
+    Cell,
     Code,
     Facts,
     Folded,
@@ -224,15 +225,17 @@ def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
 def _metric_table(metrics: Sequence[Metric]) -> tuple[Block, ...]:
     if not metrics:
         return ()
-    rows = [(m.kind.title, m.value, m.unit, _interval(m), m.note, m.name) for m in metrics]
-    return (PageTable(("metric", "value", "unit", "95 % interval", "how", "key"), rows),)
-
-
-def _interval(metric: Metric) -> str:
-    if metric.interval is None:
-        return ""
-    low, high = metric.interval
-    return f"{low:.3g} to {high:.3g}"
+    shown = any(m.interval_words() for m in metrics)
+    columns = ("metric", "value", "unit", *([INTERVAL] if shown else []), "how", "key")
+    rows: list[tuple[Cell, ...]] = [
+        (
+            *(m.kind.title, m.value, m.unit),
+            *([m.interval_words()] if shown else []),
+            *(m.note, m.name),
+        )
+        for m in metrics
+    ]
+    return (PageTable(columns, rows),)
 
 
 def _key_facts(content: ReportContent) -> list[tuple[str, str]]:

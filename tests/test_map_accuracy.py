@@ -15,7 +15,11 @@ from scipy.spatial.distance import cdist
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.map_accuracy import distance_to_m, map_accuracy, map_metrics
 from slarm_graph.eval.map_alignment import align_maps
-from slarm_graph.eval.map_difference import difference_classes, save_difference
+from slarm_graph.eval.map_difference import (
+    difference_classes,
+    save_difference,
+    where_it_differs,
+)
 from slarm_graph.eval.sharpness import sharpness
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -100,6 +104,24 @@ def test_the_difference_becomes_a_figure(tmp_path: Path, kind: str) -> None:
     assert path.stat().st_size > 2_000
     if kind == "svg":
         assert "wall only in EST" in path.read_text()
+
+
+def test_the_closer_look_is_at_what_differs_and_else_at_walls(tmp_path: Path) -> None:
+    one, other = room(), room()
+    row, col = np.argwhere(one.free)[77]
+    other.probability[row, col] = 1.0
+    x, y = one.geometry.center_of(np.array([[row, col]]))[0]
+    x_m, y_m, side_m = where_it_differs(difference_classes(one, other), one.geometry)
+    assert x_m < x < x_m + side_m
+    assert y_m < y < y_m + side_m
+    same = difference_classes(one, one)
+    x_m, y_m, side_m = where_it_differs(same, one.geometry)
+    walls = one.geometry.center_of(np.argwhere(one.occupied))
+    inside = (np.abs(walls - [x_m + side_m / 2, y_m + side_m / 2]) < side_m / 2).all(axis=1)
+    assert inside.any()
+    for estimate, words in ((one, "no cell differs"), (other, "(cells in all: 1)")):
+        save_difference(path := tmp_path / "d.svg", one, estimate)
+        assert words in path.read_text()
 
 
 def test_distances_equal_brute_force() -> None:

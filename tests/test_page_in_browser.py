@@ -16,6 +16,9 @@ import pytest
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import Table as BackendTable
+from slarm_graph.eval.comparison import Outcome
+from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
+from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import Figure, page
 from slarm_graph.eval.report import ReportContent, report_html
@@ -34,6 +37,37 @@ FLAGS = (
     *("--hide-scrollbars", "--virtual-time-budget=30000", "--enable-logging=stderr"),
 )
 EVIL = "<img src=x onerror=console.error('struck')>$\\frac{$%{x}"
+WORDS = """
+<script>
+// Words of numbers and of names before bars that go over more than one line.
+const brokenWords = () => Array.from(document.querySelectorAll("td.number, .bars td:first-child"))
+  .flatMap((cell) => {
+    const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
+    for (let node = walker.nextNode(); node; node = walker.nextNode())
+      for (const word of node.data.matchAll(/\\S{1,16}(?!\\S)/g)) {
+        if (word.index && /\\S/.test(node.data[word.index - 1])) continue;
+        const range = document.createRange();
+        range.setStart(node, word.index); range.setEnd(node, word.index + word[0].length);
+        if (new Set(Array.from(range.getClientRects(), (r) => r.top)).size > 1) found.push(word[0]);
+      }
+    return found;
+  });
+</script>
+"""
+PAPER = """
+<script>
+addEventListener("load", () => { const wait = setInterval(() => {
+  if (document.documentElement.dataset.ready !== "1") return;
+  clearInterval(wait);
+  const out = document.createElement("script");
+  out.type = "application/json"; out.id = "found";
+  out.textContent = JSON.stringify({ broken: brokenWords(),
+    cells: document.querySelectorAll("td.number").length,
+    page: document.documentElement.scrollWidth });
+  document.body.append(out);
+}, 50); });
+</script>
+"""
 PROBE = """
 <script>
 addEventListener("load", () => { const wait = setInterval(() => {
@@ -44,6 +78,7 @@ addEventListener("load", () => { const wait = setInterval(() => {
   found.drawn = plots.filter((p) => p.querySelector("svg.main-svg")).length;
   found.width = innerWidth; found.page = document.documentElement.scrollWidth;
   found.widest = Math.max(...plots.map((p) => p.querySelector("svg.main-svg").clientWidth));
+  found.broken = brokenWords();
   found.legend = Array.from(first.querySelectorAll(".legendtext")).map((t) => t.textContent);
   found.hover = plots.flatMap((p) => p.data.map((t) => t.hovertemplate || "")).filter(Boolean);
   const index = first.data.findIndex((t) => t.name === "raw odometry");
@@ -60,6 +95,9 @@ addEventListener("load", () => { const wait = setInterval(() => {
 }, 50); });
 </script>
 """
+
+PAPER_PX = 688
+"""A4 less the page's margins of 14 mm, at 96 dots an inch."""
 
 pytestmark = pytest.mark.skipif(not CHROMIUM, reason="no Chromium on this machine")
 
@@ -85,8 +123,10 @@ def report() -> str:
             f"{EVIL}.bag, pose_graph", EVIL, grid,
             {EVIL: path, RAW_ODOMETRY: drifted, GROUND_TRUTH: path},
             as_geographic(grid), radio,
-            [Metric("ate_rmse_m", 0.1, note=EVIL, interval=(0.05, 0.2))],
-            {"wall_s": 3.0, "stages": {"slam": 2.0}, "stage_peak_mb": {"slam": 300.0}},
+            [Metric("ate_rmse_m", 0.012345, note=EVIL, interval=(0.05, 0.2)),
+             Metric("relations_translation_sd_m", 0.012345, note="10 of 10 relations")],
+            {"wall_s": 3.0, "stages": {"optimisation and map": 2.0},
+             "stage_peak_mb": {"optimisation and map": 300.0}},
             [ScanStatus(1), ScanStatus(2, EVIL)],
             (BackendTable("particles", ("stamp_ns", "n_eff", "flag"), rows),),
             [EVIL], EVIL, (f"backend: a -> {EVIL}",), marks, "consistent",
@@ -108,10 +148,10 @@ def chromium(tmp_path: Path, *words: str) -> subprocess.CompletedProcess[str]:
     return done
 
 
-def probed(tmp_path: Path, report: str, width: int) -> dict[str, object]:
+def probed(tmp_path: Path, report: str, width: int, probe: str = PROBE) -> dict[str, object]:
     file = tmp_path / "page.html"
     # A frame of that width, because the window itself has a least width.
-    (tmp_path / "inner.html").write_text(report.replace("</body>", PROBE + "</body>"))
+    (tmp_path / "inner.html").write_text(report.replace("</body>", WORDS + probe + "</body>"))
     file.write_text(
         f'<!doctype html><link rel="icon" href="data:,"><body style="margin:0"><iframe id="f"'
         f' src="inner.html" style="border:0;width:{width}px;height:900px"></iframe><script>'
@@ -134,6 +174,7 @@ def test_the_page_works_at_phone_and_desk_width(tmp_path: Path, report: str, wid
     assert found["drawn"] == found["plots"] == 6
     assert found["width"] == width
     assert found["page"] <= width, "the page scrolls sideways"
+    assert found["broken"] == []
     assert found["widest"] > 0.8 * min(width, 1200)
     assert found["toggled"] == ["legendonly", True]
     assert found["theme"] == "dark"
@@ -151,6 +192,32 @@ def test_it_prints(tmp_path: Path, report: str) -> None:
     chromium(tmp_path, f"--print-to-pdf={target}", (tmp_path / "page.html").as_uri())
     assert target.stat().st_size > 50_000
     assert 3 <= target.read_bytes().count(b"/Type /Page\n") <= 14
+
+
+def compared() -> str:
+    """A comparison with every figure of the short tables, and numbers as long as they get."""
+    runs = [
+        Outcome(
+            source, backend, seed, "ok",
+            figures={kind.name: 0.012345 * (seed + 1) for kind in headlines()},
+        )
+        for source in ("mit-csail.clf.gz", "paper_room")
+        for backend in ("odometry", "pose_graph")
+        for seed in range(2)
+    ]  # fmt: skip
+    return comparison_html(ComparisonContent("t", "l", runs))
+
+
+@pytest.mark.parametrize("kind", ["run", "comparison"])
+def test_no_table_is_cut_and_no_number_broken_on_paper(
+    tmp_path: Path, report: str, kind: str
+) -> None:
+    text = report if kind == "run" else compared()
+    assert "@media print" in text
+    found = probed(tmp_path, text.replace("@media print", "@media all"), PAPER_PX, PAPER)
+    assert found["cells"] > 3
+    assert found["broken"] == []
+    assert found["page"] <= PAPER_PX
 
 
 def test_a_page_of_nothing_but_a_figure_is_whole(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
-from slarm_graph.eval.metrics import Metric, best_of, metrics_json
+from slarm_graph.eval.metrics import INTERVAL, Metric, best_of, metrics_json
 from slarm_graph.readings import ScanStatus
 
 if TYPE_CHECKING:
@@ -24,8 +24,17 @@ def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False
     if as_json:
         print(metrics_json(metrics), end="")
         return
-    rows = [(m.kind.title, f"{m.value:.6g}", m.unit, m.name, m.note) for m in metrics]
-    show_table(("metric", "value", "unit", "key", "how"), rows, title=title, right=(1,))
+    shown = any(m.interval_words() for m in metrics)
+    rows = [
+        (
+            *(m.kind.title, f"{m.value:.6g}", m.unit),
+            *([m.interval_words()] if shown else []),
+            *(m.name, m.note),
+        )
+        for m in metrics
+    ]
+    columns = ("metric", "value", "unit", *([INTERVAL] if shown else []), "key", "how")
+    show_table(columns, rows, title=title, right=(1,))
 
 
 def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]], *, title: str = "") -> None:
