@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -15,6 +15,7 @@ from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
 from slarm_graph.eval.map_accuracy import map_accuracy
 from slarm_graph.eval.trajectory_accuracy import absolute_errors, statistics
+from slarm_graph.geometry import Pose2
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.trajectory import Trajectory
 
@@ -26,14 +27,31 @@ class Estimate:
     Parameters
     ----------
     trajectory : Trajectory
-    grid : OccupancyGrid
+    grid : OccupancyGrid, optional
+        None where there is nothing but a path.
     truth : Trajectory, optional
         Where the robot of this run really went: one that explores goes its own way in every run.
+    map_from_grid : Pose2
+        Where the grid lies among the paths [m, m, rad]; elsewhere in another system's frame.
     """
 
     trajectory: Trajectory
-    grid: OccupancyGrid
+    grid: OccupancyGrid | None = None
     truth: Trajectory | None = None
+    map_from_grid: Pose2 = field(default_factory=Pose2)
+
+
+def laid_onto(ours: Estimate, theirs: Estimate) -> Estimate:
+    """Return another system's result in the frame of ours, by the best motion of its path.
+
+    It is left where it is when the two have no time in common.
+    """
+    try:
+        motion = align(associate(ours.trajectory, theirs.trajectory)).reference_from_estimate
+    except BadInput:
+        return theirs
+    path = theirs.trajectory.transformed(motion)
+    return replace(theirs, trajectory=path, truth=ours.truth, map_from_grid=motion)
 
 
 def is_one_drive(a: Estimate, b: Estimate) -> bool:
@@ -85,8 +103,10 @@ def _pair(a: Estimate, b: Estimate) -> tuple[float, float, float, float]:
             ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
             pairs = associate(a.trajectory, b.trajectory)
             path_m = statistics(absolute_errors(pairs, align(pairs))).rmse
-        maps = map_accuracy(a.grid, b.grid)
-        walls, free = maps.iou, maps.iou_free
+        if a.grid is not None and b.grid is not None:
+            motion = a.map_from_grid.inverse() @ b.map_from_grid
+            maps = map_accuracy(a.grid, b.grid, reference_from_estimate=motion)
+            walls, free = maps.iou, maps.iou_free
     except BadInput:
         pass
     return ends_m, path_m, walls, free

@@ -172,8 +172,8 @@ class Difference:
     pairs : int
         Runs of the same source and seed that both have the figure.
     independent : int
-        How many of them tell something of their own: one a source or, where there is a single
-        source, one a value, as the seeds of a backend without random numbers give the same.
+        How many of them tell something of their own: one a source, or its seeds where there is a
+        single one.
     """
 
     figure: str
@@ -214,7 +214,7 @@ def differences(outcomes: Sequence[Outcome]) -> list[Difference]:
 
 def _difference(figure: str, variant: str, than: str, by_source: Sequence[Floats]) -> Difference:
     values = np.concatenate(by_source)
-    independent = len(by_source) if len(by_source) > 1 else len(np.unique(values))
+    independent = len(by_source) if len(by_source) > 1 else len(values)
     interval = nested_interval(by_source)
     return Difference(
         figure, variant, than, float(values.mean()), interval, len(values), independent

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import plotly.graph_objects as go
 
@@ -62,7 +62,7 @@ class SourceView:
     estimates : mapping of str to Estimate
         One run of every variant.
     ground : str
-        The variant whose map lies below all.
+        The variant whose map lies below all; it has one.
     """
 
     name: str
@@ -82,6 +82,8 @@ class ComparisonContent:
     views : sequence of SourceView
     pictures : sequence of (caption, PNG content)
         Radio maps.
+    reports : sequence of str
+        Folders of the runs that have a page of their own.
     """
 
     title: str
@@ -89,7 +91,8 @@ class ComparisonContent:
     outcomes: Sequence[Outcome]
     agreements: Sequence[Agreement] = ()
     views: Sequence[SourceView] = ()
-    pictures: Sequence[tuple[str, bytes]] = field(default=())
+    pictures: Sequence[tuple[str, bytes]] = ()
+    reports: Sequence[str] = ()
 
 
 def comparison_html(content: ComparisonContent) -> str:
@@ -102,7 +105,7 @@ def comparison_html(content: ComparisonContent) -> str:
     ]
     columns, rows = run_rows(outcomes)
     titles = [kind_of(name).titled() if "_" in name else name for name in columns]
-    links = [(o.folder, f"{o.folder}/report.html") for o in outcomes if o.status == "ok"]
+    links = [(folder, f"{folder}/report.html") for folder in content.reports]
     return page(
         content.title,
         content.lead,
@@ -125,6 +128,7 @@ def as_block(table: TextTable) -> PageTable:
 
 def _view(view: SourceView) -> tuple[Block, ...]:
     ground = view.estimates[view.ground]
+    assert ground.grid is not None
     others = {name: e for name, e in view.estimates.items() if name != view.ground}
     paths = {name: estimate.trajectory for name, estimate in view.estimates.items()}
     blocks: list[Block] = [trajectory_figure(ground.grid, paths | _true_path(ground))]
@@ -135,7 +139,8 @@ def _view(view: SourceView) -> tuple[Block, ...]:
         {n: (e.truth, e.trajectory) for n, e in view.estimates.items() if e.truth is not None}
     )
     blocks += [figure] if figure else []
-    blocks += [_difference(view.ground, ground, *other) for other in [*others.items()][:1]]
+    mapped = [(name, other) for name, other in others.items() if other.grid is not None]
+    blocks += [_difference(view.ground, ground, *other) for other in mapped[:1]]
     return tuple(blocks)
 
 
@@ -143,7 +148,10 @@ def _difference(reference: str, ground: Estimate, name: str, other: Estimate) ->
     names = {"wall only in EST": f"wall only in {name}"}
     names["wall only in REF"] = f"wall only in {reference}"
     looks = {k: (names.get(label, label), color) for k, (label, color) in LOOKS.items()}
-    classes = difference_classes(ground.grid, other.grid)
+    assert ground.grid is not None
+    assert other.grid is not None
+    motion = ground.map_from_grid.inverse() @ other.map_from_grid
+    classes = difference_classes(ground.grid, other.grid, motion)
     figure = difference_figure(classes, ground.grid.geometry, looks)
     return Folded(f"difference of the maps: {reference}, {name}", (figure,))
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import subprocess
 import sys
 import threading
@@ -120,6 +121,22 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     assert "Agreement without truth" in output.out
     for name in ("tables.md", "tables.tex", "comparison.csv", "report.html"):
         assert "theirs" in (tmp_path / "c" / name).read_text()
+    page = (tmp_path / "c" / "report.html").read_text()
+    links = re.findall(r'href="([^"]+/report.html)"', page)
+    assert len(links) == 2
+    assert all((tmp_path / "c" / link).is_file() for link in links)
+
+
+def test_a_path_without_a_map_is_drawn_and_compared(tmp_path: Path) -> None:
+    bag = room_bag(tmp_path / "good.bag", 8)
+    words = ("--backends", "odometry", "--out", tmp_path, "--name", "c")
+    assert run("compare", bag, *words) == 0
+    lines = (tmp_path / "c" / "good_odometry_0" / "trajectory.tum").read_text().splitlines()
+    (tmp_path / "theirs.tum").write_text("\n".join(lines))
+    assert run("compare", bag, *words, "--external", f"theirs={tmp_path / 'theirs.tum'}") == 0
+    page = (tmp_path / "c" / "report.html").read_text()
+    assert '"name":"theirs"' in page[page.index("map and trajectories") :]
+    assert "odometry and theirs" in (tmp_path / "c" / "tables.md").read_text()
 
 
 def test_a_budget_starts_nothing_more_and_says_how_to_go_on(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slarm_graph.eval.agreement import Estimate, agreements
+from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
 from slarm_graph.eval.comparison import Outcome, differences, groups, spread
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -21,6 +21,7 @@ from slarm_graph.eval.comparison_tables import (
     summary_tables,
 )
 from slarm_graph.eval.run_figures import error_figure
+from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
 
@@ -198,6 +199,38 @@ def test_runs_agree_with_themselves_and_not_with_others() -> None:
     assert (backends.between, backends.walls_iou) == ("x and y", 0.0)
     assert backends.end_spread_m == pytest.approx(0.5)
     assert backends.path_rms_m == pytest.approx(0.0, abs=1e-9)
+
+
+def test_another_systems_result_is_compared_where_it_belongs() -> None:
+    stamps = np.arange(40) * 100_000_000
+    line = np.column_stack([np.arange(40) * 0.1, np.sin(np.arange(40.0) / 6), np.zeros(40)])
+    geometry = GridGeometry.covering(-3.0, 8.0, -4.0, 5.0, 0.1)
+    x, y = np.moveaxis(geometry.centers(), -1, 0)
+    away = Pose2(2.0, -1.0, 0.6)  # their frame
+
+    def drawn(map_from_grid: Pose2) -> OccupancyGrid:
+        """The same L of walls in a free room, as seen from a frame."""
+        x_m, y_m = np.moveaxis(map_from_grid.transform(np.stack([x, y], axis=-1)), -1, 0)
+        walls = ((abs(x_m) < 0.3) & (y_m > 0) & (y_m < 2)) | (
+            (abs(y_m) < 0.3) & (x_m > 0) & (x_m < 3)
+        )
+        return OccupancyGrid(geometry, walls.astype(np.float32))
+
+    ours = Estimate(Trajectory(stamps, line), drawn(Pose2()))
+    path = ours.trajectory.transformed(away.inverse())
+    theirs = Estimate(path, drawn(away))
+    (apart,) = agreements({("a", "x", 0): ours, ("a", "y", 0): theirs})
+    assert apart.end_spread_m > 1.0
+    assert apart.walls_iou < 0.3
+    laid = laid_onto(ours, theirs)
+    np.testing.assert_allclose(laid.trajectory.poses, line, atol=1e-9)
+    for runs in ((ours, laid), (laid, ours)):
+        found = agreements({("a", str(n), 0): run for n, run in enumerate(runs)})
+        assert found[0].end_spread_m < 1e-9
+        assert found[0].walls_iou > 0.8
+    (bare,) = agreements({("a", "x", 0): ours, ("a", "y", 0): Estimate(path)})
+    assert np.isnan(bare.walls_iou)
+    assert bare.path_rms_m == pytest.approx(0.0, abs=1e-9)
 
 
 def test_robots_on_ways_of_their_own_are_judged_by_these() -> None:

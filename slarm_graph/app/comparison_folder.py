@@ -13,7 +13,7 @@ from slarm_graph.app.outputs import csv_text
 from slarm_graph.app.run_folder import RECORD, RunFolder, create_run_folder, read_record
 from slarm_graph.app.trials import KEYS
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.agreement import Estimate, agreements
+from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -26,6 +26,9 @@ from slarm_graph.eval.comparison_tables import (
 )
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.trajectories import read_trajectory
+
+Key = tuple[str, str, int]
+"""Source, variant and seed of a run."""
 
 _MAX_PICTURES = 8
 """Radio maps on the page; each takes some 50 kB."""
@@ -62,41 +65,61 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
     folder.write_text("tables.tex", "\n".join(table.latex() for table in shown))
     views = _views(estimates, outcomes)
     pictures = _pictures(folder.path, outcomes)
-    content = ComparisonContent("Backend comparison", lead, outcomes, found, views, pictures)
+    reports = [o.folder for o in outcomes if _has_page(folder.path, o)]
+    content = ComparisonContent(
+        "Backend comparison", lead, outcomes, found, views, pictures, reports
+    )
     folder.write_text("report.html", comparison_html(content))
     status = "ok" if good == len(outcomes) else "partial"
     folder.note(status=status, problem="", runs=len(outcomes))
     return shown
 
 
-def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[tuple[str, str, int], Estimate]:
-    """Read what the runs came to, as far as it is there."""
-    found = {}
-    for outcome in [o for o in outcomes if o.status == "ok"][:_MAX_COMPARED]:
+def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[Key, Estimate]:
+    """Read what the runs came to, as far as it is there, with other systems' results onto ours."""
+    found, theirs = {}, []
+    finished = [outcome for outcome in outcomes if outcome.status == "ok"]
+    for outcome in finished[:_MAX_COMPARED]:
         place = folder / outcome.folder
         try:
-            trajectory = read_trajectory(place / "trajectory.tum")
-            grid = read_map(place / "map.yaml")
-            true_path = place / "ground_truth.tum"
-            truth = read_trajectory(true_path) if true_path.is_file() else None
+            found[_key(outcome)] = _estimate(place)
         except BadInput:
             continue
-        found[outcome.source, outcome.variant, outcome.seed] = Estimate(trajectory, grid, truth)
+        if "external" in read_record(place):
+            theirs.append(outcome)
+    for outcome in theirs:
+        ours = [o for o in finished if o.source == outcome.source and o not in theirs]
+        known = [o for o in ours if _key(o) in found]
+        if known:
+            best = found[_key(min(known, key=_doubt))]
+            found[_key(outcome)] = laid_onto(best, found[_key(outcome)])
     return found
 
 
-def _views(
-    estimates: dict[tuple[str, str, int], Estimate], outcomes: Sequence[Outcome]
-) -> list[SourceView]:
+def _estimate(place: Path) -> Estimate:
+    trajectory = read_trajectory(place / "trajectory.tum")
+    grid_path, true_path = place / "map.yaml", place / "ground_truth.tum"
+    grid = read_map(grid_path) if grid_path.is_file() else None
+    return Estimate(trajectory, grid, read_trajectory(true_path) if true_path.is_file() else None)
+
+
+def _key(outcome: Outcome) -> Key:
+    return outcome.source, outcome.variant, outcome.seed
+
+
+def _views(estimates: dict[Key, Estimate], outcomes: Sequence[Outcome]) -> list[SourceView]:
     """Return every source with the first run of each variant, over the map least in doubt."""
-    doubts = {(o.source, o.variant, o.seed): _doubt(o) for o in outcomes}
+    doubts = {_key(o): _doubt(o) for o in outcomes}
     views = []
     for source in list(dict.fromkeys(key[0] for key in estimates))[:_MAX_VIEWS]:
-        first: dict[str, tuple[str, str, int]] = {}
+        first: dict[str, Key] = {}
         for key in estimates:
             if key[0] == source:
                 first.setdefault(key[1], key)
-        ground = min(first, key=lambda variant: doubts[first[variant]])
+        mapped = [v for v, key in first.items() if estimates[key].grid is not None]
+        if not mapped:
+            continue
+        ground = min(mapped, key=lambda variant: doubts[first[variant]])
         views.append(SourceView(source, {v: estimates[key] for v, key in first.items()}, ground))
     return views
 
@@ -116,6 +139,10 @@ def _pictures(folder: Path, outcomes: Sequence[Outcome]) -> list[tuple[str, byte
     ]
     pictures = [(caption, path.read_bytes()) for caption, path in found if path.is_file()]
     return pictures[:_MAX_PICTURES]
+
+
+def _has_page(folder: Path, outcome: Outcome) -> bool:
+    return bool(outcome.folder) and (folder / outcome.folder / "report.html").is_file()
 
 
 def _finished(outcomes: Iterable[Outcome]) -> Iterable[Outcome]:
