@@ -31,6 +31,7 @@ _MODEL = "SLARM_BENCH_MODEL"
 _PAGE_MB = resource.getpagesize() / 2**20
 _PART = 100
 """Runs that are told together; the first are to be compared with the last."""
+_FIRST = "first time"
 
 
 class Copy(Trial):
@@ -39,8 +40,8 @@ class Copy(Trial):
     __slots__ = ()
 
     def command(self) -> list[str]:
-        """Copy the model's folder."""
-        return ["/bin/cp", "-r", "--no-target-directory", os.environ[_MODEL], str(self.folder)]
+        """Copy the model's folder, by links, so that the disk is not what is measured."""
+        return ["/bin/cp", "-rl", "--no-target-directory", os.environ[_MODEL], str(self.folder)]
 
 
 def memory_mb() -> float:
@@ -80,11 +81,12 @@ def whole(trials_of: Callable[[Path], Sequence[Trial]], place: Path, jobs: int, 
     folder = open_comparison(place, "c")
     trials = copies(trials_of(folder.path))
     told(f"{what}: planned", *begun, len(trials))
-    clock = Clock()
+    begun, clock = (time.monotonic(), time.process_time()), Clock()
     outcomes = compare(trials, workers=jobs, tell=clock)
+    told(f"{what}: runs", *begun, len(trials))
     assert all(outcome.status == "ok" for outcome in outcomes), outcomes[0]
-    for begin in range(0, len(trials), _PART):
-        print(clock.row(f"{what}: runs", begin, min(begin + _PART, len(trials))), flush=True)
+    for begin in range(0, len(trials), _PART) if what == _FIRST else ():
+        print(clock.row("... of them", begin, min(begin + _PART, len(trials))), flush=True)
     begun = time.monotonic(), time.process_time()
     write_comparison(folder, outcomes, "engine")
     told(f"{what}: agreement, tables and page", *begun, len(trials))
@@ -115,7 +117,7 @@ def main() -> None:
         print("| part | wall [ms/run] | CPU of the engine [ms/run] | memory [MB] |")
         print("|---|---|---|---|")
         plan = ComparisonPlan(sources, ("odometry",), options.runs)
-        for what in ("first time", "again"):
+        for what in (_FIRST, "again"):
             whole(plan.trials, Path(place), options.jobs, what)
 
 
