@@ -39,8 +39,9 @@ FLAGS = (
 EVIL = "<img src=x onerror=console.error('struck')>$\\frac{$%{x}"
 WORDS = """
 <script>
-// Words of numbers and of names before bars that go over more than one line.
-const brokenWords = () => Array.from(document.querySelectorAll("td.number, .bars td:first-child"))
+// Words of titles, numbers and names before bars that go over more than one line.
+const CELLS = "th, td.number, .bars td:first-child";
+const brokenWords = () => Array.from(document.querySelectorAll(CELLS))
   .flatMap((cell) => {
     const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
     for (let node = walker.nextNode(); node; node = walker.nextNode())
@@ -206,6 +207,13 @@ def compared() -> str:
         for seed in range(2)
     ]  # fmt: skip
     return comparison_html(ComparisonContent("t", "l", runs))
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_no_title_of_a_comparison_is_broken(tmp_path: Path, width: int) -> None:
+    found = probed(tmp_path, compared(), width, PAPER)
+    assert found["broken"] == []
+    assert found["page"] <= width
 
 
 @pytest.mark.parametrize("kind", ["run", "comparison"])
