@@ -198,18 +198,23 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
     """
     links = nx.Graph()
     links.add_nodes_from(range(len(found)))
-    ways = np.array([(graph.way_of_submap(c.submap), graph.way_of(c.keyframe)) for c in found])
-    for a in range(len(found)):
-        # Only of neighbours it is asked: a long corridor that looks alike has thousands of finds.
-        near = (np.abs(ways[:a] - ways[a]) <= _NEIGHBOURS_M).all(axis=1)
-        for b in np.flatnonzero(near).tolist():
-            if agree(found[a], found[b], graph):
-                links.add_edge(a, b)
+    links.add_edges_from(
+        (a, b) for a, b in _neighbours(found, graph) if agree(found[a], found[b], graph)
+    )
     believed: set[int] = set()
     for part in list(nx.connected_components(links)):
         if len(part) >= _LEAST_SET:
             believed |= _largest_set(links.subgraph(part), found, graph)
     return [found[k] for k in sorted(believed)]
+
+
+def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Iterator[tuple[int, int]]:
+    """Yield the pairs of finds that lie near each other along both ways."""
+    ways = np.array([(graph.way_of_submap(c.submap), graph.way_of(c.keyframe)) for c in found])
+    for a in range(len(found)):
+        near = (np.abs(ways[:a] - ways[a]) <= _NEIGHBOURS_M).all(axis=1)
+        for b in np.flatnonzero(near).tolist():
+            yield a, b
 
 
 def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) -> set[int]:
@@ -238,7 +243,7 @@ def agree(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
     """Whether two finds close a small loop: along the old way, across, back along the new way."""
     old_m = abs(graph.way_of_submap(a.submap) - graph.way_of_submap(b.submap))
     new_m = abs(graph.way_of(a.keyframe) - graph.way_of(b.keyframe))
-    if max(old_m, new_m) > _NEIGHBOURS_M or a.keyframe == b.keyframe:
+    if a.keyframe == b.keyframe:
         return False
     keyframes, submaps = graph.keyframes, graph.submaps
     old_a, old_b = (keyframes[submaps[c.submap].anchor].local_from_robot.as_array() for c in (a, b))

@@ -80,11 +80,16 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
         return ()
     believed = (weights[doubtful] >= _BELIEVED).reshape(-1, 2)
     steps = sum(c.kind is ConstraintKind.ODOMETRY for c in constraints)
-    by_odometry = int((believed[:, 1] & ~believed[:, 0]).sum())
-    neither = int((~believed).all(axis=1).sum())
+    counts = {
+        "the matches": int((believed[:, 0] & ~believed[:, 1]).sum()),
+        "the odometry": int((believed[:, 1] & ~believed[:, 0]).sum()),
+        "neither alone": int((~believed).all(axis=1).sum()),
+        "both": int(believed.all(axis=1).sum()),
+    }
+    told = ", ".join(f"{words} in {count}" for words, count in counts.items() if count)
     return (
         f"matches of scans and odometry contradict each other in {len(believed)} of {steps} steps"
-        f" of the graph: the odometry is believed in {by_odometry}, neither alone in {neither}",
+        f" of the graph: believed are {told}",
     )
 
 

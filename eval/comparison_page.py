@@ -34,13 +34,9 @@ from slarm_graph.eval.page import (
     page,
     plain,
 )
-from slarm_graph.eval.report_figures import (
-    GROUND_TRUTH,
-    MAP_WORDS,
-    difference_figure,
-    trajectory_figure,
-)
+from slarm_graph.eval.report_figures import MAP_WORDS, difference_figure
 from slarm_graph.eval.run_figures import error_figure
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, trajectory_figure
 from slarm_graph.trajectory import Trajectory
 
 _FLATTENED = 20.0

@@ -27,15 +27,9 @@ from slarm_graph.eval.page import (
     Words,
     page,
 )
-from slarm_graph.eval.report_figures import (
-    GROUND_TRUTH,
-    HEIGHT_WORDS,
-    MAP_WORDS,
-    Marks,
-    geographic_figure,
-    trajectory_figure,
-)
+from slarm_graph.eval.report_figures import HEIGHT_WORDS, MAP_WORDS, geographic_figure
 from slarm_graph.eval.run_figures import error_figure, path_of, table_figure
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_figure
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio.measured.files import fitted_rows

@@ -1,22 +1,19 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's maps: trajectories over the occupancy grid, and the recovered geographic map."""
+"""The report's maps: the occupancy grid, the recovered geographic map and differences."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 
 import numpy as np
 import plotly.graph_objects as go
 from numpy.typing import NDArray
 
-from slarm_graph.eval.page import COLORS, Figure, plain, png_uri, single
+from slarm_graph.eval.page import Figure, plain, png_uri, single
 from slarm_graph.geographic import CellState, GeographicMap
-from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid
 
 _MAX_MAP_PIXELS = 1_500_000
@@ -24,8 +21,6 @@ _MAX_MAP_PIXELS = 1_500_000
 stay."""
 _SHARP_PIXELS = 1_000
 """Browsers blur what they enlarge: pictures of few cells are made this wide or high."""
-_MAX_PATH_POINTS = 4_000
-"""Points of a path: several per pixel of the page's width of 1000 pixels."""
 _FREE, _UNKNOWN, _OCCUPIED = 255, 226, 40
 """Shades of grey: white, a light and a dark one, far enough apart to be told from each other in
 print."""
@@ -39,22 +34,11 @@ _STATES: Mapping[int, tuple[str, str]] = {
 }
 _SOLID = "#b8541a"
 
-RAW_ODOMETRY, GROUND_TRUTH = "raw odometry", "ground truth"
-_STYLES = {
-    RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
-    GROUND_TRUTH: {"color": "#7fd0a0", "width": 5},
-}
-
 
 MAP_WORDS = "White is free, black occupied, grey unknown."
 HEIGHT_WORDS = "Heights that are not written show under the pointer."
 _PAGE_PX, _TALL_PX = 1000.0, 760.0
 """About the width of a page, and the height that the template gives a map at most."""
-_ELLIPSES = 30
-"""More would cover the path."""
-CHI_95 = math.sqrt(5.991)
-"""95 % of a normal distribution in the plane lie within so many standard deviations."""
-_CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 25)) for f in (np.cos, np.sin)])
 _LETTER_PX, _LINE_PX = 8.0, 18.0
 """Width of a letter and height of a line at the page's font of 13 px [px]."""
 _MOST_TOLD = 500
@@ -89,140 +73,6 @@ def _sharp_uri(cells: NDArray[np.uint8]) -> str:
     times = math.ceil(_SHARP_PIXELS / max(cells.shape[:2]))
     large = cells[::-1].repeat(times, axis=0).repeat(times, axis=1)
     return png_uri(np.ascontiguousarray(large))
-
-
-@dataclass(frozen=True, slots=True)
-class Marks:
-    """What is shown on the map besides paths.
-
-    Parameters
-    ----------
-    closures : (C, 2, 2) float64
-        Both ends of every accepted loop closure [m].
-    rejected : sequence of (x, y, words)
-        Loop closures that were not, where the robot was [m].
-    conflicts : sequence of (x, y, words)
-        Where the map contradicts itself [m].
-    covariances : (N, 3, 3) float64, optional
-        Of the first trajectory's poses, in the robot's frame.
-    """
-
-    closures: Floats = field(default_factory=lambda: np.zeros((0, 2, 2)))
-    rejected: Sequence[tuple[float, float, str]] = ()
-    conflicts: Sequence[tuple[float, float, str]] = ()
-    covariances: Floats | None = None
-
-
-def trajectory_figure(
-    grid: OccupancyGrid, trajectories: Mapping[str, Trajectory], marks: Marks | None = None
-) -> Figure:
-    """Return trajectories by name over the map, the first on top, each to be switched.
-
-    Raw odometry is there to be switched on in the legend.
-    """
-    picture, geometry = map_picture(grid)
-    fig = go.Figure()
-    put_map_below(fig, picture, geometry)
-    put_trajectories(fig, trajectories)
-    marks = marks or Marks()
-    first = next(iter(trajectories.values()))
-    _put_ellipses(fig, first, marks.covariances)
-    _put_closures(fig, marks)
-    _put_points(fig, marks.conflicts, "contradictions", "#d55e00", "diamond-open")
-    _put_ends(fig, first)
-    metric_axes(fig, geometry)
-    words = f"Map with the trajectories {', '.join(trajectories)}"
-    return Figure(fig, words, aspect=aspect(geometry))
-
-
-def put_trajectories(fig: go.Figure, trajectories: Mapping[str, Trajectory]) -> None:
-    """Draw paths by name, the first last and so on top."""
-    ours = [name for name in trajectories if name not in _STYLES]
-    for name, trajectory in reversed(list(trajectories.items())):
-        style = _STYLES.get(name) or {"color": COLORS[ours.index(name) % len(COLORS)], "width": 2}
-        step = max(1, math.ceil(len(trajectory) / _MAX_PATH_POINTS))
-        x, y = trajectory.poses[::step, 0], trajectory.poses[::step, 1]
-        seconds = (trajectory.stamps_ns[::step] - trajectory.stamps_ns[0]) * 1e-9
-        fig.add_scatter(
-            x=single(x),
-            y=single(y),
-            mode="lines",
-            name=plain(name),
-            line=style,
-            customdata=single(seconds),
-            hovertemplate="x %{x:.2f} m, y %{y:.2f} m<br>%{customdata:.1f} s"
-            f"<extra>{plain(name)}</extra>",
-            visible="legendonly" if name == RAW_ODOMETRY else True,
-            legendrank=100 + list(trajectories).index(name),
-        )
-
-
-def _put_closures(fig: go.Figure, marks: Marks) -> None:
-    if len(marks.closures):
-        gaps = np.full((len(marks.closures), 1, 2), np.nan)
-        line = np.concatenate([marks.closures, gaps], axis=1).reshape(-1, 2)
-        fig.add_scatter(
-            x=single(line[:, 0]),
-            y=single(line[:, 1]),
-            mode="lines",
-            name=f"loop closures ({len(marks.closures)})",
-            line={"color": "#009e73", "width": 1},
-            hoverinfo="skip",
-            visible="legendonly",
-            legendrank=200,
-        )
-    _put_points(fig, marks.rejected, "rejected closures", "#777777", "x", visible="legendonly")
-
-
-def _put_points(
-    fig: go.Figure,
-    points: Sequence[tuple[float, float, str]],
-    name: str,
-    color: str,
-    symbol: str,
-    visible: str | bool = True,
-) -> None:
-    if not points:
-        return
-    points = points[:: max(1, len(points) // _MAX_PATH_POINTS)]
-    fig.add_scatter(
-        x=[p[0] for p in points],
-        y=[p[1] for p in points],
-        text=[plain(p[2]) for p in points],
-        mode="markers",
-        name=f"{name} ({len(points)})",
-        marker={"color": color, "symbol": symbol, "size": 7},
-        hovertemplate="x %{x:.2f} m, y %{y:.2f} m<br>%{text}<extra></extra>",
-        visible=visible,
-        legendrank=210,
-    )
-
-
-def _put_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | None) -> None:
-    """Draw where a pose lies with 95 % confidence, of some poses."""
-    if covariances is None or not np.isfinite(covariances).any():
-        return
-    chosen = np.linspace(0, len(trajectory) - 1, min(_ELLIPSES, len(trajectory))).astype(int)
-    rings = []
-    for index in chosen:
-        theta = float(trajectory.poses[index, 2])
-        turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
-        spread = turn @ covariances[index][:2, :2] @ turn.T
-        if np.isfinite(spread).all():
-            values, axes = np.linalg.eigh(spread)
-            ring = axes @ (np.sqrt(values.clip(0.0))[:, None] * _CIRCLE) * CHI_95
-            rings.append(np.vstack([ring.T + trajectory.poses[index, :2], [np.nan, np.nan]]))
-    line = np.concatenate(rings)
-    fig.add_scatter(
-        x=single(line[:, 0]),
-        y=single(line[:, 1]),
-        mode="lines",
-        name="95 % ellipses",
-        line={"color": "#cc79a7", "width": 1},
-        hoverinfo="skip",
-        visible="legendonly",
-        legendrank=220,
-    )
 
 
 def geographic_figure(geographic: GeographicMap) -> Figure:
@@ -319,20 +169,6 @@ def _put_outlines(fig: go.Figure, solids: Sequence[Solid]) -> None:
         hoverinfo="skip",
         showlegend=False,
     )
-
-
-def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
-    for name, pose, symbol in (
-        ("start", trajectory.poses[0], "circle"),
-        ("end", trajectory.poses[-1], "square"),
-    ):
-        marker = {
-            "symbol": symbol,
-            "size": 10,
-            "color": COLORS[0],
-            "line": {"width": 1.5, "color": "#ffffff"},
-        }
-        fig.add_scatter(x=pose[:1], y=pose[1:2], mode="markers", name=name, marker=marker)
 
 
 def put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None:

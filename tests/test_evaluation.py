@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Anyone's trajectories: evo in space, planes of motion, clocks, drift by loops, intervals."""
+"""Anyone's trajectories: evo in space, planes of motion, clocks, drift by loops."""
 
 from __future__ import annotations
 
 import json
 import math
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ import pytest
 from evo.core import metrics as evo_metrics
 from evo.core import sync
 from evo.core.trajectory import PoseTrajectory3D
-from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 from test_cli import run
 
@@ -24,14 +23,12 @@ from slarm_graph.eval.alignment import AlignmentMethod, align, fit
 from slarm_graph.eval.association import AssociationMethod, associate
 from slarm_graph.eval.evaluation import EvaluationOptions, evaluate
 from slarm_graph.eval.plane_of_motion import level, plane_of
-from slarm_graph.eval.resampling import mean_interval, nested_interval, rms_interval
 from slarm_graph.eval.trajectory_accuracy import (
     absolute_errors,
     absolute_rotations_rad,
     drift,
     relative_errors,
 )
-from slarm_graph.eval.trajectory_prints import save_prints
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.geometry import Floats
 from slarm_graph.spatial import SpatialTrajectory, in_space
@@ -287,56 +284,6 @@ def test_files_without_time_must_be_of_one_length() -> None:
     assert evaluate(timed, untimed, EvaluationOptions()).metrics[0].value < 1e-12
 
 
-def test_intervals_cover_the_truth_as_often_as_they_say() -> None:
-    rng = np.random.default_rng(0)
-    inside = 0
-    for seed in range(200):
-        low, high = mean_interval(rng.normal(2.0, 1.0, 60), seed=seed)
-        inside += low <= 2.0 <= high
-    assert 0.89 < inside / 200 < 0.99
-
-
-def test_intervals_of_sources_and_seeds_are_those_of_every_possible_drawing() -> None:
-    groups = [np.array([1.0, 2.0]), np.array([5.0]), np.array([7.0, 8.0, 12.0])]
-    means: list[float] = []
-    weights: list[float] = []
-    for chosen in product(groups, repeat=3):  # 27 equally likely, each with all its inner drawings
-        inner = [list(product(group, repeat=len(group))) for group in chosen]
-        count = np.prod([len(drawings) for drawings in inner])
-        for drawn in product(*inner):
-            means.append(np.mean(np.concatenate(drawn)))
-            weights.append(1.0 / 27.0 / count)
-    order = np.argsort(means)
-    share = np.cumsum(np.array(weights)[order])
-    ends = [np.array(means)[order][np.searchsorted(share, q)] for q in (0.025, 0.975)]
-    np.testing.assert_allclose(nested_interval(groups), ends, atol=0.35)
-    flat = np.random.default_rng(0).normal(size=40)
-    alone = [np.array([v]) for v in flat]
-    np.testing.assert_allclose(nested_interval(alone), mean_interval(flat), atol=0.05)
-    np.testing.assert_allclose(nested_interval([flat]), mean_interval(flat), atol=0.05)
-
-
-def test_seeds_of_few_sources_do_not_feign_certainty() -> None:
-    rng = np.random.default_rng(5)
-    nested = pooled = 0
-    for trial in range(200):
-        groups = [rng.normal(rng.normal(), 0.1, 5) for _ in range(12)]
-        low, high = nested_interval(groups, seed=trial)
-        nested += low < 0.0 < high
-        low, high = mean_interval(np.concatenate(groups), seed=trial)
-        pooled += low < 0.0 < high
-    assert nested > 0.82 * 200
-    assert pooled < 0.65 * 200, "what would be wrong with drawing single runs"
-
-
-def test_intervals_of_slow_errors_are_wider_than_those_of_white_ones() -> None:
-    rng = np.random.default_rng(1)
-    white = rng.normal(0, 1, 4000)
-    slow = np.convolve(white, np.ones(50), mode="same") / math.sqrt(50)
-    widths = [high - low for low, high in (rms_interval(white), rms_interval(slow))]
-    assert widths[1] > 2 * widths[0]
-
-
 def test_several_estimates_in_one_table_and_figures(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -356,32 +303,6 @@ def test_several_estimates_in_one_table_and_figures(
     low, high = found["b.tum"]["ate_rmse_m"]["interval_95"]
     assert low < found["b.tum"]["ate_rmse_m"]["value"] < high
     assert found["a_$x.tum"]["ate_rmse_m"]["value"] < low
-
-
-def test_printed_paths_lie_on_a_map_that_holds_them_whole(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A metre is as long up as across, and a tenth of the way is no margin."""
-    drawn: dict[str, Figure] = {}
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: drawn.update({path.stem: self}))
-    path = room_drive(60)
-    found = evaluate(in_space(path), in_space(noisy(path)), EvaluationOptions())
-    save_prints(tmp_path, {"one": found, "other": found})
-    maps = [*drawn["paths"].axes, *drawn["error_on_path"].axes[:2]]
-    low, high = path.poses[:, :2].min(axis=0), path.poses[:, :2].max(axis=0)
-    for axes in maps:
-        assert axes.get_aspect() == 1.0
-        limits = np.array([axes.get_xlim(), axes.get_ylim()])
-        assert (limits[:, 0] < low).all()
-        assert (limits[:, 1] > high).all()
-        assert (np.diff(limits)[:, 0] < 1.3 * (high - low).max() + 0.5).all()
-
-
-def test_prints_need_no_drift(tmp_path: Path) -> None:
-    still = replace(room_drive(20), poses=np.zeros((20, 3)))
-    save_prints(
-        tmp_path, {"still": evaluate(in_space(still), in_space(still), EvaluationOptions())}
-    )
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import Figure, page
 from slarm_graph.eval.report import ReportContent, report_html
-from slarm_graph.eval.report_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.readings import ScanStatus

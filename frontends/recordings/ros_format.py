@@ -91,7 +91,7 @@ def copy_messages(
     from rosbags.convert.converter import ConverterError
     from rosbags.convert.converter import convert as convert_bags
 
-    from slarm_graph.frontends.signals.rss_topic import typestore_of
+    from slarm_graph.frontends.recordings.ros_types import typestore_of
 
     folder = Path(tempfile.mkdtemp(dir=destination.parent, prefix=".converting-"))
     single = destination.suffix in (".mcap", ".db3")

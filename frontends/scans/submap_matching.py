@@ -37,13 +37,8 @@ either axis, from where refinement on the fine grid alone ends beside the place.
 _MOST_GRIDS = 24
 """Regions kept prepared: the neighbours of a place are asked for one after the other. Half of these
 are prepared again in a tenth more cases, double in a quarter fewer."""
-_BESIDE = _NEIGHBOURS + 1
-"""Submaps from one to the middle of the nearest region that it is no part of."""
-_BELIEVABLE, _ASKED, _LEAST_ASKED = 0.53, 50, 8
-"""Share of the agreement that three submaps in four reach with those beside them, from which one
-is believed, submaps asked for that, and the fewest that have a fourth. So `min_score` stays what it
-is where they agree as in clean recordings (0.93 to 0.99); among ten passers-by they agree by 0.76,
-in a scan a metre by 0.67, where 0.5 turns down half of the true finds."""
+_CLEAN, _ASKED, _LEAST_ASKED = 0.9, 50, 8
+"""CALIBRATE"""
 
 
 class SubmapMatcher:
@@ -128,22 +123,23 @@ class SubmapMatcher:
     @cached_property
     def _believable(self) -> LoopClosureConfig:
         """What a match must reach in this recording: at least what a tracked scan must."""
-        asked = range(_BESIDE, len(self._submaps), max(1, len(self._submaps) // _ASKED))
+        asked = range(0, len(self._submaps), max(1, len(self._submaps) // _ASKED))
         if len(asked) < _LEAST_ASKED:
             return self._loops
         usual = float(np.percentile([self._beside(submap) for submap in asked], 25.0))
-        bar = max(self._matching.min_score, _BELIEVABLE * usual)
-        return self._loops.model_copy(update={"min_score": min(self._loops.min_score, bar)})
+        wanted = self._loops.min_score
+        bar = min(wanted, max(self._matching.min_score, wanted * usual / _CLEAN))
+        return self._loops.model_copy(update={"min_score": bar})
 
     def _beside(self, submap: int) -> float:
-        """Agreement of a submap with the region before it, of which it is no part."""
-        target = submap - _BESIDE
-        anchors = [
-            self._keyframes[self._submaps[s].anchor].local_from_robot.as_array()
-            for s in (target, submap)
-        ]
-        grid = self._grids.of(self.region(target), self._keyframes)
-        return self._agreement(grid, self._submaps[submap], between(*anchors))
+        """Agreement of a submap with the scans around it that are no part of it."""
+        own, region = self._submaps[submap], self.region(submap)
+        others = [*range(region.first, own.first), *range(own.last, region.last)]
+        anchor = self._keyframes[own.anchor].local_from_robot.as_array()
+        poses = [self._keyframes[k].local_from_robot.as_array() for k in others]
+        points = [self._keyframes[k].points_m for k in others]
+        grid = likelihood_of(points, between(anchor, np.array(poses)), self._matching)
+        return self._agreement(grid, own, np.zeros(3))
 
     def _agreement(self, grid: LikelihoodGrid, submap: Submap, pose: Floats) -> float:
         """Median mean likelihood of a submap's keyframes at a pose (3,) of its frame."""

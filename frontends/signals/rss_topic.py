@@ -10,10 +10,9 @@ from pathlib import Path
 
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_typestore
-from rosbags.typesys.store import Typestore
 
 from slarm_graph.errors import BadInput, brief
+from slarm_graph.frontends.recordings.ros_types import typestore_of
 from slarm_graph.radio.measured.log import RssLog
 
 
@@ -65,11 +64,6 @@ def read_rss_topic(
     rss[~np.isfinite(rss)] = np.nan
     described = f"{topic}, {len(values)} readings"
     return RssLog.of_rows(np.array(stamps, dtype=np.int64), owners, rss, described)
-
-
-def typestore_of(distro: str | None) -> Typestore:
-    """Return the standard message types of a ROS 2 release, or of the latest."""
-    return get_typestore(Stores.LATEST if distro is None else Stores(f"ros2_{distro}"))
 
 
 def _message(reader: AnyReader, raw: bytes, msgtype: str) -> object:

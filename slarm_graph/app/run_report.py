@@ -19,7 +19,7 @@ from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
-from slarm_graph.eval.report_figures import CHI_95, GROUND_TRUTH, RAW_ODOMETRY, Marks
+from slarm_graph.eval.trajectory_figures import CHI_95, GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import config_differences
 from slarm_graph.geometry import Floats, Pose2
