@@ -172,31 +172,3 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
     three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
     assert consistent_sets(three, graph) == three[:3]
     assert consistent_sets([three[0], three[2]], graph) == []
-
-
-def test_what_is_believed_follows_from_how_submaps_agree_with_those_beside_them(
-    twice: list[Keyframe],
-) -> None:
-    """Where half of all returns are strewn about, a find need agree by less."""
-    rng = np.random.default_rng(0)
-    half = twice[: len(twice) // 2]
-    strewn = [
-        replace(
-            k,
-            points_m=np.where(
-                rng.random((len(k.points_m), 1)) < 0.45,
-                rng.uniform(-4.0, 4.0, k.points_m.shape),
-                k.points_m,
-            ),
-        )
-        for k in half
-    ]
-    for keyframes, expected in ((half, 0.5), (strewn, 0.35)):
-        submaps = [make_submap(keyframes, k, k + 4, k) for k in range(0, len(keyframes) - 4, 4)]
-        loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
-        matcher = SubmapMatcher(loops, matching, keyframes, submaps)
-        beside = [matcher._beside(s) for s in range(3, len(submaps), max(1, len(submaps) // 50))]
-        bar = matcher._believable.min_score
-        assert bar == pytest.approx(min(0.5, max(0.35, 0.53 * np.percentile(beside, 25))))
-        assert len(beside) >= 8
-        assert bar == pytest.approx(expected, abs=0.08)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 
@@ -37,15 +37,10 @@ either axis, from where refinement on the fine grid alone ends beside the place.
 _MOST_GRIDS = 24
 """Regions kept prepared: the neighbours of a place are asked for one after the other. Half of these
 are prepared again in a tenth more cases, double in a quarter fewer."""
-_CLEAN, _ASKED, _LEAST_ASKED = 0.9, 50, 8
-"""CALIBRATE"""
 
 
 class SubmapMatcher:
     """Aligns submaps with the regions around others.
-
-    An aligned submap must agree by a share of what submaps of this recording usually do with those
-    beside them: crowds, far walls and few beams lower both alike.
 
     Parameters
     ----------
@@ -117,29 +112,8 @@ class SubmapMatcher:
             [share_from_behind(sides, m.points_m, p) for p, m in zip(poses, members, strict=True)]
         )
         score = self._agreement(grid, submap, pose)
-        reason = doubt(score, information, float(behind), self._believable)
+        reason = doubt(score, information, float(behind), self._loops)
         return Closure(target, submap.anchor, pose, information, score, True, reason)
-
-    @cached_property
-    def _believable(self) -> LoopClosureConfig:
-        """What a match must reach in this recording: at least what a tracked scan must."""
-        asked = range(0, len(self._submaps), max(1, len(self._submaps) // _ASKED))
-        if len(asked) < _LEAST_ASKED:
-            return self._loops
-        usual = float(np.percentile([self._beside(submap) for submap in asked], 25.0))
-        wanted = self._loops.min_score
-        bar = min(wanted, max(self._matching.min_score, wanted * usual / _CLEAN))
-        return self._loops.model_copy(update={"min_score": bar})
-
-    def _beside(self, submap: int) -> float:
-        """Agreement of a submap with the scans around it that are no part of it."""
-        own, region = self._submaps[submap], self.region(submap)
-        others = [*range(region.first, own.first), *range(own.last, region.last)]
-        anchor = self._keyframes[own.anchor].local_from_robot.as_array()
-        poses = [self._keyframes[k].local_from_robot.as_array() for k in others]
-        points = [self._keyframes[k].points_m for k in others]
-        grid = likelihood_of(points, between(anchor, np.array(poses)), self._matching)
-        return self._agreement(grid, own, np.zeros(3))
 
     def _agreement(self, grid: LikelihoodGrid, submap: Submap, pose: Floats) -> float:
         """Median mean likelihood of a submap's keyframes at a pose (3,) of its frame."""
