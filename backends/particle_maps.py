@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -47,6 +47,15 @@ _MUCH_MB = 1000.0
 Tables = NDArray[np.int32]
 Cells = NDArray[np.float32]
 Indices = NDArray[np.int64]
+
+
+class Tiles(NamedTuple):
+    """The maps of P particles as compiled code takes them: fields of `ParticleMaps`, in m."""
+
+    tables: Tables
+    corner: Indices
+    cells: Cells
+    resolution: float
 
 
 @dataclass
@@ -88,6 +97,11 @@ class ParticleMaps:
             np.zeros(first, dtype=np.int32),
             max_tiles,
         )
+
+    @property
+    def tiles(self) -> Tiles:
+        """The maps for compiled code."""
+        return Tiles(self.tables, self.corner, self.cells, self.resolution_m)
 
     @property
     def particles(self) -> int:
@@ -137,9 +151,8 @@ class ParticleMaps:
             return
         reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + self.resolution_m
         self.cover(poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach)
-        wanted = _mark_touched(self.tables, self.corner, self.resolution_m, points, poses)
-        self._own(wanted)
-        _add_points(self.tables, self.corner, self.cells, self.resolution_m, points, poses)
+        self._own(_mark_touched(self.tiles, points, poses))
+        _add_points(self.tiles, points, poses)
 
     def _own(self, wanted: Indices) -> None:
         """Give every particle tiles of its own where it is about to write."""
@@ -200,6 +213,12 @@ def memory_notice(particles: int, config: ParticleMapsConfig) -> tuple[str, ...]
     )
 
 
+@njit(cache=True, nogil=True, inline="always")
+def within_tile(row: int, col: int) -> int:
+    """Where in its tile a cell of the plane lies."""
+    return ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
+
+
 @njit(cache=True, nogil=True)
 def _count_references(tables: Tables, references: NDArray[np.int32]) -> None:
     """Count anew how many tables use every tile."""
@@ -210,15 +229,14 @@ def _count_references(tables: Tables, references: NDArray[np.int32]) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _mark_touched(
-    tables: Tables, corner: Indices, resolution: float, points: Floats, poses: Floats
-) -> Indices:
+def _mark_touched(tiles: Tiles, points: Floats, poses: Floats) -> Indices:
     """List (particle, row, column) of every table entry that end points fall into, each once."""
-    particles, rows, cols = tables.shape
+    particles, rows, cols = tiles.tables.shape
+    corner = tiles.corner
     seen = np.full((rows, cols), -1, dtype=np.int32)
     touched = np.empty((particles * len(points), 3), dtype=np.int64)
     count = 0
-    tile_m = resolution * TILE_CELLS
+    tile_m = tiles.resolution * TILE_CELLS
     for p in range(particles):
         c, s = math.cos(poses[p, 2]), math.sin(poses[p, 2])
         for k in range(len(points)):
@@ -273,15 +291,9 @@ def detach(
 
 
 @njit(cache=True, nogil=True)
-def _add_points(
-    tables: Tables,
-    corner: Indices,
-    cells: Cells,
-    resolution: float,
-    points: Floats,
-    poses: Floats,
-) -> None:
+def _add_points(tiles: Tiles, points: Floats, poses: Floats) -> None:
     """Add end points and normals to the cells they fall into, eq. (4): p(m | x, o)."""
+    tables, corner, cells, resolution = tiles
     for p in range(len(poses)):
         c, s = math.cos(poses[p, 2]), math.sin(poses[p, 2])
         for k in range(len(points)):
@@ -289,7 +301,7 @@ def _add_points(
             y = (poses[p, 1] + s * points[k, 0] + c * points[k, 1]) / resolution
             col, row = math.floor(x), math.floor(y)
             tile = tables[p, (row >> TILE_BITS) - corner[0], (col >> TILE_BITS) - corner[1]]
-            cell = cells[tile, ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))]
+            cell = cells[tile, within_tile(row, col)]
             cell[0] += 1.0
             cell[1] += x - col - 0.5
             cell[2] += y - row - 0.5

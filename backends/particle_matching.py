@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from slarm_graph.backends.particle_maps import TILE_BITS, TILE_CELLS, Cells, Indices, Tables
+from slarm_graph.backends.particle_maps import TILE_BITS, Tables, Tiles, within_tile
 from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
 
@@ -19,6 +19,9 @@ _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _ALIGNED = 0.5
 """A cell has a normal when the mean of its points' normals is at least this long."""
+_FUSED = {"reassoc", "contract"}
+"""How freely sums may be rounded. What is called takes this over from its caller where it is first
+compiled for it, so it is said of both: bytes must not depend on which ran first."""
 
 
 @njit(cache=True, nogil=True)
@@ -62,66 +65,73 @@ def point_normals(points: Floats, origin: Floats) -> Floats:
 
 @njit(cache=True, nogil=True)
 def associate(
-    table: Tables,
-    corner: Indices,
-    cells: Cells,
-    resolution: float,
-    kernel: int,
-    points: Floats,
-    pose: Floats,
-    lines: Floats,
+    tiles: Tiles, particle: int, kernel: int, points: Floats, pose: Floats, lines: Floats
 ) -> int:
     """Find for every point at a pose the nearest mean end point facing the same way.
 
     Fills `lines` (K, 5) with mean end point x, y [m], normal x, y (0, 0 where it has none) and 1
     where something was found; returns how many were.
     """
-    rows, cols = table.shape
+    table = tiles.tables[particle]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     found = 0
     for k in range(len(points)):
-        x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / resolution
-        y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / resolution
+        x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / tiles.resolution
+        y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / tiles.resolution
         nx = c * points[k, 2] - s * points[k, 3]
         ny = s * points[k, 2] + c * points[k, 3]
-        directed = nx != 0.0 or ny != 0.0
-        col0, row0 = math.floor(x), math.floor(y)
-        best = (kernel + 0.5) ** 2
-        lines[k, 4] = 0.0
-        for row in range(row0 - kernel, row0 + kernel + 1):
-            tile_row = (row >> TILE_BITS) - corner[0]
-            if tile_row < 0 or tile_row >= rows:
-                continue
-            for col in range(col0 - kernel, col0 + kernel + 1):
-                tile_col = (col >> TILE_BITS) - corner[1]
-                if tile_col < 0 or tile_col >= cols:
-                    continue
-                tile = table[tile_row, tile_col]
-                if tile < 0:
-                    continue
-                at = ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
-                n = cells[tile, at, 0]
-                if n == 0.0:
-                    continue
-                mx, my = col + 0.5 + cells[tile, at, 1] / n, row + 0.5 + cells[tile, at, 2] / n
-                distance = (x - mx) ** 2 + (y - my) ** 2
-                if distance >= best:
-                    continue
-                cx, cy = cells[tile, at, 3], cells[tile, at, 4]
-                size = math.sqrt(cx * cx + cy * cy)
-                smooth = size > _ALIGNED * n
-                if directed and smooth and nx * cx + ny * cy < _SAME_SIDE * size:
-                    continue
-                best = distance
-                lines[k, 0], lines[k, 1] = mx * resolution, my * resolution
-                if smooth:
-                    lines[k, 2], lines[k, 3] = cx / size, cy / size
-                else:
-                    lines[k, 2], lines[k, 3] = 0.0, 0.0
-                lines[k, 4] = 1.0
-        if lines[k, 4] > 0.0:
-            found += 1
+        found += _nearest(tiles, table, kernel, x, y, nx, ny, lines[k])
     return found
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    tiles: Tiles,
+    table: Tables,
+    kernel: int,
+    x: float,
+    y: float,
+    nx: float,
+    ny: float,
+    line: Floats,
+) -> bool:
+    """Fill a `line` (5,) with the mean end point nearest to (x, y) in cells, facing (nx, ny)."""
+    _, corner, cells, resolution = tiles
+    rows, cols = table.shape
+    directed = nx != 0.0 or ny != 0.0
+    col0, row0 = math.floor(x), math.floor(y)
+    best = (kernel + 0.5) ** 2
+    line[4] = 0.0
+    for row in range(row0 - kernel, row0 + kernel + 1):
+        tile_row = (row >> TILE_BITS) - corner[0]
+        if tile_row < 0 or tile_row >= rows:
+            continue
+        for col in range(col0 - kernel, col0 + kernel + 1):
+            tile_col = (col >> TILE_BITS) - corner[1]
+            if tile_col < 0 or tile_col >= cols:
+                continue
+            tile = table[tile_row, tile_col]
+            if tile < 0:
+                continue
+            cell = cells[tile, within_tile(row, col)]
+            n = cell[0]
+            if n == 0.0:
+                continue
+            mx, my = col + 0.5 + cell[1] / n, row + 0.5 + cell[2] / n
+            distance = (x - mx) ** 2 + (y - my) ** 2
+            if distance >= best:
+                continue
+            size = math.sqrt(cell[3] * cell[3] + cell[4] * cell[4])
+            smooth = size > _ALIGNED * n
+            if directed and smooth and nx * cell[3] + ny * cell[4] < _SAME_SIDE * size:
+                continue
+            best = distance
+            line[0], line[1] = mx * resolution, my * resolution
+            line[2], line[3] = 0.0, 0.0
+            if smooth:
+                line[2], line[3] = cell[3] / size, cell[4] / size
+            line[4] = 1.0
+    return bool(line[4] > 0.0)
 
 
 @njit(cache=True, nogil=True)
@@ -131,7 +141,7 @@ def log_of_miss(kernel: int, resolution: float, sigma: float) -> float:
     return -math.log(1.0 + (reach / sigma) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, fastmath=_FUSED)
 def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, miss: float) -> float:
     """Return log p(o | m, x) up to a constant: Cauchy tails, `miss` for points without a line."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -154,7 +164,7 @@ def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, mi
     return total - math.log(product)
 
 
-@njit(cache=True, nogil=True, fastmath={"reassoc", "contract"})
+@njit(cache=True, nogil=True, fastmath=_FUSED)
 def log_likelihoods(
     points: Floats, lines: Floats, poses: Floats, sigma: float, miss: float, out: Floats
 ) -> None:

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from slarm_graph.backends.particle_maps import Cells, Indices, ParticleMaps, Tables
+from slarm_graph.backends.particle_maps import ParticleMaps, Tiles
 from slarm_graph.backends.particle_matching import (
     associate,
     curvature,
@@ -19,6 +20,7 @@ from slarm_graph.backends.particle_matching import (
     log_of_miss,
 )
 from slarm_graph.config import GmappingConfig
+from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.geometry import Floats
 
 _ENOUGH_M, _ENOUGH_RAD = 1e-3, 5e-4
@@ -72,6 +74,25 @@ class Measurement:
     turned_rad: float = 0.0
 
 
+class MatchRule(NamedTuple):
+    """How points are matched and what a match is worth.
+
+    Parameters
+    ----------
+    kernel : int
+        Cells around its own in which a point is looked for.
+    sigma, gain : float
+        Spread of a point's distance [m], and what a point's log likelihood counts.
+    iterations : int
+        Looks for walls on the climb to the peak, at most.
+    """
+
+    kernel: int
+    sigma: float
+    gain: float
+    iterations: int
+
+
 def propose(
     maps: ParticleMaps,
     measurement: Measurement,
@@ -92,91 +113,61 @@ def propose(
     normals : (P, 6) float64
         Standard normal draws: three for the pose and three for where a lost particle starts.
     """
-    new_poses, log_weights = np.empty((len(poses), 3)), np.empty(len(poses))
-    likelihood, proposal = config.likelihood, config.proposal
-    _propose(
-        maps.tables,
-        maps.corner,
-        maps.cells,
-        maps.resolution_m,
+    new_poses, log_weights = _propose(
+        maps.tiles,
+        _rule(config),
         measurement.points,
-        poses,
         measurement.motion,
         measurement.motion_covariance,
         measurement.is_lost,
+        body_centred_lattice(config.proposal.lattice_radius),
+        poses,
         normals,
-        body_centred_lattice(proposal.lattice_radius),
-        likelihood.sigma_m,
-        likelihood.beam_information,
-        proposal.kernel_size,
-        proposal.iterations,
-        new_poses,
-        log_weights,
     )
     return new_poses, log_weights
 
 
 def weigh(maps: ParticleMaps, points: Floats, config: GmappingConfig, poses: Floats) -> Floats:
     """Log likelihood (P,) of a scan at poses drawn from the motion model, eq. (6)."""
-    likelihood = config.likelihood
-    log_weights = np.empty(len(poses))
-    _weigh(
-        maps.tables,
-        maps.corner,
-        maps.cells,
-        maps.resolution_m,
-        points,
-        poses,
+    return np.asarray(_weigh(maps.tiles, _rule(config), points, poses))
+
+
+def _rule(config: GmappingConfig) -> MatchRule:
+    likelihood, proposal = config.likelihood, config.proposal
+    return MatchRule(
+        proposal.kernel_size,
         likelihood.sigma_m,
         likelihood.beam_information,
-        config.proposal.kernel_size,
-        log_weights,
+        proposal.iterations,
     )
+
+
+@njit(cache=True, nogil=True)
+def _weigh(tiles: Tiles, rule: MatchRule, points: Floats, poses: Floats) -> Floats:
+    log_weights = np.empty(len(poses))
+    lines = np.zeros((len(points), 5))
+    miss = log_of_miss(rule.kernel, tiles.resolution, rule.sigma)
+    for p in range(len(poses)):
+        associate(tiles, p, rule.kernel, points, poses[p], lines)
+        log_weights[p] = rule.gain * log_likelihood(points, lines, poses[p], rule.sigma, miss)
     return log_weights
 
 
 @njit(cache=True, nogil=True)
-def _weigh(
-    tables: Tables,
-    corner: Indices,
-    cells: Cells,
-    resolution: float,
-    points: Floats,
-    poses: Floats,
-    sigma: float,
-    gain: float,
-    kernel: int,
-    log_weights: Floats,
-) -> None:
-    lines = np.zeros((len(points), 5))
-    miss = log_of_miss(kernel, resolution, sigma)
-    for p in range(len(poses)):
-        associate(tables[p], corner, cells, resolution, kernel, points, poses[p], lines)
-        log_weights[p] = gain * log_likelihood(points, lines, poses[p], sigma, miss)
-
-
-@njit(cache=True, nogil=True)
 def _propose(
-    tables: Tables,
-    corner: Indices,
-    cells: Cells,
-    resolution: float,
+    tiles: Tiles,
+    rule: MatchRule,
     points: Floats,
-    poses: Floats,
     motion: Floats,
     motion_covariance: Floats,
     is_lost: bool,
-    normals: Floats,
     lattice: Floats,
-    sigma: float,
-    gain: float,
-    kernel: int,
-    iterations: int,
-    new_poses: Floats,
-    log_weights: Floats,
-) -> None:
+    poses: Floats,
+    normals: Floats,
+) -> tuple[Floats, Floats]:
+    new_poses, log_weights = np.empty((len(poses), 3)), np.empty(len(poses))
     lines = np.zeros((len(points), 5))
-    miss = log_of_miss(kernel, resolution, sigma)
+    miss = log_of_miss(rule.kernel, tiles.resolution, rule.sigma)
     log_density, mean, covariance = np.empty(len(lattice)), np.empty(3), np.empty((3, 3))
     information = np.linalg.inv(motion_covariance).astype(np.float64)
     scatter = np.linalg.cholesky(motion_covariance)
@@ -186,17 +177,14 @@ def _propose(
         predicted = moved(poses[p], motion)
         prior = in_map_axes(information, predicted[2])
         start = moved(predicted, scatter @ normals[p, 3:])
-        peak, hessian = find_peak(
-            tables[p], corner, cells, resolution, kernel, points, start, predicted, prior,
-            sigma, gain, iterations, lines,
-        )  # fmt: skip
+        peak, hessian = find_peak(tiles, p, rule, points, start, predicted, prior, lines)
         root = np.linalg.cholesky(np.linalg.inv(hessian))
         offsets = lattice @ root.T
-        log_likelihoods(points, lines, peak + offsets, sigma, miss, log_density)
+        log_likelihoods(points, lines, peak + offsets, rule.sigma, miss, log_density)
         for j in range(len(lattice)):
             # log of p(o | m, x_j) p(x_j | x_t-1, l_t-1), eq. (7)
             e = peak + offsets[j] - predicted
-            log_density[j] = gain * log_density[j] - 0.5 * quadratic(prior, e)
+            log_density[j] = rule.gain * log_density[j] - 0.5 * quadratic(prior, e)
         log_sum = gaussian_of(offsets, log_density, mean, covariance)
         new_poses[p] = peak + mean + np.linalg.cholesky(covariance) @ normals[p, :3]
         new_poses[p, 2] = math.atan2(math.sin(new_poses[p, 2]), math.cos(new_poses[p, 2]))
@@ -205,6 +193,7 @@ def _propose(
         volume = root[0, 0] * root[1, 1] * root[2, 2] * _LATTICE_CELL_VOLUME
         normalisation = 0.5 * math.log(np.linalg.det(information) / (2.0 * math.pi) ** 3)
         log_weights[p] = log_sum + math.log(volume) + normalisation
+    return new_poses, log_weights
 
 
 @njit(cache=True, nogil=True)
@@ -237,18 +226,13 @@ def gaussian_of(offsets: Floats, log_density: Floats, mean: Floats, covariance: 
 
 @njit(cache=True, nogil=True)
 def find_peak(
-    table: Tables,
-    corner: Indices,
-    cells: Cells,
-    resolution: float,
-    kernel: int,
+    tiles: Tiles,
+    particle: int,
+    rule: MatchRule,
     points: Floats,
     start: Floats,
     predicted: Floats,
     prior: Floats,
-    sigma: float,
-    gain: float,
-    iterations: int,
     lines: Floats,
 ) -> tuple[Floats, Floats]:
     """Climb to the peak of p(o | m, x) p(x | x_t-1, l_t-1); return it and the curvature there.
@@ -256,32 +240,21 @@ def find_peak(
     `lines` is left with what every point was matched to at the peak.
     """
     peak, hessian, gradient = start.copy(), np.empty((3, 3)), np.empty(3)
-    for _ in range(iterations):
-        associate(table, corner, cells, resolution, kernel, points, peak, lines)
+    for _ in range(rule.iterations):
+        associate(tiles, particle, rule.kernel, points, peak, lines)
         before = peak.copy()
         for _ in range(_STEPS_A_LOOK):
             hessian[:] = prior
             gradient[:] = prior @ (peak - predicted)
-            curvature(points, lines, peak, sigma, gain, hessian, gradient)
+            curvature(points, lines, peak, rule.sigma, rule.gain, hessian, gradient)
             peak -= np.linalg.solve(hessian, gradient)
         step = peak - before
         if abs(step[0]) + abs(step[1]) < _ENOUGH_M and abs(step[2]) < _ENOUGH_RAD:
             break
-    associate(table, corner, cells, resolution, kernel, points, peak, lines)
+    associate(tiles, particle, rule.kernel, points, peak, lines)
     hessian[:] = prior
-    curvature(points, lines, peak, sigma, gain, hessian, gradient)
+    curvature(points, lines, peak, rule.sigma, rule.gain, hessian, gradient)
     return peak, hessian
-
-
-@njit(cache=True, nogil=True)
-def moved(pose: Floats, motion: Floats) -> Floats:
-    """Compose a pose (3,) with a motion (3,); the heading is not wrapped."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    out = np.empty(3)
-    out[0] = pose[0] + c * motion[0] - s * motion[1]
-    out[1] = pose[1] + s * motion[0] + c * motion[1]
-    out[2] = pose[2] + motion[2]
-    return out
 
 
 @njit(cache=True, nogil=True)

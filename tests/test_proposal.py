@@ -19,6 +19,7 @@ from slarm_graph.backends.particle_matching import (
     point_normals,
 )
 from slarm_graph.backends.proposal import (
+    MatchRule,
     Measurement,
     body_centred_lattice,
     find_peak,
@@ -56,7 +57,7 @@ def room_maps(particles: int = 1) -> ParticleMaps:
 
 def lines_at(maps: ParticleMaps, points: Floats, pose: Floats) -> Floats:
     lines = np.zeros((len(points), 5))
-    associate(maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, pose, lines)
+    associate(maps.tiles, 0, 1, points, pose, lines)
     return lines
 
 
@@ -112,10 +113,8 @@ def test_many_poses_are_as_likely_as_one_by_one(count: int) -> None:
 def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:
     truth = np.array([0.31, 0.06, 0.11])
     maps, points, lines = room_maps(), seen_from(truth), np.zeros((400, 5))
-    peak, _ = find_peak(
-        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, 1, points, MOTION, MOTION,
-        1e-3 * np.linalg.inv(COVARIANCE), 0.03, 0.2, 20, lines,
-    )  # fmt: skip
+    prior, rule = 1e-3 * np.linalg.inv(COVARIANCE), MatchRule(1, 0.03, 0.2, 20)
+    peak, _ = find_peak(maps.tiles, 0, rule, points, MOTION, MOTION, prior, lines)
     assert np.allclose(peak, truth, atol=2e-3)
 
 
@@ -227,10 +226,8 @@ def test_eq_7_to_10_are_those_of_the_product_summed_over_a_fine_lattice(
     c, s = np.cos(MOTION[2]), np.sin(MOTION[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     prior, lines = turn @ information @ turn.T, np.zeros((len(points), 5))
-    peak, hessian = find_peak(
-        maps.tables[0], maps.corner, maps.cells, RESOLUTION_M, config.proposal.kernel_size, points,
-        MOTION, MOTION, prior, 0.1, 0.02, 20, lines,
-    )  # fmt: skip
+    rule = MatchRule(config.proposal.kernel_size, 0.1, 0.02, 20)
+    peak, hessian = find_peak(maps.tiles, 0, rule, points, MOTION, MOTION, prior, lines)
     axis = np.linspace(-6.0, 6.0, 31)
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     root = np.linalg.cholesky(np.linalg.inv(hessian))

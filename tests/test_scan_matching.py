@@ -57,18 +57,9 @@ def brute_force_score(
     pyramid: SearchPyramid, grid: LikelihoodGrid, points: Floats, center: Pose2, reach: float
 ) -> float:
     near = points[np.hypot(points[:, 0], points[:, 1]) <= pyramid.max_radius_m]
-    cells, turns = window_of(pyramid, reach, reach)
     values = pyramid.cells[: grid.values.size].reshape(grid.values.shape)
-    origin = np.array([grid.origin_x_m, grid.origin_y_m])
-    *_, total = search_every_pose(
-        values,
-        (np.array([center.x, center.y]) - origin) / grid.resolution_m,
-        near / grid.resolution_m,
-        center.theta,
-        pyramid.step_rad,
-        cells,
-        turns,
-    )
+    window = window_of(pyramid, near, center, pyramid.step_rad, reach, reach)
+    *_, total = search_every_pose(values, window)
     return total / 255.0 / len(near)
 
 
@@ -82,9 +73,7 @@ def test_segments_join_near_neighbours_only() -> None:
 def test_grid_holds_the_gaussian_of_the_distance_to_the_wall() -> None:
     grid = build_likelihood_grid(np.array([[0.0, 0.0, 1.0, 0.0]]), resolution_m=0.02, sigma_m=0.04)
     for off in (-0.05, 0.0, 0.03, 0.08):
-        value, _, slope = interpolate(
-            grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, 0.5, off
-        )
+        value, _, slope = interpolate(grid.lattice, 0.5, off)
         expected = math.exp(-0.5 * (off / 0.04) ** 2)
         assert value == pytest.approx(expected, abs=0.01)
         assert slope == pytest.approx(-off / 0.04**2 * expected, abs=1.0)
@@ -95,11 +84,11 @@ def test_grid_holds_the_gaussian_of_the_distance_to_the_wall() -> None:
 @settings(max_examples=50, deadline=None)
 def test_interpolated_gradient_is_the_derivative_of_the_value(x: float, y: float) -> None:
     grid = room_grid()
-    here = (grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m)
-    _, along_x, along_y = interpolate(*here, x, y)
+    here = grid.lattice
+    _, along_x, along_y = interpolate(here, x, y)
     step = 1e-8  # the second derivative jumps at cell centres
-    by_x = (interpolate(*here, x + step, y)[0] - interpolate(*here, x - step, y)[0]) / (2 * step)
-    by_y = (interpolate(*here, x, y + step)[0] - interpolate(*here, x, y - step)[0]) / (2 * step)
+    by_x = (interpolate(here, x + step, y)[0] - interpolate(here, x - step, y)[0]) / (2 * step)
+    by_y = (interpolate(here, x, y + step)[0] - interpolate(here, x, y - step)[0]) / (2 * step)
     np.testing.assert_allclose([along_x, along_y], [by_x, by_y], atol=1e-5)
 
 
@@ -109,10 +98,7 @@ def test_adding_segments_equals_building_with_them() -> None:
     assert add_segments(grown, far)
     whole = build_likelihood_grid(np.vstack([near, far]), resolution_m=0.05, sigma_m=0.04)
     for x, y in ((0.5, 0.1), (0.55, 0.6), (0.0, 0.05)):
-        values = [
-            interpolate(g.values, g.origin_x_m, g.origin_y_m, g.resolution_m, x, y)[0]
-            for g in (grown, whole)
-        ]
+        values = [interpolate(g.lattice, x, y)[0] for g in (grown, whole)]
         assert values[0] == pytest.approx(values[1], abs=0.02)
     assert not add_segments(grown, np.array([[50.0, 0.0, 51.0, 0.0]]))
 
@@ -121,17 +107,13 @@ def test_refinement_finds_the_pose_of_a_noiseless_scan() -> None:
     grid, truth = room_grid(), Pose2(0.2, -0.1, 0.15)
     start = (truth @ Pose2(0.06, -0.05, 0.04)).as_array()
     pose, information, score, inliers, _ = refine(
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
+        grid.lattice,
         room_points(truth),
         start,
         start,
         np.diag([1.0, 1.0, 1.0]),
         16.0,
         40,
-        grid.sigma_m,
     )
     error = truth.between(Pose2.from_array(pose)).as_array()
     assert np.hypot(error[0], error[1]) < 0.003
@@ -143,9 +125,8 @@ def test_refinement_finds_the_pose_of_a_noiseless_scan() -> None:
 
 def test_a_strong_prior_holds_the_pose() -> None:
     grid, start = room_grid(), np.array([0.05, 0.05, 0.0])
-    arguments = (grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m)
     prior = np.diag([1e10, 1e10, 1e10])
-    pose, *_ = refine(*arguments, room_points(Pose2()), start, start, prior, 16.0, 40, grid.sigma_m)
+    pose, *_ = refine(grid.lattice, room_points(Pose2()), start, start, prior, 16.0, 40)
     np.testing.assert_allclose(pose, start, atol=1e-4)
 
 

@@ -12,16 +12,38 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.likelihood_grid import Grid
+from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid
 from slarm_graph.frontends.scans.search_pyramid import FULL, Bytes, Integers, SearchPyramid
 from slarm_graph.geometry import Floats, Pose2
 
 _STACK = 256
 """Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
+
+
+class Window(NamedTuple):
+    """Poses to be tried: a lattice of angles and of whole-cell offsets.
+
+    Parameters
+    ----------
+    center, points : (2,) and (K, 2) float64
+        In cells: the window's middle from cell (0, 0), and the returns.
+    heading, step : float
+        Middle angle and angular step [rad].
+    reach, turns : int
+        Half the window in cells and in angular steps.
+    """
+
+    center: Floats
+    points: Floats
+    heading: float
+    step: float
+    reach: int
+    turns: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +95,11 @@ def search(
     near = points[np.hypot(points[:, 0], points[:, 1]) <= pyramid.max_radius_m]
     if not len(near):
         return None
-    cells, turns = window_of(pyramid, reach_m, reach_rad)
-    k, i, j, total, visited = _branch_and_bound(
-        pyramid.cells,
-        pyramid.layout,
-        (np.array([center.x, center.y]) - [pyramid.origin_x_m, pyramid.origin_y_m])
-        / pyramid.resolution_m,
-        near / pyramid.resolution_m,
-        center.theta,
-        pyramid.step_rad,
-        cells,
-        turns,
-        math.floor(min_score * FULL * len(near)),
-    )
-    if total < 0:
+    window = window_of(pyramid, near, center, pyramid.step_rad, reach_m, reach_rad)
+    floor = math.floor(min_score * FULL * len(near))
+    best, visited = _branch_and_bound(pyramid.cells, pyramid.layout, window, floor)
+    k, i, j, total = best.tolist()
+    if total <= floor:
         return None
     pose = Pose2(
         center.x + i * pyramid.resolution_m,
@@ -96,10 +109,24 @@ def search(
     return SearchHit(pose, total / (FULL * len(near)), visited)
 
 
-def window_of(pyramid: SearchPyramid, reach_m: float, reach_rad: float) -> tuple[int, int]:
-    """Half the window in cells and in angular steps."""
-    turns = math.ceil(min(reach_rad, math.pi) / pyramid.step_rad)
-    return math.ceil(reach_m / pyramid.resolution_m), turns
+def window_of(
+    grid: SearchPyramid | LikelihoodGrid,
+    points: Floats,
+    center: Pose2,
+    step_rad: float,
+    reach_m: float,
+    reach_rad: float = math.pi,
+) -> Window:
+    """Lay a window over a grid, for points (K, 2) [m]; the rest as of `search`."""
+    corner = [grid.origin_x_m, grid.origin_y_m]
+    return Window(
+        (np.array([center.x, center.y]) - corner) / grid.resolution_m,
+        points / grid.resolution_m,
+        center.theta,
+        step_rad,
+        math.ceil(reach_m / grid.resolution_m),
+        math.ceil(min(reach_rad, math.pi) / step_rad),
+    )
 
 
 @njit(cache=True, nogil=True)
@@ -107,14 +134,13 @@ def _score_offsets(
     cells: Bytes,
     layout: Integers,
     level: int,
-    center: Floats,
-    points: Floats,
-    angle: float,
+    window: Window,
+    k0: int,
     i0: int,
     j0: int,
     sums: Integers,
 ) -> None:
-    """Bound (or, at level 0, score) the 2 x 2 blocks from offset (i0, j0) on, at one angle."""
+    """Bound (or, at level 0, score) 2 x 2 blocks from angle step k0 and offset (i0, j0) on."""
     start, rows, cols = layout[level, 0], layout[level, 1], layout[level, 2]
     stride, padding = layout[level, 3], layout[level, 4]
     shift = 0
@@ -122,9 +148,11 @@ def _score_offsets(
         shift += 1
     block = 1 << level
     back = block >> 1
+    points = window.points
+    angle = window.heading + (k0 + 0.5 * (block - 1)) * window.step
     c, s = math.cos(angle), math.sin(angle)
-    base_x = center[0] + 0.5
-    base_y = center[1] + 0.5
+    base_x = window.center[0] + 0.5
+    base_y = window.center[1] + 0.5
     sums[:] = 0
     for p in range(len(points)):
         x = math.floor(base_x + c * points[p, 0] - s * points[p, 1]) + i0 - back + padding
@@ -145,70 +173,87 @@ def _score_offsets(
 
 @njit(cache=True, nogil=True)
 def _branch_and_bound(
-    cells: Bytes,
-    layout: Integers,
-    center: Floats,
-    points: Floats,
-    heading: float,
-    step: float,
-    reach: int,
-    turns: int,
-    floor: int,
-) -> tuple[int, int, int, int, int]:
-    """Depth first, best bound first; returns angle and offset steps, sum, blocks scored."""
+    cells: Bytes, layout: Integers, window: Window, floor: int
+) -> tuple[Integers, int]:
+    """Depth first, best bound first; returns the best (4,) and how many blocks were scored.
+
+    The best are its angle and offset steps and its sum, which is `floor` where none is better.
+    """
+    best = np.array([0, 0, 0, floor], dtype=np.int64)
+    level = _top_level(layout, window)
+    roots, visited = _roots(cells, layout, window, level, floor)
+    for r in np.argsort(-roots[:, 3], kind="mergesort"):
+        if roots[r, 3] <= best[3]:
+            break
+        visited += _descend(cells, layout, window, roots[r], level, best)
+    return best, visited
+
+
+@njit(cache=True, nogil=True)
+def _top_level(layout: Integers, window: Window) -> int:
+    """Return the first level whose blocks are as wide as the window, or the last."""
+    widest = 2 * min(window.turns, window.reach) + 1
     top = 0
-    while top + 1 < len(layout) and (1 << top) < 2 * turns + 1 and (1 << top) < 2 * reach + 1:
+    while top + 1 < len(layout) and (1 << top) < widest:
         top += 1
-    size = 1 << top
+    return top
+
+
+@njit(cache=True, nogil=True)
+def _roots(
+    cells: Bytes, layout: Integers, window: Window, level: int, floor: int
+) -> tuple[Integers, int]:
+    """Blocks (M, 4) of a level that cover the window and may beat the floor; and all scored."""
+    reach, turns, size = window.reach, window.turns, 1 << level
     per_angle = (2 * reach) // (2 * size) + 1
     angles = (2 * turns) // size + 1
-    roots = np.empty((4 * angles * per_angle * per_angle, 4), dtype=np.int64)
+    scored = 4 * angles * per_angle * per_angle
+    roots = np.empty((scored, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
     count = 0
     for a in range(angles):
         k = -turns + a * size
-        angle = heading + (k + 0.5 * (size - 1)) * step
         for q in range(per_angle):
             for p in range(per_angle):
                 i, j = -reach + 2 * p * size, -reach + 2 * q * size
-                _score_offsets(cells, layout, top, center, points, angle, i, j, sums)
+                _score_offsets(cells, layout, level, window, k, i, j, sums)
                 count = _admit(roots, count, sums, floor, k, i, j, size, reach)
-    visited = 4 * angles * per_angle * per_angle
-    best = np.array([0, 0, 0, -1], dtype=np.int64)
-    lowest = floor
-    order = np.argsort(-roots[:count, 3], kind="mergesort")
+    return roots[:count], scored
+
+
+@njit(cache=True, nogil=True)
+def _descend(
+    cells: Bytes, layout: Integers, window: Window, root: Integers, top: int, best: Integers
+) -> int:
+    """Improve on the `best` (4,) by what is in one block; returns how many more were scored."""
     stack = np.empty((_STACK, 5), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
-    for r in order:
-        if roots[r, 3] <= lowest:
-            break
-        stack[0, :4] = roots[r]
-        stack[0, 4] = top
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            k, i, j, bound, level = stack[depth]
-            if bound <= lowest:
+    sums = np.zeros(4, dtype=np.int64)
+    stack[0, :4] = root
+    stack[0, 4] = top
+    depth, visited = 1, 0
+    while depth > 0:
+        depth -= 1
+        k, i, j, bound, level = stack[depth]
+        if bound <= best[3]:
+            continue
+        if level == 0:
+            best[:] = stack[depth, :4]
+            continue
+        half = 1 << (level - 1)
+        found = 0
+        for side in range(2):
+            k_child = k + side * half
+            if k_child > window.turns:
                 continue
-            if level == 0:
-                lowest = bound
-                best[:] = stack[depth, :4]
-                continue
-            half = 1 << (level - 1)
-            found = 0
-            for side in range(2):
-                k_child = k + side * half
-                if k_child > turns:
-                    continue
-                angle = heading + (k_child + 0.5 * (half - 1)) * step
-                _score_offsets(cells, layout, level - 1, center, points, angle, i, j, sums)
-                visited += 4
-                found = _admit(children, found, sums, lowest, k_child, i, j, half, reach)
-            for child in np.argsort(children[:found, 3], kind="mergesort"):
-                stack[depth, :4] = children[child]
-                stack[depth, 4] = level - 1
-                depth += 1
-    return best[0], best[1], best[2], best[3], visited
+            _score_offsets(cells, layout, level - 1, window, k_child, i, j, sums)
+            visited += 4
+            found = _admit(children, found, sums, best[3], k_child, i, j, half, window.reach)
+        for child in np.argsort(children[:found, 3], kind="mergesort"):
+            stack[depth, :4] = children[child]
+            stack[depth, 4] = level - 1
+            depth += 1
+    return visited
 
 
 @njit(cache=True, nogil=True)
@@ -236,32 +281,20 @@ def _admit(
 
 
 @njit(cache=True, nogil=True)
-def search_every_pose(
-    values: Bytes | Grid,
-    center: Floats,
-    points: Floats,
-    heading: float,
-    step: float,
-    reach: int,
-    turns: int,
-) -> tuple[int, int, int, float]:
+def search_every_pose(values: Bytes | Grid, window: Window) -> tuple[int, int, int, float]:
     """Score every pose of a lattice: the oracle of `search`, and quick for small windows.
 
     Parameters
     ----------
     values : (rows, cols) uint8 or float32
         The pyramid's lowest level, or a likelihood grid as it is.
-    center, points : (2,) and (K, 2) float64
-        In cells: the window's middle from cell (0, 0), and the returns.
-    heading, step : float
-        Middle angle and angular step [rad].
-    reach, turns : int
-        Half the window in cells and in angular steps.
+    window : Window
 
     Returns
     -------
     angle step, column offset, row offset, sum of values
     """
+    center, points, heading, step, reach, turns = window
     rows, cols = values.shape
     width = 2 * reach + 1
     sums = np.empty((width, width), dtype=np.float32)

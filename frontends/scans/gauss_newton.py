@@ -19,10 +19,10 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, interpolate
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
+from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.geometry import Floats
 
 _FLOOR = 0.02
@@ -54,48 +54,39 @@ def refine_near(
         As of `refine`.
     """
     pose, information, score, inliers, iterations = refine(
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
+        grid.lattice,
         np.ascontiguousarray(points, dtype=np.float64),
         start,
         start,
         looseness,
         point_information,
         max_iterations,
-        grid.sigma_m,
     )
     return pose, information, float(score), inliers, iterations
 
 
 @njit(cache=True, nogil=True)
 def refine(
-    values: NDArray[np.float32],
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
+    lattice: Lattice,
     points: Floats,
     start: Floats,
     prior: Floats,
     prior_information: Floats,
     point_information: float,
     max_iterations: int,
-    sigma: float,
 ) -> tuple[Floats, Floats, float, int, int]:
     """Align points (K, 2), in the robot's frame and in beam order, with the grid.
 
     Parameters
     ----------
+    lattice : Lattice
     start, prior : (3,) float64
         Initial and expected `grid_from_robot` [m, m, rad].
     prior_information : (3, 3) float64
         Inverse covariance of the prior in its own body frame.
     point_information : float
-        Weight that turns the robust costs into honest negative log likelihoods: the ratio of
-        `sigma` squared to a return's variance.
-    sigma : float
-        The fall-off the grid was built with [m].
+        Weight that turns the robust costs into honest negative log likelihoods: the ratio of the
+        grid's `sigma` squared to a return's variance.
 
     Returns
     -------
@@ -104,16 +95,11 @@ def refine(
     """
     pose = start.copy()
     used = 0
-    h = np.zeros((3, 3))
-    g = np.zeros(3)
-    score, inliers = 0.0, 0
     long_steps = True
     tangents = wall_tangents(points)
     for iteration in range(max_iterations):
         used = iteration + 1
-        score, inliers = _normal_equations(
-            values, origin_x, origin_y, resolution, points, tangents, pose, sigma, long_steps, h, g
-        )
+        h, g, _, _ = _normal_equations(lattice, points, tangents, pose, long_steps)
         a = h * point_information
         b = g * point_information
         _add_prior(a, b, pose, prior, prior_information)
@@ -121,20 +107,18 @@ def refine(
             a[k, k] += 1e-6 * a[k, k] + 1e-9
         step = invert3(a) @ b
         length = math.hypot(step[0], step[1])
-        limit = min(1.0, 3.0 * resolution / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
-        step *= limit
+        longest = 3.0 * lattice.resolution
+        step *= min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
         c, s = math.cos(pose[2]), math.sin(pose[2])
         pose[0] += c * step[0] - s * step[1]
         pose[1] += s * step[0] + c * step[1]
         pose[2] += step[2]
         if long_steps:
-            is_near = length < _NEAR_SIGMAS * sigma and abs(step[2]) < _NEAR_RAD
+            is_near = length < _NEAR_SIGMAS * lattice.sigma and abs(step[2]) < _NEAR_RAD
             long_steps = not is_near and used < _LONG_STEPS
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
-    score, inliers = _normal_equations(
-        values, origin_x, origin_y, resolution, points, tangents, pose, sigma, False, h, g
-    )
+    h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, False)
     return pose, h * point_information, score, inliers, used
 
 
@@ -189,29 +173,18 @@ def _along(points: Floats, i: int, direction: int) -> int:
 
 @njit(cache=True, nogil=True)
 def _normal_equations(
-    values: NDArray[np.float32],
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    points: Floats,
-    tangents: Floats,
-    pose: Floats,
-    sigma: float,
-    long_steps: bool,
-    h: Floats,
-    g: Floats,
-) -> tuple[float, int]:
-    """Fill the body-frame Hessian `h` and descent direction `g`; return score and inliers."""
-    h[:] = 0.0
-    g[:] = 0.0
+    lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, long_steps: bool
+) -> tuple[Floats, Floats, float, int]:
+    """Body-frame Hessian (3, 3), descent direction (3,), score and inliers."""
+    h, g = np.zeros((3, 3)), np.zeros(3)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, inliers = 0.0, 0
-    precision = 1.0 / (sigma * sigma)
+    precision = 1.0 / (lattice.sigma * lattice.sigma)
     for i in range(len(points)):
         px, py = points[i, 0], points[i, 1]
         x = pose[0] + c * px - s * py
         y = pose[1] + s * px + c * py
-        value, gx, gy = interpolate(values, origin_x, origin_y, resolution, x, y)
+        value, gx, gy = interpolate(lattice, x, y)
         if value <= 0.0:
             continue
         total += value
@@ -232,7 +205,7 @@ def _normal_equations(
         g[2] += jt
         add_square3(h, jx, jy, jt, weight)
     mirror3(h)
-    return total / max(len(points), 1), inliers
+    return h, g, total / max(len(points), 1), inliers
 
 
 @njit(cache=True, nogil=True)
@@ -251,10 +224,7 @@ def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: F
 
 @njit(cache=True, nogil=True)
 def refine_motion(
-    values: NDArray[np.float32],
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
+    lattice: Lattice,
     points: Floats,
     base: Floats,
     motion: Floats,
@@ -262,7 +232,6 @@ def refine_motion(
     start: Floats,
     point_information: float,
     max_iterations: int,
-    sigma: float,
 ) -> tuple[Floats, Floats, float, int, int, float, float]:
     """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
 
@@ -271,27 +240,16 @@ def refine_motion(
     pose : (3,), covariance : (3, 3) of pose given grid and prior, score, inliers, iterations,
     surprise : squared sigmas between prior and pose, shift : distance plus angle between them
     """
-    c, s = math.cos(base[2]), math.sin(base[2])
-    prior = np.array(
-        [
-            base[0] + c * motion[0] - s * motion[1],
-            base[1] + s * motion[0] + c * motion[1],
-            base[2] + motion[2],
-        ]
-    )
+    prior = moved(base, motion)
     information = invert3(covariance)
     pose, data, score, inliers, used = refine(
-        values,
-        origin_x,
-        origin_y,
-        resolution,
+        lattice,
         points,
         start if len(start) else prior,
         prior,
         information,
         point_information,
         max_iterations,
-        sigma,
     )
     pull = np.zeros(3)
     _add_prior(np.zeros((3, 3)), pull, pose, prior, information)

@@ -81,11 +81,10 @@ def align(
     """
     pose = start.copy()
     scale = max_distance
-    h, g = np.zeros((3, 3)), np.zeros(3)
-    used, score, inliers = 0, 0.0, 0
+    used = 0
     for iteration in range(max_iterations):
         used = iteration + 1
-        _normal_equations(source, target, normals, pose, max_distance, scale, h, g)
+        h, g, _, _ = _normal_equations(source, target, normals, pose, max_distance, scale)
         for k in range(3):
             h[k, k] += 1e-9 + 1e-9 * h[k, k]
         step = invert3(h) @ g
@@ -97,7 +96,7 @@ def align(
         if is_still and scale <= _MIN_SCALE_M:
             break
         scale = max(_SHRINK * scale, _MIN_SCALE_M)
-    score, inliers = _normal_equations(source, target, normals, pose, max_distance, scale, h, g)
+    h, _, score, inliers = _normal_equations(source, target, normals, pose, max_distance, scale)
     return pose, h / (point_sigma * point_sigma), score, inliers, used
 
 
@@ -114,12 +113,9 @@ def _normal_equations(
     pose: Floats,
     max_distance: float,
     scale: float,
-    h: Floats,
-    g: Floats,
-) -> tuple[float, int]:
-    """Fill the body-frame Hessian and descent direction; return score and inliers."""
-    h[:] = 0.0
-    g[:] = 0.0
+) -> tuple[Floats, Floats, float, int]:
+    """Body-frame Hessian (3, 3), descent direction (3,), score and inliers."""
+    h, g = np.zeros((3, 3)), np.zeros(3)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, inliers = 0.0, 0
     for i in range(len(source)):
@@ -150,4 +146,4 @@ def _normal_equations(
         g[2] += weight * residual * jt
         add_square3(h, jx, jy, jt, weight)
     mirror3(h)
-    return total / max(len(source), 1), inliers
+    return h, g, total / max(len(source), 1), inliers

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -23,6 +24,16 @@ _REACH_SIGMAS = 3.0
 """Beyond, the likelihood is below exp(-4.5), about 1 %, and taken as none."""
 _TABLE_SIZE = 2048
 _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
+
+
+class Lattice(NamedTuple):
+    """A likelihood grid as compiled code takes it: the fields of `LikelihoodGrid`, lengths in m."""
+
+    values: Grid
+    origin_x: float
+    origin_y: float
+    resolution: float
+    sigma: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +55,13 @@ class LikelihoodGrid:
     resolution_m: float
     sigma_m: float
     values: Grid
+
+    @property
+    def lattice(self) -> Lattice:
+        """The grid for compiled code."""
+        return Lattice(
+            self.values, self.origin_x_m, self.origin_y_m, self.resolution_m, self.sigma_m
+        )
 
 
 def build_likelihood_grid(
@@ -71,14 +89,7 @@ def add_segments(grid: LikelihoodGrid, segments: Floats) -> bool:
         return False
     if high[1] + reach > grid.origin_y_m + rows * grid.resolution_m:
         return False
-    _splat(
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        reach,
-        segments,
-    )
+    _splat(grid.lattice, reach, segments)
     return True
 
 
@@ -127,15 +138,9 @@ def _bounds(segments: Floats) -> tuple[Floats, Floats]:
 
 
 @njit(cache=True, nogil=True)
-def _splat(
-    values: Grid,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    reach: float,
-    segments: Floats,
-) -> None:
+def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
     """Raise every cell near a segment to the likelihood of its distance."""
+    values, origin_x, origin_y, resolution, _ = lattice
     scale = (_TABLE_SIZE - 1) / (reach * reach)
     for k in range(len(segments)):
         x0, y0, x1, y1 = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
@@ -166,33 +171,25 @@ def _splat(
 
 def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float:
     """Mean likelihood, 0 to 1, of points (K, 2) [m] in the frame of a pose (3,) on the grid."""
-    return mean_at(grid.values, grid.origin_x_m, grid.origin_y_m, grid.resolution_m, points, pose)
+    return mean_at(grid.lattice, points, pose)
 
 
 @njit(cache=True, nogil=True)
-def mean_at(
-    values: Grid,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    points: Floats,
-    pose: Floats,
-) -> float:
+def mean_at(lattice: Lattice, points: Floats, pose: Floats) -> float:
     """As `mean_likelihood`, for compiled callers."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     for i in range(len(points)):
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        total += interpolate(values, origin_x, origin_y, resolution, x, y)[0]
+        total += interpolate(lattice, x, y)[0]
     return total / max(len(points), 1)
 
 
 @njit(cache=True, nogil=True, inline="always")
-def interpolate(
-    values: Grid, origin_x: float, origin_y: float, resolution: float, x: float, y: float
-) -> tuple[float, float, float]:
+def interpolate(lattice: Lattice, x: float, y: float) -> tuple[float, float, float]:
     """Bicubic (Catmull-Rom) value and gradient [1/m] at a point; zero outside the grid."""
+    values, origin_x, origin_y, resolution, _ = lattice
     u, v = (x - origin_x) / resolution, (y - origin_y) / resolution
     col, row = math.floor(u), math.floor(v)
     if col < 1 or row < 1 or col + 2 >= values.shape[1] or row + 2 >= values.shape[0]:

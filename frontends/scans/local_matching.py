@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph.config import MatchingConfig
-from slarm_graph.frontends.scans.correlative import search, search_every_pose
+from slarm_graph.frontends.scans.correlative import search, search_every_pose, window_of
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
@@ -182,10 +182,7 @@ class LocalMatcher:
         assert grid is not None
         trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
         pose, covariance, score, inliers, used, _, _ = refine_motion(
-            grid.values,
-            grid.origin_x_m,
-            grid.origin_y_m,
-            grid.resolution_m,
+            grid.lattice,
             points,
             base,
             prediction.motion,
@@ -193,7 +190,6 @@ class LocalMatcher:
             start,
             trust * (grid.sigma_m / self._config.point_sigma_m) ** 2,
             self._config.max_iterations,
-            grid.sigma_m,
         )
         information = invert3(covariance) - invert3(prediction.covariance)
         information = along_the_weakest(information / evidence, grid, points, pose)
@@ -260,24 +256,17 @@ def _best_in_window(
     reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), _LOST_REACH_M)
     reach_rad = min(max(4.0 * float(sigma[2]), 0.2), math.pi)
     step_rad = grid.resolution_m / far
-    cells, turns = math.ceil(reach_m / grid.resolution_m), math.ceil(reach_rad / step_rad)
-    if 8 * cells * cells * turns * len(points) > _BRUTE_LOOKUPS:
+    center = Pose2.from_array(start)
+    window = window_of(grid, points, center, step_rad, reach_m, reach_rad)
+    if 8 * window.reach**2 * window.turns * len(points) > _BRUTE_LOOKUPS:
         hit = search(
             build_pyramid(grid, max_radius_m=far, levels=5),
             points,
-            Pose2.from_array(start),
+            center,
             reach_m=reach_m,
             reach_rad=reach_rad,
         )
         return hit.grid_from_robot.as_array() if hit else start
-    turn, col, row, _ = search_every_pose(
-        grid.values,
-        (start[:2] - [grid.origin_x_m, grid.origin_y_m]) / grid.resolution_m,
-        points / grid.resolution_m,
-        start[2],
-        step_rad,
-        cells,
-        turns,
-    )
+    turn, col, row, _ = search_every_pose(grid.values, window)
     shift = np.array([col * grid.resolution_m, row * grid.resolution_m, turn * step_rad])
     return np.asarray(start + shift, dtype=np.float64)

@@ -15,7 +15,7 @@ import math
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid, mean_at
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, mean_at
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats
 
@@ -53,15 +53,7 @@ def along_the_weakest(
     -------
     (3, 3) float64
     """
-    return _lowered(
-        information,
-        grid.values,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        points,
-        pose,
-    )
+    return _lowered(information, grid.lattice, points, pose)
 
 
 def of_misfit(share: float) -> float:
@@ -70,15 +62,7 @@ def of_misfit(share: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _lowered(
-    information: Floats,
-    values: Grid,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    points: Floats,
-    pose: Floats,
-) -> Floats:
+def _lowered(information: Floats, lattice: Lattice, points: Floats, pose: Floats) -> Floats:
     strengths, axes = np.linalg.eigh(np.ascontiguousarray(information[:2, :2]))
     if strengths[0] <= 0.0:
         return information
@@ -88,8 +72,8 @@ def _lowered(
         for sign in (1.0, -1.0):
             shift = np.array([sign * _AWAY_M * axes[0, k], sign * _AWAY_M * axes[1, k], 0.0])
             there = compose3(pose, shift)
-            beside = max(beside, mean_at(values, origin_x, origin_y, resolution, points, there))
-        drops[k] = mean_at(values, origin_x, origin_y, resolution, points, pose) - beside
+            beside = max(beside, mean_at(lattice, points, there))
+        drops[k] = mean_at(lattice, points, pose) - beside
     if drops[1] <= 0.0:
         return information
     claimed = strengths[0] / strengths[1]

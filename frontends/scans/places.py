@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.likelihood_grid import Grid, interpolate
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import (
@@ -151,41 +151,25 @@ def unmatched(prediction: Prediction, outlook: Outlook) -> Place:
 
 def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> ChanceFit:
     """Measure how well a scan (K, 2) fits elsewhere around a pose (3,)."""
-    grid = local_map.grid
-    assert grid is not None
     few = points[:: max(1, len(points) // _CHANCE_POINTS)]
-    fits = np.empty(len(_ELSEWHERE))
-    for k, away in enumerate(_ELSEWHERE):
-        agreement, unseen = _agreement(
-            grid.values,
-            local_map.seen,
-            local_map.seen_step,
-            grid.origin_x_m,
-            grid.origin_y_m,
-            grid.resolution_m,
-            few,
-            compose3(center, away),
-        )
-        fits[k] = (agreement + _UNSEEN * usual * unseen) / len(few)
+    around = np.array([compose3(center, away) for away in _ELSEWHERE])
+    fits = _fits(few, around, local_map, usual)
     return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE))
 
 
 def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> float:
     """Mean agreement of a scan (K, 2) at a pose (3,), what lies in the unseen being neutral."""
-    grid = local_map.grid
-    if grid is None or not len(points):
+    if local_map.grid is None or not len(points):
         return 0.0
-    agreement, unseen = _agreement(
-        grid.values,
-        local_map.seen,
-        local_map.seen_step,
-        grid.origin_x_m,
-        grid.origin_y_m,
-        grid.resolution_m,
-        points,
-        pose,
-    )
-    return float(agreement + _UNSEEN * usual * unseen) / len(points)
+    return float(_fits(points, pose[None], local_map, usual)[0])
+
+
+def _fits(points: Floats, poses: Floats, local_map: LocalMap, usual: float) -> Floats:
+    """Return `fit` at many poses (N, 3)."""
+    assert local_map.grid is not None
+    seen = local_map.seen, local_map.seen_step
+    agreement = _agreement(local_map.grid.lattice, *seen, points, poses, _UNSEEN * usual)
+    return np.asarray(agreement / len(points))
 
 
 @dataclass(slots=True)
@@ -297,28 +281,29 @@ def pieces(points: Floats) -> float:
 
 @njit(cache=True, nogil=True)
 def _agreement(
-    values: Grid,
+    lattice: Lattice,
     seen: NDArray[np.bool_],
     seen_step: int,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
     points: Floats,
-    pose: Floats,
-) -> tuple[float, int]:
-    """Sum of the agreement of points (K, 2) at a pose (3,), and how many lie in the unseen."""
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    total, unseen = 0.0, 0
-    for i in range(len(points)):
-        x = pose[0] + c * points[i, 0] - s * points[i, 1]
-        y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        value, _, _ = interpolate(values, origin_x, origin_y, resolution, x, y)
-        if value > 0.01:
-            total += value
-            continue
-        col = math.floor((x - origin_x) / resolution) // seen_step
-        row = math.floor((y - origin_y) / resolution) // seen_step
-        is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
-        if not is_inside or not seen[row, col]:
-            unseen += 1
-    return total, unseen
+    poses: Floats,
+    neutral: float,
+) -> Floats:
+    """Sum (N,) of the agreement of points (K, 2) at poses (N, 3); `neutral` in the unseen."""
+    sums = np.empty(len(poses))
+    for k in range(len(poses)):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        total, unseen = 0.0, 0
+        for i in range(len(points)):
+            x = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
+            y = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
+            value, _, _ = interpolate(lattice, x, y)
+            if value > 0.01:
+                total += value
+                continue
+            col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
+            row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
+            is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
+            if not is_inside or not seen[row, col]:
+                unseen += 1
+        sums[k] = total + neutral * unseen
+    return sums

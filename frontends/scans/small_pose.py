@@ -24,13 +24,21 @@ def wrapped(angle: float) -> float:
 
 
 @njit(cache=True, nogil=True)
+def moved(pose: Floats, motion: Floats) -> Floats:
+    """Compose a pose (3,) with a motion (3,); the heading is not wrapped."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    out = np.empty(3)
+    out[0] = pose[0] + c * motion[0] - s * motion[1]
+    out[1] = pose[1] + s * motion[0] + c * motion[1]
+    out[2] = pose[2] + motion[2]
+    return out
+
+
+@njit(cache=True, nogil=True)
 def compose3(a: Floats, b: Floats) -> Floats:
     """Pose (3,) of c in frame a's parent, from a in it and c in a."""
-    c, s = math.cos(a[2]), math.sin(a[2])
-    out = np.empty(3)
-    out[0] = a[0] + c * b[0] - s * b[1]
-    out[1] = a[1] + s * b[0] + c * b[1]
-    out[2] = wrapped(a[2] + b[2])
+    out = moved(a, b)
+    out[2] = wrapped(out[2])
     return out
 
 

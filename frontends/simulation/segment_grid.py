@@ -5,8 +5,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -25,9 +24,8 @@ _MAX_CELLS: Final = 4_000_000
 """32 MB of starts; half or double of it changes the time of a scan, never a range."""
 
 
-@dataclass(frozen=True, slots=True)
-class SegmentGrid:
-    """Segments sorted into the cells they pass.
+class SegmentGrid(NamedTuple):
+    """Segments sorted into the cells they pass; compiled code takes it as it is.
 
     Parameters
     ----------
@@ -90,38 +88,16 @@ def cast_rays(
     max_range_m : float
         Rays that meet nothing up to here return +inf.
     """
-    return np.asarray(
-        _cast(
-            grid.segments,
-            grid.frame,
-            grid.shape,
-            grid.starts,
-            grid.members,
-            world_from_laser,
-            directions,
-            max_range_m,
-        )
-    )
+    return np.asarray(_cast(grid, world_from_laser, directions, max_range_m))
 
 
 def is_near(grid: SegmentGrid, x_m: float, y_m: float, radius_m: float) -> bool:
     """Whether any segment comes closer than `radius_m` to a point [m]."""
-    return bool(
-        _near(grid.segments, grid.frame, grid.shape, grid.starts, grid.members, x_m, y_m, radius_m)
-    )
+    return bool(_near(grid, x_m, y_m, radius_m))
 
 
 @njit(cache=True, nogil=True)
-def _cast(
-    segments: Floats,
-    frame: Floats,
-    shape: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    members: NDArray[np.int32],
-    poses: Floats,
-    directions: Floats,
-    max_range: float,
-) -> Floats:
+def _cast(grid: SegmentGrid, poses: Floats, directions: Floats, max_range: float) -> Floats:
     """Walk every ray through the grid (Amanatides and Woo 1987), testing what each cell holds."""
     ranges = np.empty(len(directions))
     x, y = poses[0, 0], poses[0, 1]
@@ -132,24 +108,16 @@ def _cast(
             c, s = math.cos(poses[i, 2]), math.sin(poses[i, 2])
         dx = c * directions[i, 0] - s * directions[i, 1]
         dy = s * directions[i, 0] + c * directions[i, 1]
-        ranges[i] = _cast_one(segments, frame, shape, starts, members, x, y, dx, dy, max_range)
+        ranges[i] = _cast_one(grid, x, y, dx, dy, max_range)
     return ranges
 
 
 @njit(cache=True, nogil=True)
 def _cast_one(
-    segments: Floats,
-    frame: Floats,
-    shape: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    members: NDArray[np.int32],
-    x: float,
-    y: float,
-    dx: float,
-    dy: float,
-    max_range: float,
+    grid: SegmentGrid, x: float, y: float, dx: float, dy: float, max_range: float
 ) -> float:
     """Distance along one ray, +inf when nothing is met within `max_range`."""
+    segments, frame, shape, starts, members = grid
     side = frame[2]
     rows, cols = shape[0], shape[1]
     col, step_col, next_x, delta_x = first_crossing((x - frame[0]) / side, dx / side)
@@ -184,17 +152,9 @@ def _cast_one(
 
 
 @njit(cache=True, nogil=True)
-def _near(
-    segments: Floats,
-    frame: Floats,
-    shape: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    members: NDArray[np.int32],
-    x: float,
-    y: float,
-    radius: float,
-) -> bool:
+def _near(grid: SegmentGrid, x: float, y: float, radius: float) -> bool:
     """Whether any segment comes closer than `radius` to (x, y)."""
+    segments, frame, shape, starts, members = grid
     side = frame[2]
     first_col = max(0, math.floor((x - radius - frame[0]) / side))
     last_col = min(shape[1] - 1, math.floor((x + radius - frame[0]) / side))

@@ -195,10 +195,9 @@ def _algorithm_1(
     tally = np.zeros(3, dtype=np.int64)
     cells = np.empty((_FIRST_ROOM, 2), dtype=np.int32)
     facings = np.empty(_FIRST_ROOM, dtype=np.int8)
-    row, col = start
-    here, count = row * cols + col, 1
+    here = start[0] * cols + start[1]
+    count = _append(cells, facings, 0, here, facing, cols)
     flat[here] = VISITED
-    cells[0, 0], cells[0, 1], facings[0] = row, col, facing
     while count < max_cells:
         if count + 2 > len(facings):
             cells, facings = _with_room(cells, facings, 2)
@@ -209,36 +208,43 @@ def _algorithm_1(
         tally[0] += 1
         if ahead_open and flat[here + facing] == OPEN:
             here += facing
-            col += facing
+            count = _append(cells, facings, count, here, facing, cols)
             flat[here] = VISITED
-            cells[count, 0], cells[count, 1], facings[count] = row, col, facing
-            count += 1
             continue
         first, second, looks = _step_up(flat, bits, here, facing, cols)
         tally[0] += looks
         facing = 0
         if first >= 0:
             tally[2] += second >= 0
-            for cell in (first, second):
-                if cell >= 0:
-                    here, row, col = cell, cell // cols, cell % cols
-                    cells[count, 0], cells[count, 1], facings[count] = row, col, 0
-                    count += 1
+            here = first
+            count = _append(cells, facings, count, here, 0, cols)
+            if second >= 0:
+                here = second
+                count = _append(cells, facings, count, here, 0, cols)
             flat[here] = VISITED
             continue
-        goal = wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1)
-        if goal < 0:
+        path = walk_back(
+            labels, wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1), cols
+        )
+        if not len(path):
             return cells[:count], facings[:count], tally, True
         tally[1] += 1
-        path = walk_back(labels, goal, cols)
         tally[2] += len(path) - 2
         cells, facings = _with_room(cells, facings, count + len(path) - len(facings))
         for here in path[1:]:
-            row, col = here // cols, here % cols
-            cells[count, 0], cells[count, 1], facings[count] = row, col, 0
-            count += 1
+            count = _append(cells, facings, count, here, 0, cols)
         flat[here] = VISITED
     return cells[:count], facings[:count], tally, False
+
+
+@njit(cache=True, nogil=True)
+def _append(
+    cells: PathCells, facings: Facings, count: int, cell: int, facing: int, cols: int
+) -> int:
+    """Write one more cell of a path, and how the robot faces there; returns how many there are."""
+    cells[count, 0], cells[count, 1] = cell // cols, cell % cols
+    facings[count] = facing
+    return count + 1
 
 
 @njit(cache=True, nogil=True)

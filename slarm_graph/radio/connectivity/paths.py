@@ -141,8 +141,8 @@ def _search(
     A state keeps the exact length without connection of the way that came first, so every way
     found keeps the limit.
     """
-    rows, cols = allowed.shape
-    size = rows * cols * layers
+    cols = allowed.shape[1]
+    size = allowed.size * layers
     cost = np.full(size, np.inf, dtype=np.float32)
     lost = np.zeros(size, dtype=np.float32)
     parent = np.full(size, -1, dtype=np.int64)
@@ -150,7 +150,6 @@ def _search(
     goal_row, goal_col = goal // cols, goal % cols
     cost[start * layers] = 0.0
     heap = [(0.0, start * layers)]
-    last = -1
     while heap:
         _, state = heapq.heappop(heap)
         if done[state]:
@@ -158,17 +157,13 @@ def _search(
         done[state] = True
         cell = state // layers
         if cell == goal:
-            last = state
-            break
+            return _cells_back(parent, state, layers)
         row, col = cell // cols, cell % cols
         for dr in range(-1, 2):
             for dc in range(-1, 2):
+                if not _may_step(allowed, row, col, dr, dc):
+                    continue
                 r, c = row + dr, col + dc
-                if (dr == 0 and dc == 0) or r < 0 or c < 0 or r >= rows or c >= cols:
-                    continue
-                # A diagonal needs both sides free: the robot has a width.
-                if not (allowed[r, c] and allowed[r, col] and allowed[row, c]):
-                    continue
                 step = 1.4142135623730951 if dr != 0 and dc != 0 else 1.0
                 without = 0.0 if covered[r, c] else lost[state] + step
                 if without > limit:
@@ -180,11 +175,31 @@ def _search(
                     cost[other] = total
                     lost[other] = without
                     parent[other] = state
-                    across, up = abs(c - goal_col), abs(r - goal_row)
-                    rest = max(across, up) + 0.41421356237309515 * min(across, up)
+                    rest = _octile(abs(c - goal_col), abs(r - goal_row))
                     heapq.heappush(heap, (total + rest, other))
-    path = [0][:0]
-    while last >= 0:
-        path.append(last // layers)
+    return np.empty(0, dtype=np.int64)
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
+    """Whether a neighbour may be stepped on: the robot has a width, a diagonal needs both sides."""
+    r, c = row + dr, col + dc
+    if (dr == 0 and dc == 0) or r < 0 or c < 0 or r >= allowed.shape[0] or c >= allowed.shape[1]:
+        return False
+    return bool(allowed[r, c] and allowed[r, col] and allowed[row, c])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _octile(across: int, up: int) -> float:
+    """Length [cells] of the shortest way over free cells."""
+    return max(across, up) + 0.41421356237309515 * min(across, up)
+
+
+@njit(cache=True, nogil=True)
+def _cells_back(parent: NDArray[np.int64], last: int, layers: int) -> NDArray[np.int64]:
+    """Flat cells from the start to a state."""
+    path = [last // layers]
+    while parent[last] >= 0:
         last = parent[last]
+        path.append(last // layers)
     return np.array(path[::-1], dtype=np.int64)
