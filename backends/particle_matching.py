@@ -9,7 +9,14 @@ import math
 import numpy as np
 from numba import njit
 
-from slarm_graph.backends.particle_maps import TILE_BITS, Tables, Tiles, within_tile
+from slarm_graph.backends.particle_maps import (
+    NO_TILE,
+    TILE_BITS,
+    Indices,
+    Tables,
+    Tiles,
+    within_tile,
+)
 from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
 
@@ -72,66 +79,56 @@ def associate(
     Fills `lines` (K, 5) with mean end point x, y [m], normal x, y (0, 0 where it has none) and 1
     where something was found; returns how many were.
     """
-    table = tiles.tables[particle]
+    tables, corner, cells, resolution = tiles
+    table = tables[particle]
     c, s = math.cos(pose[2]), math.sin(pose[2])
     found = 0
     for k in range(len(points)):
-        x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / tiles.resolution
-        y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / tiles.resolution
+        x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / resolution
+        y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / resolution
         nx = c * points[k, 2] - s * points[k, 3]
         ny = s * points[k, 2] + c * points[k, 3]
-        found += _nearest(tiles, table, kernel, x, y, nx, ny, lines[k])
+        directed = nx != 0.0 or ny != 0.0
+        col0, row0 = math.floor(x), math.floor(y)
+        best = (kernel + 0.5) ** 2
+        lines[k, 4] = 0.0
+        for row in range(row0 - kernel, row0 + kernel + 1):
+            for col in range(col0 - kernel, col0 + kernel + 1):
+                tile = _tile_at(table, corner, row, col)
+                if tile < 0:
+                    continue
+                at = within_tile(row, col)
+                n = cells[tile, at, 0]
+                if n == 0.0:
+                    continue
+                mx, my = col + 0.5 + cells[tile, at, 1] / n, row + 0.5 + cells[tile, at, 2] / n
+                distance = (x - mx) ** 2 + (y - my) ** 2
+                if distance >= best:
+                    continue
+                cx, cy = cells[tile, at, 3], cells[tile, at, 4]
+                size = math.sqrt(cx * cx + cy * cy)
+                smooth = size > _ALIGNED * n
+                if directed and smooth and nx * cx + ny * cy < _SAME_SIDE * size:
+                    continue
+                best = distance
+                lines[k, 0], lines[k, 1] = mx * resolution, my * resolution
+                if smooth:
+                    lines[k, 2], lines[k, 3] = cx / size, cy / size
+                else:
+                    lines[k, 2], lines[k, 3] = 0.0, 0.0
+                lines[k, 4] = 1.0
+        if lines[k, 4] > 0.0:
+            found += 1
     return found
 
 
-@njit(cache=True, nogil=True)
-def _nearest(
-    tiles: Tiles,
-    table: Tables,
-    kernel: int,
-    x: float,
-    y: float,
-    nx: float,
-    ny: float,
-    line: Floats,
-) -> bool:
-    """Fill a `line` (5,) with the mean end point nearest to (x, y) in cells, facing (nx, ny)."""
-    _, corner, cells, resolution = tiles
-    rows, cols = table.shape
-    directed = nx != 0.0 or ny != 0.0
-    col0, row0 = math.floor(x), math.floor(y)
-    best = (kernel + 0.5) ** 2
-    line[4] = 0.0
-    for row in range(row0 - kernel, row0 + kernel + 1):
-        tile_row = (row >> TILE_BITS) - corner[0]
-        if tile_row < 0 or tile_row >= rows:
-            continue
-        for col in range(col0 - kernel, col0 + kernel + 1):
-            tile_col = (col >> TILE_BITS) - corner[1]
-            if tile_col < 0 or tile_col >= cols:
-                continue
-            tile = table[tile_row, tile_col]
-            if tile < 0:
-                continue
-            cell = cells[tile, within_tile(row, col)]
-            n = cell[0]
-            if n == 0.0:
-                continue
-            mx, my = col + 0.5 + cell[1] / n, row + 0.5 + cell[2] / n
-            distance = (x - mx) ** 2 + (y - my) ** 2
-            if distance >= best:
-                continue
-            size = math.sqrt(cell[3] * cell[3] + cell[4] * cell[4])
-            smooth = size > _ALIGNED * n
-            if directed and smooth and nx * cell[3] + ny * cell[4] < _SAME_SIDE * size:
-                continue
-            best = distance
-            line[0], line[1] = mx * resolution, my * resolution
-            line[2], line[3] = 0.0, 0.0
-            if smooth:
-                line[2], line[3] = cell[3] / size, cell[4] / size
-            line[4] = 1.0
-    return bool(line[4] > 0.0)
+@njit(cache=True, nogil=True, inline="always")
+def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
+    """Number of the tile that a cell of the plane lies in, or `NO_TILE`."""
+    tile_row, tile_col = (row >> TILE_BITS) - corner[0], (col >> TILE_BITS) - corner[1]
+    if tile_row < 0 or tile_col < 0 or tile_row >= table.shape[0] or tile_col >= table.shape[1]:
+        return NO_TILE
+    return int(table[tile_row, tile_col])
 
 
 @njit(cache=True, nogil=True)
