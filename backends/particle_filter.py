@@ -90,12 +90,7 @@ def _numpy_seeded_by(rng: Generator) -> Iterator[None]:
 
 
 class Ancestry:
-    """Where every particle was at every update, as a tree: paths are shared, never copied.
-
-    Parameters
-    ----------
-    particles : int
-    """
+    """Where every particle was at every update, as a tree: paths are shared, never copied."""
 
     def __init__(self, particles: int) -> None:
         self._length = 0

@@ -26,16 +26,15 @@ from multiprocessing import get_context
 import numpy as np
 
 from slarm_graph import backends, parts
-from slarm_graph.backend import SlamBackend, SlamResult, silent
+from slarm_graph.backend import SlamBackend, silent
 from slarm_graph.config import ExploreConfig, RunConfig
 from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.exploration.live_map import LiveMap, mark_swept
 from slarm_graph.files.worlds import load_world, shipped_worlds
+from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
-from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.readings import Reading
-from slarm_graph.trajectory import Trajectory
+from slarm_graph.geometry import Floats
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
@@ -43,35 +42,6 @@ OURS = "ggmr+"
 COVERING = tuple(name for name in parts.registered("explorer") if name != "radio-survey")
 """Explorers that drive to know the floor; `bench_simulated_radio.py` judges the other."""
 LATTICE_M = 0.05
-
-
-class TruthBackend:
-    """Knows where the robot is; makes no map of its own."""
-
-    def __init__(self, world: SimulatedWorld) -> None:
-        self._world = world
-        self._stamps_ns: list[int] = []
-        self._poses: list[Floats] = []
-
-    def update(self, reading: Reading) -> None:
-        """Note the true pose."""
-        self._stamps_ns.append(reading.stamp_ns)
-        self._poses.append(self._world.truth().as_array())
-
-    def map_from_robot(self) -> Pose2:
-        """Return the true pose."""
-        return self._world.truth()
-
-    def result(self) -> SlamResult:
-        """Return the true trajectory."""
-        return SlamResult(Trajectory(np.array(self._stamps_ns), np.array(self._poses)))
-
-    def snapshot(self) -> bytes:
-        """There is nothing to keep."""
-        return b""
-
-    def restore(self, state: bytes) -> None:
-        """There is nothing to restore."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
-from bench_exploration import TruthBackend
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.handed_over import with_prior
@@ -34,6 +33,7 @@ from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.exploration.radio_survey import RadioSurveyConfig
 from slarm_graph.files.worlds import load_world, shipped_worlds
+from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.receiver import SignalChannel
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geographic import GeographicMap

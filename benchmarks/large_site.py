@@ -41,12 +41,7 @@ SPEED_M_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Of a whole run.
-
-    Parameters
-    ----------
-    wall_s, cpu_s, peak_mb : float
-    """
+    """Of a whole run."""
 
     wall_s: float
     cpu_s: float

@@ -33,13 +33,7 @@ _PAGE_MB = resource.getpagesize() / 2**20
 
 @dataclass(frozen=True, slots=True)
 class Point:
-    """What is measured after a part of the drive.
-
-    Parameters
-    ----------
-    driven_h, memory_mb, cpu_s : float
-    scans : int
-    """
+    """What is measured after a part of the drive."""
 
     driven_h: float
     memory_mb: float

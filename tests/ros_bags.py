@@ -61,21 +61,7 @@ class Writer:
         )
 
     def scan(self, rng: np.random.Generator, beams: int) -> object:
-        floats = dict(
-            zip(
-                [
-                    "angle_min",
-                    "angle_max",
-                    "angle_increment",
-                    "time_increment",
-                    "scan_time",
-                    "range_min",
-                    "range_max",
-                ],
-                rng.normal(size=7).astype(np.float32).tolist(),
-                strict=True,
-            )
-        )
+        floats = dict(zip(LIMITS, rng.normal(size=7).astype(np.float32).tolist(), strict=True))
         ranges = rng.normal(size=beams).astype(np.float32)
         ranges[rng.random(beams) < 0.2] = np.inf
         return self.t["sensor_msgs/msg/LaserScan"](

@@ -11,7 +11,6 @@ import pytest
 
 from slarm_graph import parts
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.backend import SlamResult
 from slarm_graph.config import (
     DrivingConfig,
     ExploreConfig,
@@ -19,7 +18,7 @@ from slarm_graph.config import (
     SignalConfig,
     SimulationConfig,
 )
-from slarm_graph.exploration.closed_loop import Exploration, explore
+from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.exploration.coverage_grid import BLOCKED
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
 from slarm_graph.exploration.explorers import make
@@ -30,38 +29,14 @@ from slarm_graph.exploration.local_controller import (
     free_ahead_m,
 )
 from slarm_graph.exploration.path_follower import PathFollower
+from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import Solid, WorldMap
-
-
-class TruePose:
-    """A backend that is told the truth."""
-
-    def __init__(self, world: SimulatedWorld) -> None:
-        self._world = world
-        self._stamps: list[int] = []
-        self._poses: list[np.ndarray] = []
-
-    def update(self, reading: Reading) -> None:
-        self._stamps.append(reading.stamp_ns)
-        self._poses.append(self._world.truth().as_array())
-
-    def map_from_robot(self) -> Pose2:
-        return self._world.truth()
-
-    def result(self) -> SlamResult:
-        return SlamResult(Trajectory(np.array(self._stamps), np.array(self._poses)))
-
-    def snapshot(self) -> bytes:
-        return b""
-
-    def restore(self, state: bytes) -> None:
-        raise NotImplementedError
 
 
 def box(name: str, x: float, y: float, width: float, depth: float) -> Solid:
@@ -87,7 +62,11 @@ def explored(
     simulation = SimulationConfig(signals=SignalConfig(rate_hz=5.0))
     world = SimulatedWorld(room, simulation, np.random.default_rng(seed))
     explorer, extent = make(RunConfig(explore=config, **sections)), room.extent_m()
-    return explore(world, TruePose(world), explorer, config, extent_m=extent, start=room.start)
+    backend = TruthBackend(world)
+    loop = ClosedLoop(world, backend, explorer, config, extent_m=extent, start=room.start)
+    while loop.step():
+        pass
+    return loop.outcome()
 
 
 def share_of_reachable(room: WorldMap, outcome: Exploration) -> tuple[float, float]:

@@ -103,12 +103,19 @@ def test_counts_add_up() -> None:
     assert GgmrCounts(1, 2, 3, 4) + GgmrCounts(10, 20, 30, 40) == GgmrCounts(11, 22, 33, 44)
 
 
+def random_floor(
+    rng: np.random.Generator, least: int, most: int, blocked: float
+) -> NDArray[np.bool_]:
+    """Free cells of a floor of random size, the first one among them."""
+    free = rng.uniform(size=rng.integers(least, most, 2)) > blocked
+    free[0, 0] = True
+    return np.asarray(free)
+
+
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=40, deadline=None)
 def test_every_reachable_cell_is_visited_and_no_blocked_one(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    free = rng.uniform(size=(rng.integers(1, 20), rng.integers(1, 20))) > 0.25
-    free[0, 0] = True
+    free = random_floor(np.random.default_rng(seed), 1, 20, 0.25)
     coverage = known_coverage(free)
     path = ggmr_path(coverage, (0, 0))
     visited = np.zeros_like(free)
@@ -144,8 +151,7 @@ def next_by_the_rules(codes: NDArray[np.uint8], here: Place, facing: int) -> lis
 def test_every_step_is_the_one_that_the_rules_ask_for(seed: int) -> None:
     """On floors of which parts are passed over already, as they are after a restart."""
     rng = np.random.default_rng(seed)
-    free = rng.uniform(size=(rng.integers(2, 12), rng.integers(2, 12))) > 0.2
-    free[0, 0] = True
+    free = random_floor(rng, 2, 12, 0.2)
     coverage = known_coverage(free)
     codes = coverage.codes.copy()
     codes[free & (rng.uniform(size=free.shape) < 0.3)] = VISITED

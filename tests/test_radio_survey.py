@@ -56,11 +56,17 @@ def listened(points, free=None):
     return replace(known_coverage(free, 0.1), heard_m=np.asarray(points, dtype=np.float64))
 
 
+def asked(heard):
+    """What a fresh explorer says to signals heard at points."""
+    return RadioSurvey(RadioSurveyConfig(), DrivingConfig()).next_goal(
+        listened(heard), Pose2(2.0, 2.0, 0.0)
+    )
+
+
 def test_it_goes_where_nothing_was_heard():
     rng = np.random.default_rng(1)
     left = rng.uniform([0.1, 0.1], [2.9, 3.9], (300, 2))
-    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
-    leg = explorer.next_goal(listened(left), Pose2(2.0, 2.0, 0.0))
+    leg = asked(left)
     assert isinstance(leg, Leg)
     assert leg.points_m[-1, 0] > 3.5
 
@@ -68,11 +74,10 @@ def test_it_goes_where_nothing_was_heard():
 def test_it_stops_when_sure_and_when_nothing_is_listened_to():
     rng = np.random.default_rng(2)
     everywhere = rng.uniform([0.1, 0.1], [5.9, 3.9], (2000, 2))
-    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
-    done = explorer.next_goal(listened(everywhere), Pose2(2.0, 2.0, 0.0))
+    done = asked(everywhere)
     assert isinstance(done, Finished)
     assert "sure to" in done.reason
-    deaf = explorer.next_goal(listened(np.empty((0, 2))), Pose2(2.0, 2.0, 0.0))
+    deaf = asked(np.empty((0, 2)))
     assert isinstance(deaf, Finished)
     assert "nothing is listened to" in deaf.reason
 

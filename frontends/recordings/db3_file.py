@@ -27,10 +27,6 @@ _BROKEN = (sqlite3.DatabaseError, OverflowError, MemoryError)
 class Db3File:
     """The topics and messages of one file.
 
-    Parameters
-    ----------
-    path : Path
-
     Raises
     ------
     BadInput

@@ -39,12 +39,7 @@ MAX_TEXT_BYTES = 1 << 16
 
 
 class McapFile:
-    """The topics and messages of one file.
-
-    Parameters
-    ----------
-    path : Path
-    """
+    """The topics and messages of one file."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -8,9 +8,11 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import LaserScan
 
 MAX_TILT_DEG = 5.0
 """Tilted so, a beam of 10 m ends 0.9 m higher or lower: walls become other things."""
@@ -34,6 +36,26 @@ class Mounting:
     robot_from_laser: Pose2 = field(default_factory=Pose2)
     angle_sign: float = 1.0
     tilt_deg: float = 0.0
+
+    def scan(
+        self,
+        ranges_m: NDArray[np.float32],
+        start_rad: float,
+        step_rad: float,
+        sweep_s: float,
+        low_m: float,
+        high_m: float,
+    ) -> LaserScan:
+        """Put a scan together: ranges (B,), first angle and step of the laser, its limits."""
+        return LaserScan(
+            ranges_m,
+            self.angle_sign * start_rad,
+            self.angle_sign * step_rad,
+            low_m,
+            high_m,
+            self.robot_from_laser,
+            sweep_s,
+        )
 
     def describe(self, frame: str) -> list[str]:
         """What a user should know of it."""

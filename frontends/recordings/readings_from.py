@@ -126,16 +126,8 @@ class RecordedSource:
             self._known.tolist(),
             strict=True,
         ):
-            mounting = self._mountings[row]
-            scan = LaserScan(
-                self._ranges[block][line],
-                mounting.angle_sign * start,
-                mounting.angle_sign * step,
-                low,
-                high,
-                mounting.robot_from_laser,
-                sweep,
-            )
+            ranges_m = self._ranges[block][line]
+            scan = self._mountings[row].scan(ranges_m, start, step, sweep, low, high)
             yield Reading(stamp, scan, Pose2(x, y, theta) if known else None)
         self._compare()
 
@@ -154,17 +146,8 @@ class RecordedSource:
     def _scan(self, number: int) -> LaserScan:
         """The scan of a reading."""
         row = int(self._rows[number])
-        start, step, sweep, low, high = self._limits[row].tolist()
-        mounting = self._mountings[row]
-        return LaserScan(
-            self._ranges[self._table.block[row]][self._table.line[row]],
-            mounting.angle_sign * start,
-            mounting.angle_sign * step,
-            low,
-            high,
-            mounting.robot_from_laser,
-            sweep,
-        )
+        ranges_m = self._ranges[self._table.block[row]][self._table.line[row]]
+        return self._mountings[row].scan(ranges_m, *self._limits[row].tolist())
 
     def _choose_stamps(self) -> Ints:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""

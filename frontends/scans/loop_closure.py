@@ -50,13 +50,7 @@ _MOST_FROM_BEHIND = 0.5
 
 
 class LoopCloser:
-    """Looks for old places, one keyframe at a time.
-
-    Parameters
-    ----------
-    config : LoopClosureConfig
-    matching : MatchingConfig
-    """
+    """Looks for old places, one keyframe at a time."""
 
     def __init__(self, config: LoopClosureConfig, matching: MatchingConfig) -> None:
         self._config = config

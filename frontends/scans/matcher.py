@@ -9,6 +9,8 @@ is in the target's frame. A match that failed is falsy and says why.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
+from dataclasses import replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -42,17 +44,8 @@ class ScanMatcher(Protocol):
         ...
 
 
-class LikelihoodMatcher:
-    """Gauss-Newton on smooth likelihood grids, a coarse one first: precise, from nearby.
-
-    Parameters
-    ----------
-    settings : Stage, optional
-        There are none.
-    matching : MatchingConfig, optional
-    """
-
-    settings: ClassVar[type[Stage]] = Stage
+class _Matcher(ABC):
+    """What the matchers here have in common: what they refuse, before and after."""
 
     def __init__(
         self, settings: Stage | None = None, matching: MatchingConfig | None = None
@@ -65,10 +58,25 @@ class LikelihoodMatcher:
         reason = _too_few(source, target, self._config)
         if reason:
             return MatchResult(target_from_source, reason=reason)
+        return judged(self._aligned(source, target, target_from_source), self._config)
+
+    @abstractmethod
+    def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
+        """Align two scans that have returns enough; the result is still to be judged."""
+
+    def _fine_grid(self, target: Floats) -> LikelihoodGrid:
+        return grid_of(target, self._config, self._config.sigma_m)
+
+
+class LikelihoodMatcher(_Matcher):
+    """Gauss-Newton on smooth likelihood grids, a coarse one first: precise, from nearby."""
+
+    settings: ClassVar[type[Stage]] = Stage
+
+    def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
         coarse = grid_of(target, self._config, _COARSE * self._config.sigma_m)
-        start = on_grid(coarse, source, target_from_source, self._config)
-        fine = grid_of(target, self._config, self._config.sigma_m)
-        return judged(on_grid(fine, source, start.target_from_source, self._config), self._config)
+        start = on_grid(coarse, source, guess, self._config).target_from_source
+        return on_grid(self._fine_grid(target), source, start, self._config)
 
 
 class CorrelativeConfig(Stage):
@@ -80,43 +88,30 @@ class CorrelativeConfig(Stage):
     """Half its angle; pi searches the whole circle."""
 
 
-class CorrelativeMatcher:
-    """Exact search of a window, then Gauss-Newton: finds its way from far off.
-
-    Parameters
-    ----------
-    settings : CorrelativeConfig, optional
-    matching : MatchingConfig, optional
-    """
+class CorrelativeMatcher(_Matcher):
+    """Exact search of a window, then Gauss-Newton: finds its way from far off."""
 
     settings: ClassVar[type[Stage]] = CorrelativeConfig
 
     def __init__(
-        self,
-        settings: CorrelativeConfig | None = None,
-        matching: MatchingConfig | None = None,
+        self, settings: CorrelativeConfig | None = None, matching: MatchingConfig | None = None
     ) -> None:
-        self._config = matching or MatchingConfig()
+        super().__init__(matching=matching)
         self._window = settings or CorrelativeConfig()
 
-    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
-        """Align two scans; see `ScanMatcher`."""
-        reason = _too_few(source, target, self._config)
-        if reason:
-            return MatchResult(target_from_source, reason=reason)
+    def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
         coarse = self._config.model_copy(update={"resolution_m": 2.0 * self._config.resolution_m})
         hit = search(
             build_pyramid(grid_of(target, coarse, 2.0 * self._config.sigma_m)),
             source,
-            target_from_source,
+            guess,
             reach_m=self._window.reach_m,
             reach_rad=self._window.reach_rad,
             min_score=0.5 * self._config.min_score,
         )
         if hit is None:
-            return MatchResult(target_from_source, reason="nothing in the window fits")
-        grid = grid_of(target, self._config, self._config.sigma_m)
-        return judged(on_grid(grid, source, hit.grid_from_robot, self._config), self._config)
+            return MatchResult(guess, reason="nothing in the window fits")
+        return on_grid(self._fine_grid(target), source, hit.grid_from_robot, self._config)
 
 
 class IcpConfig(Stage):
@@ -126,38 +121,28 @@ class IcpConfig(Stage):
     """Returns farther from their nearest neighbour are left out."""
 
 
-class IcpMatcher:
-    """Point-to-line ICP.
-
-    Parameters
-    ----------
-    settings : IcpConfig, optional
-    matching : MatchingConfig, optional
-    """
+class IcpMatcher(_Matcher):
+    """Point-to-line ICP."""
 
     settings: ClassVar[type[Stage]] = IcpConfig
 
     def __init__(
         self, settings: IcpConfig | None = None, matching: MatchingConfig | None = None
     ) -> None:
-        self._config = matching or MatchingConfig()
+        super().__init__(matching=matching)
         self._max_distance_m = (settings or IcpConfig()).max_distance_m
 
-    def match(self, source: Floats, target: Floats, *, target_from_source: Pose2) -> MatchResult:
-        """Align two scans; see `ScanMatcher`."""
-        reason = _too_few(source, target, self._config)
-        if reason:
-            return MatchResult(target_from_source, reason=reason)
-        pose, information, score, inliers, iterations = align(
+    def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
+        found = align(
             np.ascontiguousarray(source, dtype=np.float64),
             np.ascontiguousarray(target, dtype=np.float64),
             line_normals(target, self._config.max_gap_m),
-            target_from_source.as_array(),
+            guess.as_array(),
             self._max_distance_m,
             self._config.point_sigma_m,
             3 * self._config.max_iterations,
         )
-        return judged(_result(pose, information, score, inliers, iterations), self._config)
+        return _result(*found)
 
 
 def grid_of(points: Floats, config: MatchingConfig, sigma_m: float) -> LikelihoodGrid:
@@ -179,11 +164,13 @@ def on_grid(
 
 def judged(match: MatchResult, config: MatchingConfig) -> MatchResult:
     """Pass a match on, or turn it into a failure with its reason."""
+    if not match:
+        return match
     if match.score < config.min_score:
-        return _refused(match, f"score {match.score:.2f} is too low")
+        return replace(match, reason=f"score {match.score:.2f} is too low")
     sigma = np.sqrt(np.diag(match.covariance))
     if max(sigma[0], sigma[1]) > _WEAK_M or sigma[2] > _WEAK_RAD:
-        return _refused(match, "the scans do not fix the pose")
+        return replace(match, reason="the scans do not fix the pose")
     return match
 
 
@@ -193,17 +180,6 @@ def _result(
     floor = np.diag([1e-6, 1e-6, 1e-6])
     covariance = np.asarray(invert3(information + floor))
     return MatchResult(Pose2.from_array(pose), covariance, score, inliers, iterations)
-
-
-def _refused(match: MatchResult, reason: str) -> MatchResult:
-    return MatchResult(
-        match.target_from_source,
-        match.covariance,
-        match.score,
-        match.inliers,
-        match.iterations,
-        reason,
-    )
 
 
 def _too_few(source: Floats, target: Floats, config: MatchingConfig) -> str:

@@ -92,12 +92,7 @@ def appearance_of(points: Floats, middle_m: Floats) -> Appearance:
 
 
 class PlaceIndex:
-    """Places that can be asked for those that look alike.
-
-    Parameters
-    ----------
-    appearances : sequence of Appearance
-    """
+    """Places that can be asked for those that look alike."""
 
     def __init__(self, appearances: Sequence[Appearance]) -> None:
         self._appearances = appearances

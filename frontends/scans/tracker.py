@@ -72,12 +72,7 @@ class TrackedScan:
 
 
 class ScanTracker:
-    """Follows the robot by matching every scan against the last keyframes.
-
-    Parameters
-    ----------
-    config : FrontendConfig
-    """
+    """Follows the robot by matching every scan against the last keyframes."""
 
     def __init__(self, config: FrontendConfig) -> None:
         self._config = config

@@ -126,8 +126,10 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
         word = rest.pop(0)
         joined.append(word)
         if word in POINT_OPTIONS:
+            from slarm_graph.files.trajectories import is_number
+
             numbers: list[str] = []
-            while rest and len(numbers) < 3 and _is_number(rest[0]):
+            while rest and len(numbers) < 3 and is_number(rest[0]):
                 numbers.append(rest.pop(0))
             if len(numbers) == 3:
                 joined[-1] = f"{word}={' '.join(numbers)}"
@@ -139,14 +141,6 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
 def _is_point(text: str) -> bool:
     """Whether one word holds all three numbers, as in `--ap "1 2 3"`."""
     return len(text.replace(",", " ").split()) > 1
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
 
 
 class _Warnings(logging.Handler):

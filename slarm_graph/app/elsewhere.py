@@ -49,12 +49,7 @@ def carry_out_uploaded(trial: Trial, files: Files, stop: str) -> Files:
 
 
 class Elsewhere:
-    """Sends sources out and takes run folders back.
-
-    Parameters
-    ----------
-    client : distributed.Client
-    """
+    """Sends sources out and takes run folders back."""
 
     def __init__(self, client: Any) -> None:
         self._client = client

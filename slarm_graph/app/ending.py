@@ -94,12 +94,7 @@ def _end_now(why: str, code: int) -> NoReturn:
 
 
 class Stop:
-    """Whether a run should stop after the present reading, and why.
-
-    Parameters
-    ----------
-    limits : LimitsConfig
-    """
+    """Whether a run should stop after the present reading, and why."""
 
     def __init__(self, limits: LimitsConfig) -> None:
         self._limits = limits

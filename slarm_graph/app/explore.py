@@ -57,13 +57,6 @@ _log = logging.getLogger(__name__)
 def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress) -> Run:
     """Let a robot find a world out; every file is in the world's frame, by the known start.
 
-    Parameters
-    ----------
-    world : WorldMap
-    config : RunConfig
-    folder : RunFolder
-    progress : Progress
-
     Raises
     ------
     BadInput, RunFailed

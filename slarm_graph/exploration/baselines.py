@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -46,30 +47,44 @@ _HORIZON_TILES: Final = 60
 """Tiles of a sweep that are made into a path at once: over unknown ground the rest will change."""
 
 
-class BaStar:
-    """BA* (Viet, Dang, Laskar, Chung 2013): sweep north, south, east, west; else backtrack.
-
-    Where no neighbouring tile is open, the robot goes by A* to the nearest covered tile at which a
-    new sweep can begin.
-    """
+class _OnTiles(ABC):
+    """An explorer that thinks in tiles as wide as the robot."""
 
     def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
         del settings
         self._tiles = _TiledFloor(driving.robot_radius_m)
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Sweep from here, or backtrack and sweep from there."""
+        """Sweep from here, or go to where there is something to sweep, and sweep there."""
         tiles = self._tiles.around(coverage, pose)
         start = start_cell(tiles, pose) if tiles else None
         if tiles is None or start is None:
             return Finished("no free tile near the robot", self._tiles.out_of_reach(coverage, None))
+        way = self._way(tiles, start)
+        if way is None:
+            return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
+        return self._tiles.leg(tiles, pose, way)
+
+    @abstractmethod
+    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+        """Tiles (M, 2) to go over next, from where the robot is; None where none is left."""
+
+
+class BaStar(_OnTiles):
+    """BA* (Viet, Dang, Laskar, Chung 2013): sweep north, south, east, west; else backtrack.
+
+    Where no neighbouring tile is open, the robot goes by A* to the nearest covered tile at which a
+    new sweep can begin.
+    """
+
+    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         cells = self._sweep(tiles, start)
-        if len(cells) < 2:
-            back = self._backtrack(tiles, start)
-            if back is None:
-                return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
-            cells = np.concatenate([back, self._sweep(tiles, (int(back[-1, 0]), int(back[-1, 1])))])
-        return self._tiles.leg(tiles, pose, cells)
+        if len(cells) >= 2:
+            return cells
+        back = self._backtrack(tiles, start)
+        if back is None:
+            return None
+        return np.concatenate([back, self._sweep(tiles, (int(back[-1, 0]), int(back[-1, 1])))])
 
     def _sweep(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells:
         cols = tiles.geometry.cols
@@ -88,19 +103,10 @@ class BaStar:
         return path
 
 
-class Boustrophedon:
+class Boustrophedon(_OnTiles):
     """Boustrophedon cells (Choset 2000): sweep the present cell row by row, then the nearest."""
 
-    def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
-        del settings
-        self._tiles = _TiledFloor(driving.robot_radius_m)
-
-    def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Sweep what is open of the cell that the robot is in, or of the nearest one."""
-        tiles = self._tiles.around(coverage, pose)
-        start = start_cell(tiles, pose) if tiles else None
-        if tiles is None or start is None:
-            return Finished("no free tile near the robot", self._tiles.out_of_reach(coverage, None))
+    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         labels = label_floor_cells(tiles.codes != BLOCKED, 3.0)
         is_open = tiles.codes == OPEN
         is_open[start] = False
@@ -108,10 +114,10 @@ class Boustrophedon:
         path = path_to_nearest(tiles.moves, mine, start) if mine.any() else None
         path = path_to_nearest(tiles.moves, is_open, start) if path is None else path
         if path is None:
-            return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
+            return None
         here = is_open & (labels == labels[path[-1, 0], path[-1, 1]])
         rows = _rows_to_and_fro(here, (int(path[-1, 0]), int(path[-1, 1])))
-        return self._tiles.leg(tiles, pose, np.concatenate([path[:-1], rows]))
+        return np.concatenate([path[:-1], rows])
 
 
 @dataclass(slots=True)

@@ -13,7 +13,7 @@ from typing import Final
 import cv2
 import numpy as np
 
-from slarm_graph.backend import Heartbeat, SlamBackend, SlamResult, silent
+from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration.coverage_grid import CoverageGrid, driving_cell
 from slarm_graph.exploration.drive_report import DriveReport, drive_report
@@ -31,8 +31,6 @@ from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import DriveCommand, World
 
-_BEAT_READINGS: Final = 100
-"""Ten seconds of a laser of 10 Hz between two signs of life."""
 _MAX_ASKS: Final = 50
 """Goals without a path, one after the other, before the drive ends: each is marked tried, so that
 more never helped."""
@@ -77,18 +75,8 @@ class Exploration:
     report: DriveReport
 
 
-def explore(
-    world: World,
-    backend: SlamBackend,
-    explorer: Explorer,
-    config: ExploreConfig,
-    *,
-    extent_m: tuple[float, float, float, float],
-    start: Pose2,
-    mapping: MappingConfig | None = None,
-    heartbeat: Heartbeat = silent,
-) -> Exploration:
-    """Let a robot explore a world that it does not know.
+class ClosedLoop:
+    """A robot that explores a world that it does not know, one reading at a time.
 
     Parameters
     ----------
@@ -104,19 +92,9 @@ def explore(
         `world_from_robot` at the beginning, which the robot is told.
     mapping : MappingConfig, optional
         Of the map that is driven on.
-    heartbeat : Heartbeat
+    log : ReadingLog, optional
+        Where the readings are kept.
     """
-    loop = ClosedLoop(
-        world, backend, explorer, config, extent_m=extent_m, start=start, mapping=mapping
-    )
-    while loop.step():
-        if loop.readings % _BEAT_READINGS == 0:
-            heartbeat(f"{loop.readings} readings, {loop.driven_s:.0f} s driven")
-    return loop.outcome()
-
-
-class ClosedLoop:
-    """The state of an exploration, one reading at a time."""
 
     def __init__(
         self,

@@ -57,13 +57,7 @@ class GgmrPlusConfig(Stage):
 
 
 class GgmrPlus:
-    """Ours: the same seam as `ggmr`, less driving.
-
-    Parameters
-    ----------
-    settings : GgmrPlusConfig
-    driving : DrivingConfig
-    """
+    """Ours: the same seam as `ggmr`, less driving."""
 
     settings: ClassVar[type[Stage]] = GgmrPlusConfig
 

@@ -44,12 +44,7 @@ _OUTLIERS: Final = 2
 
 
 class LocalController:
-    """Turns a path into commands, one per reading.
-
-    Parameters
-    ----------
-    config : DrivingConfig
-    """
+    """Turns a path into commands, one per reading."""
 
     def __init__(self, config: DrivingConfig) -> None:
         self._config = config

@@ -38,10 +38,6 @@ class PathFollower:
 
     It slows down so that no bend asks for more than the turn rate, brakes in time for sharp
     corners and for the end, and turns on the spot there.
-
-    Parameters
-    ----------
-    config : DrivingConfig
     """
 
     def __init__(self, config: DrivingConfig) -> None:

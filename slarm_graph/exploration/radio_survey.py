@@ -64,13 +64,7 @@ class RadioSurveyConfig(Stage):
 
 
 class RadioSurvey:
-    """Goes where a radio map gains most certainty per second.
-
-    Parameters
-    ----------
-    settings : RadioSurveyConfig
-    driving : DrivingConfig
-    """
+    """Goes where a radio map gains most certainty per second."""
 
     settings: ClassVar[type[Stage]] = RadioSurveyConfig
 

@@ -7,7 +7,8 @@ from __future__ import annotations
 import io
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, Any
 
@@ -41,8 +42,15 @@ def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
     BadInput
         When it is missing, damaged, or larger than `MAX_ARRAY_BYTES`.
     """
-    try:
+    with refusing(path, what):
         return load_arrays(path, MAX_ARRAY_BYTES)
+
+
+@contextmanager
+def refusing(path: Path, what: str) -> Iterator[None]:
+    """Turn what goes wrong with a file, or with what is in it, into `BadInput`."""
+    try:
+        yield
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None
     except FAILURES as error:

@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.errors import BadInput, brief
-from slarm_graph.files.arrays import read_arrays
+from slarm_graph.files.arrays import read_arrays, refusing
 from slarm_graph.files.npz import write_npz
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
+
+_WHAT = "a coverage file"
 
 
 def write_coverage(path: Path, geographic: GeographicMap) -> None:
@@ -44,8 +45,8 @@ def read_coverage(path: Path) -> GeographicMap:
     BadInput
         When the file is missing or not of that kind.
     """
-    file = read_arrays(path, "a coverage file")
-    try:
+    file = read_arrays(path, _WHAT)
+    with refusing(path, _WHAT):
         x_m, y_m = (float(v) for v in file["origin_m"])
         states = file["states"]
         layers = [np.asarray(file[name], np.bool_) for name in ("observed", "visited", "footprint")]
@@ -61,6 +62,3 @@ def read_coverage(path: Path) -> GeographicMap:
             int(file["changed_cells"]),
             expansion_radius_m=float(file.get("expansion_radius_m", 0.0)),
         )
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
-        told = brief(str(error))
-        raise BadInput(f"{path}: not a coverage file written by slarm ({told})") from None

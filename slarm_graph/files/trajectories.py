@@ -132,7 +132,7 @@ def _header_and_lines(path: Path) -> tuple[Columns | None, Iterator[_Line]]:
     for number, line in enumerate(text.splitlines(), start=1):
         is_comment = line.lstrip().startswith(("#", "%"))
         words, commas = _words(line.lstrip().lstrip("#%") if is_comment else line)
-        if not lines and words and (is_comment or not _is_number(words[0])):
+        if not lines and words and (is_comment or not is_number(words[0])):
             named = columns_by_header(words) or named
             is_comment = is_comment or named is not None
         if words and not is_comment:
@@ -148,7 +148,8 @@ def _words(line: str) -> tuple[list[str], bool]:
     return line.split(), False
 
 
-def _is_number(word: str) -> bool:
+def is_number(word: str) -> bool:
+    """Whether a word can be read as a number."""
     try:
         float(word)
     except ValueError:

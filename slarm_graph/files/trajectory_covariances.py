@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.errors import BadInput, brief
-from slarm_graph.files.arrays import read_arrays
+from slarm_graph.files.arrays import read_arrays, refusing
 from slarm_graph.files.npz import write_npz
 from slarm_graph.geometry import Floats
 
+_WHAT = "a file of covariances"
 _FRAME = "robot"
 _UNITS = "m^2, m rad, rad^2"
 
@@ -56,8 +56,8 @@ def read_trajectory_covariance(path: Path) -> TrajectoryCovariance:
     BadInput
         When the file is missing or not of that kind.
     """
-    file = read_arrays(path, "a file of covariances")
-    try:
+    file = read_arrays(path, _WHAT)
+    with refusing(path, _WHAT):
         stamps_ns = np.asarray(file["stamps_ns"])
         covariances = np.asarray(file["covariances"], np.float64)
         if stamps_ns.dtype != np.int64 or stamps_ns.ndim != 1:
@@ -66,7 +66,4 @@ def read_trajectory_covariance(path: Path) -> TrajectoryCovariance:
             raise ValueError(f"{len(stamps_ns)} stamps and covariances {covariances.shape}")
         if (str(file["frame"]), str(file["units"])) != (_FRAME, _UNITS):
             raise ValueError("another frame or other units")
-    except (ValueError, KeyError, TypeError, OverflowError) as error:
-        told = brief(str(error))
-        raise BadInput(f"{path}: not a file of covariances written by slarm ({told})") from None
     return TrajectoryCovariance(stamps_ns, covariances)

@@ -86,13 +86,7 @@ def matched_blocks(
 
 @dataclass(frozen=True, slots=True)
 class Strip:
-    """A thin solid behind a side of an outline, of no known size.
-
-    Parameters
-    ----------
-    solid : Solid
-    outline, side : int
-    """
+    """A thin solid behind a side of an outline, of no known size."""
 
     solid: Solid
     outline: int
