@@ -109,11 +109,6 @@ class ParticleMaps:
         return len(self.tables)
 
     @property
-    def used_tiles(self) -> int:
-        """Tiles that at least one particle uses."""
-        return int(np.count_nonzero(self.references))
-
-    @property
     def memory_bytes(self) -> int:
         """Size of pool and tables [bytes]."""
         return self.cells.nbytes + self.tables.nbytes + self.references.nbytes

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import resource
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -24,11 +23,11 @@ import numpy as np
 
 from slarm_graph.app.compare import carry_out, compare
 from slarm_graph.app.comparison_folder import open_comparison, write_comparison
+from slarm_graph.app.ending import memory_mb
 from slarm_graph.app.trials import ComparisonPlan, Trial, find_sources
 from slarm_graph.eval.comparison import Outcome
 
 _MODEL = "SLARM_BENCH_MODEL"
-_PAGE_MB = resource.getpagesize() / 2**20
 _PART = 100
 """Runs that are told together; the first are to be compared with the last."""
 _FIRST = "first time"
@@ -42,11 +41,6 @@ class Copy(Trial):
     def command(self) -> list[str]:
         """Copy the model's folder, by links, so that the disk is not what is measured."""
         return ["/bin/cp", "-rl", "--no-target-directory", os.environ[_MODEL], str(self.folder)]
-
-
-def memory_mb() -> float:
-    """Return what this process holds now."""
-    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * _PAGE_MB
 
 
 def copies(trials: Sequence[Trial]) -> list[Trial]:

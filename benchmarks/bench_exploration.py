@@ -41,7 +41,7 @@ from slarm_graph.world import WorldMap
 OURS = "ggmr+"
 COVERING = tuple(name for name in parts.registered("explorer") if name != "radio-survey")
 """Explorers that drive to know the floor; `bench_simulated_radio.py` judges the other."""
-LATTICE_M = 0.05
+LATTICE_M = ExploreConfig().resolution_m
 
 
 @dataclass(frozen=True, slots=True)

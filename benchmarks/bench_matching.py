@@ -25,6 +25,7 @@ from slarm_graph.eval.relations import read_relations
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.scans.matcher import (
     CorrelativeMatcher,
+    IcpConfig,
     IcpMatcher,
     LikelihoodMatcher,
     ScanMatcher,
@@ -37,8 +38,10 @@ from slarm_graph.readings import Reading
 Points = np.ndarray
 Match = Callable[[Points, Points, Pose2], Pose2]
 
-_MAX_DISTANCE_M = 0.5
+_MAX_DISTANCE_M = IcpConfig().max_distance_m
 _HEIGHTS_M = (0.0, 0.1, 0.2)
+"""A plane needs points at more than one height, and a scan has one: it is copied to the one above
+and below, too, about as far apart as its returns are at 10 m from a laser of half a degree."""
 
 
 def scipy_icp(source: Points, target: Points, guess: Pose2) -> Pose2:

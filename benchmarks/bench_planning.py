@@ -18,7 +18,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slarm_graph.config import ExploreConfig
+from slarm_graph.config import DrivingConfig, ExploreConfig
 from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
     coverage_grid,
@@ -34,8 +34,9 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
 SIZES = (10_000, 30_000, 100_000, 300_000, 1_000_000, 4_000_000)
-CELL_M = 0.05
-BODY_M = 0.18
+"""Cells of halls from 25 to 10,000 square metres, half a decade apart for the exponent's fit."""
+CELL_M = ExploreConfig().resolution_m
+BODY_M = DrivingConfig().robot_radius_m
 
 
 def main() -> None:

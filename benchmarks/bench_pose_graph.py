@@ -25,7 +25,10 @@ from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 WARM_UP_SCANS = 500
+"""Scans that are followed before the clock runs, for what is compiled on first use; what they leave
+uncompiled shows in the time of the first repetition alone."""
 PAUSE_NS = 200_000_000
+"""From the last scan of a repetition to the first of the next: the period of a laser of 5 Hz."""
 
 
 def make() -> PoseGraphBackend:

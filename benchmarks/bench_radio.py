@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.config import RadioConfig, RecoveryConfig
+from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
@@ -32,8 +32,10 @@ from slarm_graph.trajectory import Trajectory
 
 T = TypeVar("T")
 
-RESOLUTION_M = 0.05
-ANTENNA_M, WALL_M = 0.5, 1.8
+RESOLUTION_M = MappingConfig().resolution_m
+ANTENNA_M, WALL_M = RadioConfig().antenna_height_m, 1.8
+"""Walls higher than the antenna and lower than the access point at 2.5 m, which are passed far from
+it and not near it: no shortcut serves all cells."""
 
 
 def main() -> None:

@@ -25,6 +25,7 @@ from slarm_graph.frontends.recordings.sources import open_source
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 ROUNDS = 5
+"""Of both readers in turn; the best of each counts, as what else runs only ever adds time."""
 STORE = get_typestore(Stores.ROS1_NOETIC)
 
 

@@ -53,6 +53,7 @@ COUNT, POWER_DBM, FREQUENCY_HZ = 6, -10.0, 2.44e9
 CELL_M, PROBE_M, FADES = 0.1, 0.3, 400
 """Of the recovered map; between points that are judged; draws of fading of each kind of link."""
 NORMAL_95 = 1.96
+"""Quantile 0.975 of the standard normal distribution: 95 % of it lie within plus and minus."""
 
 
 @dataclass(frozen=True)

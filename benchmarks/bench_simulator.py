@@ -26,6 +26,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.world import DriveCommand, WorldMap
 
 ROUNDS = 5
+"""The best of so many counts: what else runs on a machine only ever adds time."""
 
 
 def best_rate(work: Callable[[], object], repeats: int) -> float:

@@ -18,14 +18,16 @@ from pathlib import Path
 import numpy as np
 from numpy.random import Generator
 
+from slarm_graph.app.ending import BAD_INPUT
+
 COMPARED = ("trajectory.tum", "map.pgm", "radio_map.npz")
 EVERY_S = 0.5
 """Time between checkpoints: as short as one takes to write, so that most kills come after one."""
 PATIENCE_S = 3600.0
+"""Longest wait for a run, after which it counts as hung: no result depends on it."""
 _EARLY_ENOUGH = 0.8
 """Share of a run's usual time within which it is killed: on a busy machine that varies, and a run
 that has ended cannot be killed."""
-_BAD_INPUT = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +129,7 @@ def disturbed(job: Job, out: Path, kills: int, usual_s: float, rng: Generator) -
             continue
         if process.returncode == 0:
             return Outcome(job.name, tuple(lived), anew, differences(out, name))
-        if process.returncode == _BAD_INPUT and turn and words is not afresh:
+        if process.returncode == BAD_INPUT and turn and words is not afresh:
             there = "is finished" in said
             if there:
                 return Outcome(job.name, tuple(lived), anew, differences(out, name))

@@ -32,11 +32,14 @@ from slarm_graph.world import Solid, WorldMap
 WIDTH_M = 2.4
 """Of a corridor, as in offices."""
 WALL_M, HEIGHT_M = 0.2, 3.0
+"""Of a corridor's walls. No scan shows either of the two: walls are seen from one side, and rise
+above the laser."""
 STEP_M = 5.0
-"""Between two waypoints."""
+"""Between two waypoints of a corridor, which lie on one line: any other makes the same way."""
 NICHE_EVERY_M = 3.0
 """A cupboard stands at a wall about so often: corridors of nothing but walls are of one place."""
 SPEED_M_S = 1.0
+"""Of a robot in corridors, at a walk; scans are 0.2 m apart with it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import resource
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -23,12 +22,11 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.app.allocation import return_freed, spare_memory
+from slarm_graph.app.ending import memory_mb
 from slarm_graph.backend import silent
 from slarm_graph.config import RunConfig
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.readings import Reading
-
-_PAGE_MB = resource.getpagesize() / 2**20
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +70,7 @@ def resident_mb() -> float:
     """Memory of this process [MB], without what is free for it to use again."""
     gc.collect()
     return_freed()
-    return int(Path("/proc/self/statm").read_text().split()[1]) * _PAGE_MB
+    return memory_mb()
 
 
 def draw(points: Sequence[Point], title: str, path: Path) -> None:

@@ -55,11 +55,6 @@ class ReadingLog:
         return np.array(self._stamps_ns, dtype=np.int64)
 
     @property
-    def latest_ns(self) -> int | None:
-        """Stamp of the latest reading [ns]; None before the first."""
-        return self._stamps_ns[-1] if self._stamps_ns else None
-
-    @property
     def signals(self) -> Sequence[tuple[int, Signal]]:
         """Signal strengths that came with readings, with their stamps [ns]."""
         return self._signals

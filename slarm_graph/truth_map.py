@@ -49,8 +49,6 @@ class TruthMap:
         Top of the highest solid in the cell [m]; 0 where free, the ceiling outside the boundary.
     area_weight : (rows, cols) float64
         Share of the cell's area within the world's extent; below 1 in a clipped last row or column.
-    rule : str
-        `centre` or `touched`.
     """
 
     geometry: GridGeometry
@@ -58,7 +56,6 @@ class TruthMap:
     reachable: Mask
     heights_m: Heights
     area_weight: Floats
-    rule: str
 
 
 def truth_map(
@@ -95,7 +92,6 @@ def truth_map(
         reachable=reachable_from_start(world, geometry, rule, area) & ~blocked,
         heights_m=heights,
         area_weight=area_weight(world, geometry),
-        rule=rule,
     )
 
 

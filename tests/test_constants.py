@@ -28,6 +28,7 @@ UNFINISHED: tuple[str, ...] = (
 )
 """Files whose constants are still to be explained."""
 
+BENCHMARKS = sorted((ROOT / "benchmarks").glob("*.py"))
 FEWEST_WORDS = 4
 """A remark of fewer words explains nothing; the shortest that does has five."""
 
@@ -83,7 +84,9 @@ def test_what_counts_as_explained() -> None:
     assert list(constants(source)) == found
 
 
-@pytest.mark.parametrize("path", modules(), ids=lambda path: str(path.relative_to(ROOT)))
+@pytest.mark.parametrize(
+    "path", [*modules(), *BENCHMARKS], ids=lambda path: str(path.relative_to(ROOT))
+)
 def test_every_number_is_explained(path: Path) -> None:
     if path.relative_to(ROOT).as_posix().startswith(UNFINISHED):
         pytest.skip("its owner has not come to it yet")

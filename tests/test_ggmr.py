@@ -19,7 +19,7 @@ from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
     known_coverage,
 )
-from slarm_graph.exploration.ggmr import GgmrCounts, ggmr_path
+from slarm_graph.exploration.ggmr import ggmr_path
 from slarm_graph.exploration.searches import distances_from, reachable
 
 Place = tuple[int, int]
@@ -97,10 +97,6 @@ def test_going_on_gives_the_same_path_as_going_at_once() -> None:
     first = ggmr_path(coverage, (0, 3), max_cells=6)
     assert not first.complete
     np.testing.assert_array_equal(whole.cells[: len(first.cells)], first.cells)
-
-
-def test_counts_add_up() -> None:
-    assert GgmrCounts(1, 2, 3, 4) + GgmrCounts(10, 20, 30, 40) == GgmrCounts(11, 22, 33, 44)
 
 
 def random_floor(

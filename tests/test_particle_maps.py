@@ -91,7 +91,7 @@ def test_resampling_copies_no_cell() -> None:
     maps.resample(np.zeros(8, dtype=np.int64))
     assert maps.cells is cells
     assert np.array_equal(maps.cells, before)
-    assert maps.used_tiles == np.count_nonzero(maps.tables[0] >= 0)
+    assert np.count_nonzero(maps.references) == np.count_nonzero(maps.tables[0] >= 0)
 
 
 def test_only_touched_tiles_are_detached() -> None:
@@ -99,10 +99,10 @@ def test_only_touched_tiles_are_detached() -> None:
     maps = ParticleMaps.empty(2, RESOLUTION_M)
     maps.insert(random_scan(rng, 200), np.zeros((2, 3)))
     maps.resample(np.zeros(2, dtype=np.int64))
-    shared = maps.used_tiles
+    shared = np.count_nonzero(maps.references)
     here = np.array([[0.05, 0.05, 1.0, 0.0]])
     maps.insert(here, np.zeros((2, 3)))
-    assert maps.used_tiles == shared + 1
+    assert np.count_nonzero(maps.references) == shared + 1
 
 
 def test_nothing_leaks_in_a_hundred_thousand_resamplings() -> None:
@@ -117,7 +117,7 @@ def test_nothing_leaks_in_a_hundred_thousand_resamplings() -> None:
             capacities.add(len(maps.cells))
     check_books(maps)
     assert len(capacities) == 1
-    assert maps.used_tiles <= maps.tables.size
+    assert np.count_nonzero(maps.references) <= maps.tables.size
 
 
 def test_the_pool_ends_where_it_is_told() -> None:

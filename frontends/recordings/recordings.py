@@ -160,8 +160,3 @@ def first_bytes(path: Path, count: int = 16) -> bytes:
     """Return the beginning of a file."""
     with path.open("rb") as file:
         return file.read(count)
-
-
-def reason_of(error: Exception) -> str:
-    """What an exception says, or what it is."""
-    return str(error).strip() or type(error).__name__

@@ -52,11 +52,6 @@ _KINDS = {
 _FAILURES = (OSError, EOFError, RuntimeError, ValueError, zstd.ZstdError, MemoryError)
 
 
-def knows(compression: str) -> bool:
-    """Whether a compression can be undone; no compression can."""
-    return compression in ("", "none") or compression in _KINDS
-
-
 def unpack_partly(packed: bytes, compression: str, claimed: int) -> bytes:
     """Decompress as much as is whole, and no more than it is said to hold.
 

@@ -42,7 +42,6 @@ _SWEPT_SHARE: Final = 0.7
 _MAX_ATTEMPTS: Final = 4
 """Times a tile is headed for before it is given up: the map says it is open and the robot finds it
 is not."""
-_NOTHING_LEFT: Final = "no reachable tile is left"
 _HORIZON_TILES: Final = 60
 """Tiles of a sweep that are made into a path at once: over unknown ground the rest will change."""
 
@@ -59,10 +58,10 @@ class _OnTiles(ABC):
         tiles = self._tiles.around(coverage, pose)
         start = start_cell(tiles, pose) if tiles else None
         if tiles is None or start is None:
-            return Finished("no free tile near the robot", self._tiles.out_of_reach(coverage, None))
+            return Finished("no free tile near the robot")
         way = self._way(tiles, start)
         if way is None:
-            return Finished(_NOTHING_LEFT, self._tiles.out_of_reach(coverage, tiles))
+            return Finished("no reachable tile is left")
         return self._tiles.leg(tiles, pose, way)
 
     @abstractmethod
@@ -143,12 +142,6 @@ class _TiledFloor:
             self.attempts = np.zeros(tiles.codes.shape, dtype=np.uint8)
         visited |= self.attempts >= _MAX_ATTEMPTS
         return replace(tiles, codes=np.where(visited & (tiles.codes == OPEN), VISITED, tiles.codes))
-
-    def out_of_reach(self, coverage: CoverageGrid, tiles: CoverageGrid | None) -> int:
-        """Count the tiles that are open but for having no path to them."""
-        everything = tiled(coverage.driving, self._side(coverage.driving))
-        is_open = (everything.codes == OPEN) & ~self._covered(everything)
-        return int(np.sum(is_open if tiles is None else is_open & (tiles.codes == BLOCKED)))
 
     def _side(self, driving: DrivingGrid) -> int:
         """Return how many driving cells a tile is wide."""

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.moves import Moves, moves_across, moves_within, nearest_passable
-from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
@@ -148,11 +147,6 @@ def driving_cell(driving: DrivingGrid, x_m: float, y_m: float) -> tuple[int, int
     """Return the driving cell of a point, or the nearest passable one."""
     row, col = driving.geometry.cell_of([x_m, y_m])
     return nearest_passable(driving.passable, (int(row), int(col)))
-
-
-def unreachable_cells(coverage: CoverageGrid, start: tuple[int, int]) -> int:
-    """Count open cells that have no path to them from the start."""
-    return int(np.sum((coverage.codes == OPEN) & ~reachable(coverage.moves, start)))
 
 
 def tiled(driving: DrivingGrid, side: int) -> CoverageGrid:

@@ -33,17 +33,9 @@ class Leg:
 
 @dataclass(frozen=True, slots=True)
 class Finished:
-    """Why exploration ended, and what stayed out of reach.
-
-    Parameters
-    ----------
-    reason : str
-    unreachable_cells : int
-        Coverage cells that were never ruled out but have no path to them.
-    """
+    """Why exploration ended."""
 
     reason: str
-    unreachable_cells: int = 0
 
 
 class Explorer(Protocol):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slarm_graph.config import DrivingConfig, Stage
-from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
+from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.paths import path_to_wanted, without_straight_points
 from slarm_graph.exploration.searches import reachable
@@ -57,10 +57,10 @@ class NearestFrontier:
         """Look at the nearest unknown cells."""
         start = driving_cell(coverage.driving, pose.x, pose.y)
         if start is None:
-            return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
+            return Finished("no free cell near the robot")
         near = reachable(coverage.driving.moves, start)
         leg = self._selector.look_at_unknown(coverage.driving, near, pose)
-        return leg or Finished("everything reachable has been seen", unseen_cells(coverage, near))
+        return leg or Finished("everything reachable has been seen")
 
 
 class FrontierSelector:
@@ -162,15 +162,6 @@ def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
     around = np.ones((3, 3), dtype=np.uint8)
     rim = cv2.dilate(unknown, around) > cv2.erode(unknown, around, borderValue=0)
     return np.asarray(rim & driving.passable)
-
-
-def unseen_cells(coverage: CoverageGrid, near: Mask) -> int:
-    """Count coverage cells of which nothing is known and which cannot be reached."""
-    driving = coverage.driving
-    unseen = ~(driving.observed | driving.occupied | near)
-    rows, cols = coverage.geometry.shape
-    fine = coverage.fineness
-    return int(unseen.reshape(rows, fine, cols, fine).all(axis=(1, 3)).sum())
 
 
 def _count_near(points_m: Floats, places_m: list[Floats], radius_m: float) -> NDArray[np.int64]:

@@ -25,7 +25,6 @@ from slarm_graph.exploration.coverage_grid import (
     Codes,
     CoverageGrid,
     start_cell,
-    unreachable_cells,
 )
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.moves import Moves
@@ -66,14 +65,6 @@ class GgmrCounts:
     restarts: int = 0
     turns: int = 0
     revisits: int = 0
-
-    def __add__(self, other: GgmrCounts) -> GgmrCounts:
-        return GgmrCounts(
-            self.comparisons + other.comparisons,
-            self.restarts + other.restarts,
-            self.turns + other.turns,
-            self.revisits + other.revisits,
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +123,6 @@ class Ggmr:
 
     def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
         del settings, driving
-        self.counts = GgmrCounts()
-        self.skipped_cells = 0
         self._last: GgmrPath | None = None
         self._attempts: NDArray[np.uint8] | None = None
 
@@ -142,11 +131,10 @@ class Ggmr:
         coverage = self._without_hopeless(coverage)
         start = start_cell(coverage, pose)
         if start is None:
-            return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
+            return Finished("no free cell near the robot")
         path = ggmr_path(coverage, start, facing=self._facing(start), max_cells=_HORIZON_CELLS)
         if path.complete and len(path.cells) == 1:
-            left = unreachable_cells(coverage, start)
-            return Finished("no reachable cell is left", left)
+            return Finished("no reachable cell is left")
         self._remember(path, coverage)
         return leg_along(coverage, pose, path.cells.astype(np.int64), more=not path.complete)
 
@@ -159,7 +147,6 @@ class Ggmr:
 
     def _remember(self, path: GgmrPath, coverage: CoverageGrid) -> None:
         self._last = path
-        self.counts += path.counts
         assert self._attempts is not None
         is_open = coverage.codes[path.cells[:, 0], path.cells[:, 1]] == OPEN
         if is_open.any():
@@ -170,8 +157,7 @@ class Ggmr:
         if self._attempts is None or self._attempts.shape != coverage.codes.shape:
             self._attempts = np.zeros(coverage.codes.shape, dtype=np.uint8)
         hopeless = (self._attempts >= _MAX_ATTEMPTS) & (coverage.codes == OPEN)
-        self.skipped_cells = int(hopeless.sum())
-        if not self.skipped_cells:
+        if not hopeless.any():
             return coverage
         return replace(coverage, codes=np.where(hopeless, VISITED, coverage.codes).astype(np.uint8))
 

@@ -17,9 +17,9 @@ import numpy as np
 
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
-from slarm_graph.exploration.coverage_grid import OPEN, CoverageGrid, DrivingGrid, driving_cell
+from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.frontier import FrontierSelector, unseen_cells
+from slarm_graph.exploration.frontier import FrontierSelector
 from slarm_graph.exploration.lane_order import in_driving_order
 from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
@@ -75,14 +75,14 @@ class GgmrPlus:
         driving = coverage.driving
         start = driving_cell(driving, pose.x, pose.y)
         if start is None:
-            return Finished("no free cell near the robot", int(np.sum(coverage.codes == OPEN)))
+            return Finished("no free cell near the robot")
         if self._goal == "footprint":
             leg = self._cover(driving, start, pose)
             if leg is not None:
                 return leg
         near = reachable(driving.moves, start)
         leg = self._selector.look_at_unknown(driving, near, pose)
-        return leg or Finished("everything reachable is known", unseen_cells(coverage, near))
+        return leg or Finished("everything reachable is known")
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
         """Drive on along the tour; plan anew where floor was seen since, and when it ends."""

@@ -42,15 +42,15 @@ def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
     BadInput
         When it is missing, damaged, or larger than `MAX_ARRAY_BYTES`.
     """
-    with refusing(path, what):
-        return load_arrays(path, MAX_ARRAY_BYTES)
+    with arrays_of(path, what) as arrays:
+        return arrays
 
 
 @contextmanager
-def refusing(path: Path, what: str) -> Iterator[None]:
-    """Turn what goes wrong with a file, or with what is in it, into `BadInput`."""
+def arrays_of(path: Path, what: str) -> Iterator[Mapping[str, NDArray[Any]]]:
+    """As `read_arrays`, for the time of a `with`, in which what is wrong with them is told too."""
     try:
-        yield
+        yield load_arrays(path, MAX_ARRAY_BYTES)
     except FileNotFoundError:
         raise BadInput(f"no such file: {path}") from None
     except FAILURES as error:

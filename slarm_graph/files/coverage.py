@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.files.arrays import read_arrays, refusing
+from slarm_graph.files.arrays import arrays_of
 from slarm_graph.files.npz import write_npz
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-
-_WHAT = "a coverage file"
 
 
 def write_coverage(path: Path, geographic: GeographicMap) -> None:
@@ -45,8 +43,7 @@ def read_coverage(path: Path) -> GeographicMap:
     BadInput
         When the file is missing or not of that kind.
     """
-    file = read_arrays(path, _WHAT)
-    with refusing(path, _WHAT):
+    with arrays_of(path, "a coverage file") as file:
         x_m, y_m = (float(v) for v in file["origin_m"])
         states = file["states"]
         layers = [np.asarray(file[name], np.bool_) for name in ("observed", "visited", "footprint")]

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.files.arrays import read_arrays, refusing
+from slarm_graph.files.arrays import arrays_of
 from slarm_graph.files.npz import write_npz
 from slarm_graph.geometry import Floats
 
-_WHAT = "a file of covariances"
 _FRAME = "robot"
 _UNITS = "m^2, m rad, rad^2"
 
@@ -56,8 +55,7 @@ def read_trajectory_covariance(path: Path) -> TrajectoryCovariance:
     BadInput
         When the file is missing or not of that kind.
     """
-    file = read_arrays(path, _WHAT)
-    with refusing(path, _WHAT):
+    with arrays_of(path, "a file of covariances") as file:
         stamps_ns = np.asarray(file["stamps_ns"])
         covariances = np.asarray(file["covariances"], np.float64)
         if stamps_ns.dtype != np.int64 or stamps_ns.ndim != 1:
