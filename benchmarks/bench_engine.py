@@ -21,10 +21,12 @@ from pathlib import Path
 
 import numpy as np
 
-from slarm_graph.app.compare import carry_out, compare
+from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_folder import open_comparison, write_comparison
+from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.app.ending import memory_mb
-from slarm_graph.app.trials import ComparisonPlan, Trial, find_sources
+from slarm_graph.app.outcomes import carry_out
+from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
 _MODEL = "SLARM_BENCH_MODEL"

@@ -19,6 +19,7 @@ from collections.abc import Callable
 import numpy as np
 
 from slarm_graph.config import DrivingConfig, ExploreConfig
+from slarm_graph.exploration.algorithm_1 import ggmr_path
 from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
     coverage_grid,
@@ -26,7 +27,6 @@ from slarm_graph.exploration.coverage_grid import (
     known_coverage,
 )
 from slarm_graph.exploration.explorer import Leg
-from slarm_graph.exploration.ggmr import ggmr_path
 from slarm_graph.exploration.ggmr_plus import GgmrPlus
 from slarm_graph.exploration.live_map import mark_swept
 from slarm_graph.exploration.moves import clearance_m

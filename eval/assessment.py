@@ -21,7 +21,7 @@ from slarm_graph.eval.relations import (
     relation_metrics,
 )
 from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
-from slarm_graph.eval.trajectory_accuracy import trajectory_metrics
+from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.files.trajectories import read_spatial
 from slarm_graph.trajectory import Trajectory
 

@@ -13,11 +13,8 @@ from slarm_graph.eval.association import AssociationMethod, Pairs, associate, by
 from slarm_graph.eval.clocks import better_offset, find_offset
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.plane_of_motion import planes_of, seen_in
-from slarm_graph.eval.trajectory_accuracy import (
-    StretchUnit,
-    absolute_errors,
-    trajectory_metrics,
-)
+from slarm_graph.eval.trajectory_accuracy import StretchUnit, absolute_errors
+from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.trajectory import Trajectory
 

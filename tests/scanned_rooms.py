@@ -11,8 +11,8 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt
 
 from slarm_graph.config import LidarConfig
+from slarm_graph.exploration.algorithm_1 import ggmr_path
 from slarm_graph.exploration.coverage_grid import known_coverage
-from slarm_graph.exploration.ggmr import ggmr_path
 from slarm_graph.files.worlds import load_world
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory

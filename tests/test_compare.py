@@ -20,8 +20,10 @@ from test_cli import room_bag, run
 
 from slarm_graph.app import compare as compare_module
 from slarm_graph.app import comparison_folder
-from slarm_graph.app.compare import carry_out, compare
-from slarm_graph.app.trials import ComparisonPlan, Trial, TrialSource, find_sources
+from slarm_graph.app.compare import compare
+from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
+from slarm_graph.app.outcomes import carry_out
+from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.eval.agreement import Estimate
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
@@ -57,7 +59,7 @@ def test_an_interrupt_stops_what_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
 ) -> None:
     """Also what is just being started, whose process is there before anybody knows of it."""
-    interrupted, start = threading.Event(), compare_module._started
+    interrupted, start = threading.Event(), compare_module.started
 
     def started(trial: Trial) -> subprocess.Popen[str]:
         process = start(trial)
@@ -66,7 +68,7 @@ def test_an_interrupt_stops_what_runs(
             time.sleep(0.3)
         return process
 
-    monkeypatch.setattr(compare_module, "_started", started)
+    monkeypatch.setattr(compare_module, "started", started)
     source = TrialSource("x.bag", False)
     waiting = Waiting(source, "odometry", 1, tmp_path / "waiting")
     begun, ended = (tmp_path / f"waiting.{how}" for how in ("begun", "ended"))
@@ -109,8 +111,8 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     assert run("compare", bag, *words) == 0
     assert run("eval", "trajectory", tmp_path / "c" / "good_odometry_0", bag) == 2
     started = []
-    start = compare_module._started
-    monkeypatch.setattr(compare_module, "_started", lambda t: started.append(t) or start(t))
+    start = compare_module.started
+    monkeypatch.setattr(compare_module, "started", lambda t: started.append(t) or start(t))
     truth = tmp_path / "c" / "good_odometry_0" / "trajectory.tum"
     external = f"theirs={truth},{truth.with_name('map.yaml')}"
     assert run("compare", bag, *words, "--seeds", 2, "--external", external) == 0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from slarm_graph.app.trials import ComparisonPlan, find_sources
+from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.errors import BadInput
 
 

@@ -24,6 +24,7 @@ UNFINISHED: tuple[str, ...] = (
     "frontends/scans/submaps.py",
     "frontends/scans/tracker.py",
     "frontends/scans/wall_sides.py",
+    "frontends/scans/wall_tangents.py",
     "frontends/scans/wheel_calibration.py",
 )
 """Files whose constants are still to be explained."""

@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from slarm_graph.exploration.algorithm_1 import ggmr_path
 from slarm_graph.exploration.coverage_grid import (
     BLOCKED,
     OPEN,
@@ -19,7 +20,6 @@ from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
     known_coverage,
 )
-from slarm_graph.exploration.ggmr import ggmr_path
 from slarm_graph.exploration.searches import distances_from, reachable
 
 Place = tuple[int, int]

@@ -14,12 +14,8 @@ from skimage.transform import EuclideanTransform
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import AlignmentMethod, align, fit_rigid
 from slarm_graph.eval.association import AssociationMethod, associate
-from slarm_graph.eval.trajectory_accuracy import (
-    absolute_errors,
-    relative_errors,
-    statistics,
-    trajectory_metrics,
-)
+from slarm_graph.eval.trajectory_accuracy import absolute_errors, relative_errors, statistics
+from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.geometry import Pose2, compose
 from slarm_graph.trajectory import Trajectory
 

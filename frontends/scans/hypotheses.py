@@ -18,13 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
-from slarm_graph.frontends.scans.places import (
-    Outlook,
-    Place,
-    best_story,
-    claimed_covariance,
-    fused,
-)
+from slarm_graph.frontends.scans.places import Outlook, Place, best_story, claimed_covariance, fused
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.correlative import search, search_every_pose, window_of
+from slarm_graph.frontends.scans.fits import UsualFit, chance_fit, fit, pieces
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
@@ -26,13 +27,9 @@ from slarm_graph.frontends.scans.places import (
     BASIN,
     Outlook,
     Place,
-    UsualFit,
-    chance_fit,
     distinct,
-    fit,
     is_same,
     judged,
-    pieces,
     unmatched,
 )
 from slarm_graph.frontends.scans.refinement import Refinement

@@ -16,10 +16,11 @@ import numpy as np
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
+from slarm_graph.frontends.scans.fits import fit
 from slarm_graph.frontends.scans.hypotheses import Story, grown, is_decided, pruned
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
-from slarm_graph.frontends.scans.places import Outlook, Place, fit
+from slarm_graph.frontends.scans.places import Outlook, Place
 from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.small_pose import between3

@@ -75,7 +75,7 @@ def demo_command(out: Out = Path("runs"), name: Name = None, overwrite: Overwrit
     """Explore the paper's room with both backends and compare; takes a minute or two."""
     from slarm_graph.app.compare import compare
     from slarm_graph.app.comparison_folder import open_comparison
-    from slarm_graph.app.trials import ComparisonPlan, find_sources
+    from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 
     folder = open_comparison(out, name, overwrite=overwrite)
     print("A simulated robot explores the paper's room, once with each SLAM backend ...")
@@ -111,8 +111,8 @@ def compare_command(
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.compare import compare
     from slarm_graph.app.comparison_folder import open_comparison
+    from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
     from slarm_graph.app.external import find_externals
-    from slarm_graph.app.trials import ComparisonPlan, find_sources
     from slarm_graph.files.configs import load_config
 
     every, swept, points = tuple(settings or ()), tuple(sweep or ()), tuple(_points(ap or ()))

@@ -1,15 +1,13 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of a comparison, each in a process of its own, here or on a dask cluster.
+"""The runs of a comparison, here or on a dask cluster.
 
 A run that fails, even one that takes its process down, leaves the others alone. One that is
-already finished is read and not computed again, one that was interrupted goes on. A process dies
-with the worker that started it, so that two never write into one folder.
+already finished is read and not computed again, one that was interrupted goes on.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -21,91 +19,14 @@ from contextlib import closing
 from pathlib import Path
 from threading import Event, Lock
 
+from slarm_graph.app.outcomes import BEAT_S, read_outcome, started, waited_for
 from slarm_graph.app.progress import Progress, Quiet
-from slarm_graph.app.run_folder import RECORD
-from slarm_graph.app.tied import started_tied
 from slarm_graph.app.trials import Trial
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 
-_BEAT_S = 1.0
-"""Between two looks at what runs; a run that ends in between is noticed at once all the same."""
-_RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 _RETRIES = 3
 """How often a run is given to another worker when one dies over it."""
-
-
-def carry_out(trial: Trial, stop: Callable[[], bool] = lambda: False) -> Outcome:
-    """Run a trial in a process of its own, if it is not done yet, and read what it left."""
-    if trial.is_done():
-        return read_outcome(trial)
-    return _waited_for(trial, _started(trial), stop)
-
-
-def _started(trial: Trial) -> subprocess.Popen[str]:
-    command = trial.command()
-    trial.take_folder()
-    return started_tied(command)
-
-
-def _waited_for(
-    trial: Trial, process: subprocess.Popen[str], stop: Callable[[], bool] = lambda: False
-) -> Outcome:
-    while True:
-        try:
-            _, errors = process.communicate(timeout=_BEAT_S)
-        except subprocess.TimeoutExpired:
-            if stop():
-                process.send_signal(signal.SIGINT)
-            continue
-        break
-    said = errors.strip().splitlines()
-    problem = said[-1].removeprefix("slarm: ") if said and process.returncode else ""
-    return read_outcome(trial, problem or f"exit code {process.returncode}")
-
-
-def read_outcome(trial: Trial, problem: str = "") -> Outcome:
-    """Read a finished trial's record and metrics.
-
-    Parameters
-    ----------
-    trial : Trial
-    problem : str
-        What its process said last, for when it left no record.
-    """
-    try:
-        record = json.loads((trial.folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        record = {"status": "failed", "problem": problem}
-    status = record["status"] if record["status"] != "running" else "failed"
-    figures = {name: float(record[name]) for name in _RECORDED if name in record}
-    return Outcome(
-        Path(trial.source.place).name,
-        trial.backend,
-        trial.seed,
-        status,
-        "" if status == "ok" else record.get("problem") or problem,
-        trial.folder.name,
-        figures | _metrics(trial.folder / "metrics.json"),
-        trial.setting,
-        _verdict(trial.folder / "consistency.json"),
-    )
-
-
-def _metrics(path: Path) -> dict[str, float]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return {n: m["value"] for n, m in content.items() if m["value"] is not None}
-
-
-def _verdict(path: Path) -> str:
-    """Return what a run says of itself."""
-    try:
-        return str(json.loads(path.read_text(encoding="utf-8"))["verdict"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
 
 
 def compare(
@@ -181,7 +102,7 @@ def _as_they_end(
             running[submit(trial)] = trial
         if not running:
             return
-        ended, _ = wait(running, _BEAT_S, FIRST_COMPLETED)
+        ended, _ = wait(running, BEAT_S, FIRST_COMPLETED)
         progress.say("")
         for future in ended:
             progress.advance()
@@ -197,13 +118,13 @@ def _locally(workers: int) -> Runner:
 
     def carry_out_here(trial: Trial) -> Outcome:
         """Run a trial and be there to be stopped."""
-        process = _started(trial)
+        process = started(trial)
         with lock:
             running.add(process)
             if stopping.is_set():
                 process.send_signal(signal.SIGINT)
         try:
-            return _waited_for(trial, process)
+            return waited_for(trial, process)
         finally:
             with lock:
                 running.discard(process)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from slarm_graph.app.compare import carry_out, read_outcome
+from slarm_graph.app.outcomes import carry_out, read_outcome
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 

@@ -17,7 +17,8 @@ from typing import Final
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.compare import compare, read_outcome
+from slarm_graph.app.compare import compare
+from slarm_graph.app.outcomes import read_outcome
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.trials import Trial
 from slarm_graph.backend import silent

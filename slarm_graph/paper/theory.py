@@ -18,13 +18,13 @@ from scipy import ndimage
 
 from slarm_graph.config import DrivingConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.exploration.algorithm_1 import GgmrPath, PathCells, ggmr_path
 from slarm_graph.exploration.coverage_grid import (
     CoverageGrid,
     coverage_grid,
     driving_grid,
     start_cell,
 )
-from slarm_graph.exploration.ggmr import GgmrPath, PathCells, ggmr_path
 from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats

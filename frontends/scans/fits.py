@@ -1,0 +1,153 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How well a scan fits at a pose, how well scans usually fit, and how well by chance."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
+from slarm_graph.frontends.scans.small_pose import (
+    compose3,
+)
+from slarm_graph.geometry import Floats
+
+_UNSEEN = 0.5
+"""What a return counts where nobody looked yet, in usual returns: neither for nor against."""
+_PIECE_M = 1.0
+"""Length of wall whose returns agree or disagree together: a passer-by, a door, a cupboard."""
+_TAILS = 4.0
+"""Degrees of freedom of the fit of right places: crowds and new furniture come now and then."""
+_MEMORY = 0.05
+"""Of the usual fit, per scan: places change within some 20 scans."""
+_LEAST_SPREAD = 0.08
+"""Of the usual fit: that of 30 independent pieces of surroundings."""
+_CHANCE_POINTS = 60
+"""Returns looked up at places where a scan does not belong: the mean needs no more."""
+_LEAST_CHANCE = 0.08
+"""Spread of the fit at such places at least: that of 30 independent pieces."""
+_ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
+"""Poses around the expected one: the window that is searched."""
+
+
+@dataclass(frozen=True, slots=True)
+class ChanceFit:
+    """How well a scan fits at places where it does not belong, by chance or by alikeness.
+
+    Parameters
+    ----------
+    mean, sigma : float
+        Of the fit at poses all over the window around what is expected.
+    """
+
+    mean: float
+    sigma: float
+
+    def log_density(self, fits: float) -> float:
+        """Log density of a fit at such a place, relative to the most frequent one."""
+        return -0.5 * (max(0.0, fits - self.mean) / self.sigma) ** 2
+
+
+def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> ChanceFit:
+    """Measure how well a scan (K, 2) fits elsewhere around a pose (3,)."""
+    few = points[:: max(1, len(points) // _CHANCE_POINTS)]
+    around = np.array([compose3(center, away) for away in _ELSEWHERE])
+    fits = _fits(few, around, local_map, usual)
+    return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE))
+
+
+def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> float:
+    """Mean agreement of a scan (K, 2) at a pose (3,), what lies in the unseen being neutral."""
+    if local_map.grid is None or not len(points):
+        return 0.0
+    return float(_fits(points, pose[None], local_map, usual)[0])
+
+
+def _fits(points: Floats, poses: Floats, local_map: LocalMap, usual: float) -> Floats:
+    """Return `fit` at many poses (N, 3)."""
+    assert local_map.grid is not None
+    seen = local_map.seen, local_map.seen_step
+    agreement = _agreement(local_map.grid.lattice, *seen, points, poses, _UNSEEN * usual)
+    return np.asarray(agreement / len(points))
+
+
+@dataclass(slots=True)
+class UsualFit:
+    """How well scans fit where they belong, learned from those whose place was beyond doubt.
+
+    Parameters
+    ----------
+    mean, variance : float
+        Of the fit.
+    count : float
+        Scans it was learned from.
+    """
+
+    mean: float = 0.0
+    variance: float = 0.1**2
+    count: float = 0.0
+
+    def learn(self, fits: float) -> None:
+        """Take in the fit of one more scan."""
+        rate = max(_MEMORY, 1.0 / (self.count + 1.0))
+        self.count += 1.0
+        if self.count > 1.0:
+            self.variance += _MEMORY * ((fits - self.mean) ** 2 - self.variance)
+        self.mean += rate * (fits - self.mean)
+
+    def below(self, fits: float, count: float) -> float:
+        """Standard deviations that a fit of so many pieces lies below the usual one; at least 0."""
+        of_few = self.mean * (1.0 - self.mean) / max(count, 1.0)
+        return max(0.0, self.mean - fits) / math.sqrt(max(self.variance, of_few, _LEAST_SPREAD**2))
+
+    def log_density(self, fits: float, count: float) -> float:
+        """Log density of a fit at the right place, relative to the usual one: Student's t."""
+        return -0.5 * (_TAILS + 1.0) * math.log1p(self.below(fits, count) ** 2 / _TAILS)
+
+
+@njit(cache=True, nogil=True)
+def pieces(points: Floats) -> float:
+    """How many independent pieces of surroundings a scan (K, 2) in beam order shows."""
+    count = 0.0
+    for i in range(len(points)):
+        step = _PIECE_M
+        if i > 0:
+            step = math.hypot(points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1])
+        count += min(step, _PIECE_M) / _PIECE_M
+    return count
+
+
+@njit(cache=True, nogil=True)
+def _agreement(
+    lattice: Lattice,
+    seen: NDArray[np.bool_],
+    seen_step: int,
+    points: Floats,
+    poses: Floats,
+    neutral: float,
+) -> Floats:
+    """Sum (N,) of the agreement of points (K, 2) at poses (N, 3); `neutral` in the unseen."""
+    sums = np.empty(len(poses))
+    for k in range(len(poses)):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        total, unseen = 0.0, 0
+        for i in range(len(points)):
+            x = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
+            y = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
+            value, _, _ = interpolate(lattice, x, y)
+            if value > 0.01:
+                total += value
+                continue
+            col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
+            row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
+            is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
+            if not is_inside or not seen[row, col]:
+                unseen += 1
+        sums[k] = total + neutral * unseen
+    return sums

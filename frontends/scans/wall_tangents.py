@@ -1,0 +1,66 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Which returns lie on straight walls, and which way these run."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from slarm_graph.geometry import Floats
+
+_REACH_M = 0.2
+_NEAR_GAP_M = 0.5
+_STRAIGHT = 0.8
+_VERY_STRAIGHT = 0.97
+
+
+@njit(cache=True, nogil=True)
+def wall_tangents(points: Floats) -> Floats:
+    """Unit vectors (K, 2) along straight walls at points (K, 2) in beam order; elsewhere zero.
+
+    A point is on a straight wall when the ways to it and from it agree; near neighbours must agree
+    roughly, as noise turns short ways, far ones (a wall seen at a grazing angle) closely.
+    """
+    tangents = np.zeros_like(points)
+    for i in range(len(points)):
+        before = _along(points, i, -1)
+        after = _along(points, i, 1)
+        if before == i and after == i:
+            continue
+        if before == i:
+            before, middle, after = i, after, _along(points, after, 1)
+        elif after == i:
+            before, middle, after = _along(points, before, -1), before, i
+        else:
+            middle = i
+        ux, uy = points[middle, 0] - points[before, 0], points[middle, 1] - points[before, 1]
+        vx, vy = points[after, 0] - points[middle, 0], points[after, 1] - points[middle, 1]
+        u, v = math.hypot(ux, uy), math.hypot(vx, vy)
+        if u == 0.0 or v == 0.0:
+            continue
+        agreement = (ux * vx + uy * vy) / (u * v)
+        if agreement > (_STRAIGHT if max(u, v) < _NEAR_GAP_M else _VERY_STRAIGHT):
+            dx, dy = ux + vx, uy + vy
+            length = math.hypot(dx, dy)
+            tangents[i, 0] = dx / length
+            tangents[i, 1] = dy / length
+    return tangents
+
+
+@njit(cache=True, nogil=True)
+def _along(points: Floats, i: int, direction: int) -> int:
+    """Walk along the beam order until far enough away for a direction; stop before a gap."""
+    k = i
+    while 0 <= k + direction < len(points):
+        n = k + direction
+        dx, dy = points[n, 0] - points[k, 0], points[n, 1] - points[k, 1]
+        if k != i and dx * dx + dy * dy > _NEAR_GAP_M**2:
+            break
+        k = n
+        dx, dy = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1]
+        if dx * dx + dy * dy > _REACH_M**2:
+            break
+    return k

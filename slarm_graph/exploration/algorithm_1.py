@@ -1,0 +1,233 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""GGMR as the paper has it: Algorithm 1, literally, with its open points settled.
+
+Settled: a new start position is the open cell with the cheapest path from here (ties: lowest row,
+then lowest column), the direction of travel is looked for anew in every row that the robot comes
+to (+x first, then -x), a diagonal step is two moves through a side cell that is not blocked, and
+the algorithm ends when no reachable open cell is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from slarm_graph.exploration.coverage_grid import (
+    BLOCKED,
+    OPEN,
+    VISITED,
+    Codes,
+    CoverageGrid,
+)
+from slarm_graph.exploration.moves import Moves
+from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wavefront
+
+_FIRST_ROOM: Final = 1024
+"""Cells of a path that there is room for at first; it doubles where needed."""
+PathCells = NDArray[np.int32]
+Facings = NDArray[np.int8]
+
+
+@dataclass(frozen=True, slots=True)
+class GgmrCounts:
+    """What Algorithm 1 took.
+
+    Parameters
+    ----------
+    comparisons : int
+        Looks at the value of a neighbouring cell.
+    restarts : int
+        New start positions, each reached by A*.
+    turns : int
+        Changes of the direction of travel.
+    revisits : int
+        Steps into cells that were visited before.
+    """
+
+    comparisons: int = 0
+    restarts: int = 0
+    turns: int = 0
+    revisits: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class GgmrPath:
+    """A run of Algorithm 1.
+
+    Parameters
+    ----------
+    cells : (M, 2) int32
+        Cells in the order of driving, the start included.
+    facing : (M,) int8
+        Direction of travel along the row at every cell; 0 where it is looked for anew.
+    counts : GgmrCounts
+    complete : bool
+        Whether no reachable open cell is left.
+    """
+
+    cells: PathCells
+    facing: Facings
+    counts: GgmrCounts
+    complete: bool
+
+
+def ggmr_path(
+    coverage: CoverageGrid,
+    start: tuple[int, int],
+    *,
+    facing: int = 0,
+    max_cells: int | None = None,
+) -> GgmrPath:
+    """Run Algorithm 1 on the map so far.
+
+    Parameters
+    ----------
+    coverage : CoverageGrid
+    start : (row, col)
+    facing : {0, 1, -1}
+        Direction of travel along the row to go on with; 0 looks for it anew.
+    max_cells : int, optional
+        Stop after the first step that makes the path this long.
+    """
+    limit = np.iinfo(np.int64).max if max_cells is None else max_cells
+    cells, facings, tally, complete = _algorithm_1(
+        coverage.codes.copy(), coverage.moves, start, facing, limit, new_labels(coverage.codes.size)
+    )
+    counts = GgmrCounts(int(tally[0]), int(tally[1]), _count_turns(cells), int(tally[2]))
+    return GgmrPath(cells, facings, counts, bool(complete))
+
+
+@njit(cache=True, nogil=True)
+def _algorithm_1(
+    codes: Codes,
+    moves: Moves,
+    start: tuple[int, int],
+    facing: int,
+    max_cells: int,
+    labels: Labels,
+) -> tuple[PathCells, Facings, NDArray[np.int64], bool]:
+    """Walk until `max_cells` are in the path or nothing reachable is left; marks `codes`.
+
+    Returns the path, the facing at its cells, (comparisons, restarts, revisits), and whether
+    nothing is left.
+    """
+    cols = codes.shape[1]
+    flat, bits = codes.ravel(), moves.ravel()
+    tally = np.zeros(3, dtype=np.int64)
+    cells = np.empty((_FIRST_ROOM, 2), dtype=np.int32)
+    facings = np.empty(_FIRST_ROOM, dtype=np.int8)
+    here = start[0] * cols + start[1]
+    count = _append(cells, facings, 0, here, facing, cols)
+    flat[here] = VISITED
+    while count < max_cells:
+        if count + 2 > len(facings):
+            cells, facings = _with_room(cells, facings, 2)
+        if facing == 0:
+            facing, looks = _direction(flat, bits, here)
+            tally[0] += looks
+        ahead_open = (bits[here] >> (0 if facing > 0 else 4)) & 1
+        tally[0] += 1
+        if ahead_open and flat[here + facing] == OPEN:
+            here += facing
+            count = _append(cells, facings, count, here, facing, cols)
+            flat[here] = VISITED
+            continue
+        first, second, looks = _step_up(flat, bits, here, facing, cols)
+        tally[0] += looks
+        facing = 0
+        if first >= 0:
+            tally[2] += second >= 0
+            here = first
+            count = _append(cells, facings, count, here, 0, cols)
+            if second >= 0:
+                here = second
+                count = _append(cells, facings, count, here, 0, cols)
+            flat[here] = VISITED
+            continue
+        path = walk_back(
+            labels, wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1), cols
+        )
+        if not len(path):
+            return cells[:count], facings[:count], tally, True
+        tally[1] += 1
+        tally[2] += len(path) - 2
+        cells, facings = _with_room(cells, facings, count + len(path) - len(facings))
+        for here in path[1:]:
+            count = _append(cells, facings, count, here, 0, cols)
+        flat[here] = VISITED
+    return cells[:count], facings[:count], tally, False
+
+
+@njit(cache=True, nogil=True)
+def _append(
+    cells: PathCells, facings: Facings, count: int, cell: int, facing: int, cols: int
+) -> int:
+    """Write one more cell of a path, and how the robot faces there; returns how many there are."""
+    cells[count, 0], cells[count, 1] = cell // cols, cell % cols
+    facings[count] = facing
+    return count + 1
+
+
+@njit(cache=True, nogil=True)
+def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> tuple[int, int]:
+    """Look along the row, +x first, then -x; return the direction of travel and the looks."""
+    if (bits[here] & 1) and flat[here + 1] == OPEN:
+        return 1, 1
+    behind_open = (bits[here] >> 4) & 1 and flat[here - 1] == OPEN
+    return (-1 if behind_open else 1), 2
+
+
+@njit(cache=True, nogil=True)
+def _with_room(cells: PathCells, facings: Facings, missing: int) -> tuple[PathCells, Facings]:
+    """Double the room of a path where some is missing."""
+    if missing <= 0:
+        return cells, facings
+    count = len(facings)
+    more_cells = np.empty((2 * count + missing, 2), dtype=np.int32)
+    more_facings = np.empty(2 * count + missing, dtype=np.int8)
+    more_cells[:count] = cells
+    more_facings[:count] = facings
+    return more_cells, more_facings
+
+
+@njit(cache=True, nogil=True)
+def _count_turns(cells: PathCells) -> int:
+    """Count changes of direction along a path."""
+    turns = 0
+    for i in range(2, len(cells)):
+        for axis in range(2):
+            if 2 * cells[i - 1, axis] != cells[i, axis] + cells[i - 2, axis]:
+                turns += 1
+                break
+    return turns
+
+
+@njit(cache=True, nogil=True)
+def _step_up(
+    flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int, facing: int, cols: int
+) -> tuple[int, int, int]:
+    """Look up, up-ahead and up-behind.
+
+    Returns the next cell and, for a diagonal, the cell after it (-1: none), and the looks taken.
+    """
+    up = here + cols
+    up_open = (bits[here] >> 2) & 1
+    if up_open and flat[up] == OPEN:
+        return up, -1, 1
+    looks = 1
+    for side in (facing, -facing):
+        looks += 1
+        d = 0 if side > 0 else 4
+        via_up = up_open and (bits[up] >> d) & 1
+        if via_up and flat[up] != BLOCKED and flat[up + side] == OPEN:
+            return up, up + side, looks
+        beside = here + side
+        via_side = (bits[here] >> d) & 1 and (bits[beside] >> 2) & 1
+        if via_side and flat[beside] != BLOCKED and flat[beside + cols] == OPEN:
+            return beside, beside + cols, looks
+    return -1, -1, looks
