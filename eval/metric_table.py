@@ -50,7 +50,7 @@ _BUILT_IN: Final = (
     _K("coverage_accessible", "", "accessible area found", "more", _WORLD, "share of the truly"
        " accessible area that is recovered as such"),
     _K("los_agreement", "", "line of sight agrees", "more", _WORLD, "share of the area accessible"
-       " in both whose line of sight is known and agrees"),
+       " in both whose line of sight is of one class in both: clear, blocked or unknown"),
     _K("los_unknown", "", "line of sight unknown", "less", _WORLD, "share of the area accessible in"
        " both whose link passes cells nobody has seen"),
     _K("los_brier", "", "line of sight, Brier score", "less", _WORLD, "mean square of the"

@@ -102,14 +102,17 @@ def _link(
     hit = both & (error_db <= tolerance_db)
     # Missing gains count as misses; the dB figures are over the gains that exist.
     compared = both & np.isfinite(error_db)
-    agrees = both & (cells.sight[n] == sight) & ~cells.unknown[n]
-    missed = (cells.probability[n] - sight.astype(np.float64))[both] ** 2
+    unknown = reference.sight_unknown[n]
+    # Three classes: clear, blocked, unknown; a map agrees with itself everywhere.
+    agrees = both & (cells.unknown[n] == unknown) & (cells.sight[n] == sight)
+    missed = (cells.probability[n] - reference.sight_probability[n])[both] ** 2
     return LinkAccuracy(
         access_point=reference.access_points[n].name,
         accuracy=_share(area, hit, reference_accessible),
         gain_hit=_share(area, hit, both),
         los_agreement=_share(area, agrees, both),
         los_unknown=_share(area, cells.unknown[n], both),
+        los_unknown_reference=_share(area, unknown, both),
         los_brier=_mean(missed, area[both]),
         gain_rmse_db=_mean(error_db[compared] ** 2, area[compared]) ** 0.5,
         gain_mae_db=_mean(error_db[compared], area[compared]),

@@ -22,9 +22,10 @@ class LinkAccuracy:
     accuracy, gain_hit : float
         As in `RadioAccuracy`.
     los_agreement : float
-        Share of the cells accessible in both whose line of sight is known and agrees.
-    los_unknown : float
-        Share of those cells whose line of sight the map does not know.
+        Share of the cells accessible in both whose line of sight is of one class in both: clear,
+        blocked or unknown.
+    los_unknown, los_unknown_reference : float
+        Share of those cells whose line of sight the map, and the reference, does not know.
     los_brier : float
         Mean squared error of the probability of line of sight there, 0 for certain and right.
     gain_rmse_db, gain_mae_db : float
@@ -36,6 +37,7 @@ class LinkAccuracy:
     gain_hit: float
     los_agreement: float
     los_unknown: float
+    los_unknown_reference: float
     los_brier: float
     gain_rmse_db: float
     gain_mae_db: float
@@ -92,7 +94,7 @@ class RadioAccuracy:
 
     @property
     def los_agreement(self) -> float:
-        """Share of the cells accessible in both whose line of sight is known and agrees."""
+        """Share of the cells accessible in both whose line of sight is of one class in both."""
         return self._mean("los_agreement")
 
     @property
@@ -109,6 +111,13 @@ class RadioAccuracy:
     def gain_mae_db(self) -> float:
         """Mean absolute gain error over all access points [dB]."""
         return self._mean("gain_mae_db")
+
+    def _unknown_note(self) -> str:
+        """What a reference that does not know all its links makes of their agreement."""
+        share = self._mean("los_unknown_reference")
+        return (
+            f"{share:.2%} unknown to the reference itself; agrees where both are" if share else ""
+        )
 
     def _mean(self, name: str) -> float:
         return float(np.mean([getattr(link, name) for link in self.links]))
@@ -130,13 +139,13 @@ class RadioAccuracy:
         mean = f"mean of {len(self.links)} access points" if len(self.links) > 1 else ""
         told = "; ".join(part for part in (note, mean, *self.warnings) if part)
         shares = ("coverage_observed", "coverage_visited", "coverage_footprint", "gain_hit")
-        others = ("coverage_accessible", "los_agreement", "false_accessible", "iou")
-        unknown = float(np.mean([link.los_unknown for link in self.links]))
+        others = ("coverage_accessible", "false_accessible", "iou")
         return (
             Metric("accuracy", self.accuracy, note=told),
             Metric("accuracy_worst_ap", self.worst.accuracy, note=f"of {each}"),
             *(Metric(name, getattr(self, name)) for name in shares + others),
-            Metric("los_unknown", unknown),
+            Metric("los_agreement", self.los_agreement, note=self._unknown_note()),
+            Metric("los_unknown", self._mean("los_unknown")),
             Metric("los_brier", self.los_brier),
             Metric("gain_rmse_db", self.gain_rmse_db),
             Metric("gain_mae_db", self.gain_mae_db),

@@ -115,3 +115,42 @@ def test_empty_reference_is_refused():
         radio_accuracy(
             np.zeros_like(accessible), reference, as_map(reference, accessible), reference
         )
+
+
+def unsure(rng, reference):
+    """The reference with unknown links, and with chances of line of sight."""
+    unknown = rng.random(reference.line_of_sight.shape) < 0.3
+    chance = np.where(unknown, 0.0, rng.random(unknown.shape)).astype(np.float32)
+    return replace(
+        reference, line_of_sight=chance > 0.5, los_probability=chance, los_unknown=unknown
+    )
+
+
+def test_a_map_agrees_with_itself_where_neither_knows():
+    reference, accessible = truth(0.25)
+    known = unsure(np.random.default_rng(3), reference)
+    score = radio_accuracy(accessible, known, as_map(known, accessible), known)
+    assert (score.accuracy, score.los_agreement, score.los_brier) == (1.0, 1.0, 0.0)
+    unknown = known.los_unknown[0][accessible].mean()
+    assert score.links[0].los_unknown == pytest.approx(unknown)
+    told = {m.name: m for m in score.metrics()}
+    assert told["los_unknown"].value == pytest.approx(unknown)
+    assert told["los_agreement"].note.startswith(f"{unknown:.2%} unknown to the reference")
+
+
+def test_line_of_sight_agrees_by_three_classes():
+    """Second implementation: cell by cell, in words."""
+    reference, accessible = truth(0.25)
+    rng = np.random.default_rng(4)
+    known, other = unsure(rng, reference), unsure(rng, reference)
+
+    def word(radio, row, col):
+        if radio.los_unknown[0, row, col]:
+            return "unknown"
+        return "clear" if radio.line_of_sight[0, row, col] else "blocked"
+
+    cells = np.argwhere(accessible)
+    same = np.mean([word(known, *cell) == word(other, *cell) for cell in cells])
+    score = radio_accuracy(accessible, known, as_map(known, accessible), other)
+    assert score.los_agreement == pytest.approx(same)
+    assert 0.3 < same < 0.6

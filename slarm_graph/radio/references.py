@@ -57,8 +57,8 @@ def reference_for(place: str, estimate: RadioMap) -> tuple[Mask, RadioMap, Exten
     """
     path = Path(place)
     if place not in shipped_worlds() and path.suffix not in (".yaml", ".yml"):
-        radio, _ = read_estimate(path)
-        return np.asarray(np.isfinite(radio.path_loss_db).any(axis=0)), radio, None
+        radio, folder = read_estimate(path)
+        return geographic_of(radio, folder).accessible, radio, None
     world = load_world(place)
     truth = truth_map(world, estimate.geometry.resolution_m)
     config = RadioConfig(
