@@ -39,6 +39,27 @@ def test_nodes_cover_the_floor_and_no_node_passes_a_wall():
     assert len(few) <= 75
 
 
+def test_points_between_nodes_share_in_those_they_border_on_and_in_none_behind_a_wall():
+    """Second implementation: every node in turn, its share by the distance of the centres."""
+    nodes, rng = make_nodes(GRID, two_rooms(), 0.4, 10_000), np.random.default_rng(3)
+    points = rng.uniform([0.1, 0.1], [2.8, 3.2], (50, 2))
+    weights = nodes.weights(points).toarray()
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    dense = nodes.stiffness.toarray()
+    for point, row in zip(points, weights, strict=True):
+        own = nodes.at(point[None])[0]
+        beside = np.flatnonzero(dense[own])
+        reach = np.linalg.norm(nodes.centers_m[beside] - nodes.centers_m[own], axis=1).max()
+        away = np.linalg.norm(nodes.centers_m[beside] - point, axis=1)
+        expected = np.zeros(len(nodes))
+        expected[beside] = np.maximum(0.0, 1.0 - away / reach)
+        np.testing.assert_allclose(row, expected / expected.sum(), atol=1e-12)
+    right = nodes.centers_m[:, 0] > 3.0
+    np.testing.assert_array_equal(weights[:, right & (nodes.centers_m[:, 1] < 3.2)], 0.0)
+    at_centers = nodes.weights(nodes.centers_m).toarray()
+    np.testing.assert_array_equal(at_centers.argmax(axis=1), np.arange(len(nodes)))
+
+
 def test_factor_is_the_dense_inverse():
     nodes = make_nodes(GRID, two_rooms(), 0.4, 10_000)
     matrix = FloorField(nodes).unit_precision(2.0).matrix
@@ -175,6 +196,6 @@ def test_the_determinant_of_field_and_drift_is_that_of_their_dense_matrix():
     np.testing.assert_allclose(np.diag(covariance)[len(nodes) :], 0.49, rtol=1e-6)
     where = problem.where().toarray()
     expected = np.zeros_like(where)
-    expected[:, nodes.at(points[:1])[0]] = 1.0
+    expected[:, : len(nodes)] = nodes.weights(points).toarray()
     expected[range(4), len(nodes) + np.array([0, 0, 1, 2])] = 1.0
     np.testing.assert_array_equal(where, expected)

@@ -135,13 +135,15 @@ class Problem:
         return np.unique(np.floor(self.placed.times_s / DRIFT_STEP_S)) * DRIFT_STEP_S
 
     def where(self) -> sparse.csr_array:
-        """Return A (N, S): a reading's node, and its second."""
-        nodes, times_s = len(self.floor.nodes), self.drift_times_s()
+        """Return A (N, S): a reading's nodes, and its second."""
+        times_s = self.drift_times_s()
         kept = np.floor(self.placed.times_s / DRIFT_STEP_S) * DRIFT_STEP_S
-        columns = [self.floor.nodes.at(self.placed.points_m), nodes + times_s.searchsorted(kept)]
-        rows = np.tile(np.arange(len(kept)), 2)
-        entries = (np.ones(len(rows)), (rows, np.concatenate(columns)))
-        return sparse.csr_array(entries, shape=(len(kept), nodes + len(times_s)))
+        rows, second = np.arange(len(kept)), times_s.searchsorted(kept)
+        drift = sparse.csr_array(
+            (np.ones(len(kept)), (rows, second)), shape=(len(kept), len(times_s))
+        )
+        field = self.floor.nodes.weights(self.placed.points_m)
+        return sparse.csr_array(sparse.hstack([field, drift], format="csr"))
 
     def prior(self, hyper: Hyperparameters) -> Precision:
         """Return the precision of field and drift together."""

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint
@@ -177,9 +176,9 @@ def _receiver(
     """What the receiver cannot tell: its threshold, and how often a strong packet is lost."""
     weakest = float(np.nanmin(placed.rss_dbm))
     threshold = weakest if config.threshold_dbm is None else config.threshold_dbm
-    at = nodes.at(placed.points_m)
     level = mean.of_map(placed.points_m) @ fit.posterior.beta[: mean.terms]
-    strong = level + fit.posterior.state[at] > threshold + _CLEARLY_ABOVE_DB
+    level += nodes.weights(placed.points_m) @ fit.posterior.state[: len(nodes)]
+    strong = level > threshold + _CLEARLY_ABOVE_DB
     lost = float((~placed.heard[strong]).mean()) if strong.any() else 0.0
     most = np.inf if config.saturation_dbm is None else config.saturation_dbm
     return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
@@ -229,48 +228,15 @@ def predicted(
         ]
     )
     mean_dbm, variance = np.empty(len(cells)), np.empty(len(cells))
-    graph = nodes.stiffness
     for first in range(0, len(cells), _CELLS_AT_A_TIME):
         part = slice(first, first + _CELLS_AT_A_TIME)
         points_m = nodes.geometry.center_of(cells[part])
-        own = nodes.of_cell[tuple(cells[part].T)].astype(np.int64)
-        there = np.zeros((len(own), on_nodes.shape[1]))
-        _interpolate(points_m, own, nodes.centers_m, graph.indptr, graph.indices, on_nodes, there)
-        design = np.zeros((len(own), len(posterior.beta)))
+        there = nodes.weights(points_m) @ on_nodes
+        design = np.zeros((len(points_m), len(posterior.beta)))
         design[:, :terms] = one.mean.of_map(points_m)
         mean_dbm[part] = design @ posterior.beta + there[:, 0]
         variance[part] = there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
     return mean_dbm, variance
-
-
-@njit(cache=True, nogil=True)
-def _interpolate(
-    points: Floats,
-    own: NDArray[np.int64],
-    centers: Floats,
-    starts: NDArray[np.int32],
-    neighbours: NDArray[np.int32],
-    values: Floats,
-    out: Floats,
-) -> None:
-    """Blend each point's node with the nodes it borders on, the nearer the more."""
-    for i in range(len(points)):
-        node, total = own[i], 0.0
-        reach = 0.0
-        for p in range(starts[node], starts[node + 1]):
-            k = neighbours[p]
-            away = np.hypot(centers[k, 0] - centers[node, 0], centers[k, 1] - centers[node, 1])
-            reach = max(reach, away)
-        reach = max(reach, 1e-9)
-        for p in range(starts[node], starts[node + 1]):
-            k = neighbours[p]
-            away = np.hypot(centers[k, 0] - points[i, 0], centers[k, 1] - points[i, 1])
-            weight = max(0.0, 1.0 - away / reach)
-            total += weight
-            for c in range(values.shape[1]):
-                out[i, c] += weight * values[k, c]
-        for c in range(values.shape[1]):
-            out[i, c] = out[i, c] / total if total > 0.0 else values[node, c]
 
 
 def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:

@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
@@ -51,6 +52,52 @@ class Nodes:
             away = np.linalg.norm(points_m[index, None] - self.centers_m[None], axis=2)
             found[index] = away.argmin(axis=1)
         return found
+
+    def weights(self, points_m: Floats) -> sparse.csr_array:
+        """Return how much of each node's value (N, M) is that of points (N, 2) [m]; rows add to 1.
+
+        A point's node is blended with those that it borders on, the nearer the more; at a node's
+        centre it counts alone.
+        """
+        own, graph = self.at(points_m), self.stiffness
+        most = int(np.diff(graph.indptr).max(initial=1))
+        columns = np.zeros((len(own), most), dtype=np.int64)
+        shares = np.zeros((len(own), most))
+        _blend(points_m, own, self.centers_m, graph.indptr, graph.indices, columns, shares)
+        rows = np.repeat(np.arange(len(own)), most)
+        entries = (shares.ravel(), (rows, columns.ravel()))
+        found = sparse.csr_array(entries, shape=(len(own), len(self)))
+        found.eliminate_zeros()
+        return found
+
+
+@njit(cache=True, nogil=True)
+def _blend(
+    points: Floats,
+    own: NDArray[np.int64],
+    centers: Floats,
+    starts: NDArray[np.int32],
+    neighbours: NDArray[np.int32],
+    columns: NDArray[np.int64],
+    shares: Floats,
+) -> None:
+    """Fill each point's nodes and their shares (N, K); what is left of a row stays zero."""
+    for i in range(len(points)):
+        node, total, reach = own[i], 0.0, 1e-9
+        for p in range(starts[node], starts[node + 1]):
+            k = neighbours[p]
+            away = np.hypot(centers[k, 0] - centers[node, 0], centers[k, 1] - centers[node, 1])
+            reach = max(reach, away)
+        for slot, p in enumerate(range(starts[node], starts[node + 1])):
+            k = neighbours[p]
+            away = np.hypot(centers[k, 0] - points[i, 0], centers[k, 1] - points[i, 1])
+            columns[i, slot] = k
+            shares[i, slot] = max(0.0, 1.0 - away / reach)
+            total += shares[i, slot]
+        if total <= 0.0:
+            columns[i, 0], shares[i, 0], total = node, 1.0, 1.0
+        for slot in range(shares.shape[1]):
+            shares[i, slot] /= total
 
 
 def make_nodes(geometry: GridGeometry, free: Mask, side_m: float, most: int) -> Nodes:

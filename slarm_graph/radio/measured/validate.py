@@ -78,17 +78,13 @@ def predict_readings(
     design = mean.of_readings(placed)
     if not with_drift:
         design[:, mean.terms + placed.classes - 1 :] = 0.0
-    rows = np.arange(count)
-    size = len(nodes) + len(fit.drift_times_s)
-    where = sparse.csr_array(
-        (np.ones(count), (rows, nodes.at(placed.points_m))), shape=(count, size)
-    )
+    field = nodes.weights(placed.points_m)
+    bridge = sparse.csr_array((count, len(fit.drift_times_s)))
     left_db2 = np.full(count, hyper.drift_sd_db**2)
     if with_drift and len(fit.drift_times_s) > 1:
         bridge, share = _bridge(placed.times_s, fit.drift_times_s, hyper.drift_s)
-        empty = sparse.csr_array((count, len(nodes)))
-        where = sparse.csr_array(where + sparse.hstack([empty, bridge], format="csr"))
         left_db2 *= share
+    where = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
     variance = fit.posterior.variance(design, where) + left_db2
     variance += hyper.noise_sd_db[placed.noise_class] ** 2
     return Predicted(fit.posterior.mean(design, where), np.sqrt(variance), hyper.freedom)
