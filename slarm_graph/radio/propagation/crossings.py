@@ -25,6 +25,10 @@ _GAP_CELLS = 2.0
 the links of the world `cluttered` count an obstacle twice, with 4 thin passages vanish."""
 
 
+_TOUCH_M = 1e-3
+"""Solids that are this near touch: worlds are written to the millimetre."""
+
+
 def wall_crossings(
     geometry: GridGeometry,
     heights_m: ArrayLike,
@@ -111,7 +115,10 @@ def solids_passed(
     *,
     mount_radius_m: float = 0.0,
 ) -> Counts:
-    """Count the solids that the straight segment to each antenna passes below their top.
+    """Count the walls and obstacles that the straight segment to each antenna passes.
+
+    Solids that touch along it are one, as a wall's pieces at a corner, however many they are; what
+    it passes above does not count.
 
     Parameters
     ----------
@@ -123,8 +130,8 @@ def solids_passed(
     antenna_height_m : float
         Of all antennas.
     mount_radius_m : float
-        A solid that the segment has left this near to the access point, in plan, carries it and
-        does not count.
+        What the segment has left this near to the access point, in plan, carries it and does not
+        count.
 
     Returns
     -------
@@ -132,17 +139,27 @@ def solids_passed(
     """
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-    counts: Counts = np.zeros(len(ends), dtype=np.int16)
+    length_m = np.hypot(*(ends - [x, y]).T)
     plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
+    runs_m = []
     for solid, pieces in zip(solids, plans, strict=True):
-        passed = np.zeros(len(ends), dtype=np.bool_)
         for piece in pieces:
             enter, leave = _inside(np.array([x, y]), ends, piece)
             lowest = z + (antenna_height_m - z) * (leave if antenna_height_m < z else enter)
-            away_m = leave * np.hypot(*(ends - [x, y]).T)
-            passed |= (leave > enter) & (lowest < solid.height_m) & (away_m > mount_radius_m)
-        counts += passed
-    return counts
+            passed = (leave > enter) & (lowest < solid.height_m)
+            passed &= leave * length_m > mount_radius_m
+            if passed.any():
+                runs_m.append(np.where(passed, [enter * length_m, leave * length_m], np.inf))
+    return _separate(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
+
+
+def _separate(runs_m: Floats) -> Counts:
+    """Count (N,) the runs (K, 2, N) that are left when those that touch are one; inf: no run."""
+    runs_m = np.take_along_axis(runs_m, runs_m[:, :1].argsort(axis=0), axis=0)
+    reached_m = np.maximum.accumulate(np.where(np.isinf(runs_m[:, 1]), -np.inf, runs_m[:, 1]))
+    begins = np.isfinite(runs_m[:, 0])
+    begins[1:] &= runs_m[1:, 0] > reached_m[:-1] + _TOUCH_M
+    return np.asarray(begins.sum(axis=0), dtype=np.int16)
 
 
 def _inside(start: Floats, ends: Floats, corners: Floats) -> tuple[Floats, Floats]:
