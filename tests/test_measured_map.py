@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import netCDF4
 import numpy as np
 import pytest
@@ -42,8 +44,8 @@ def floor():
     return GeographicMap(GRID, states, heights, "infinite", Coverage(nothing, nothing, nothing))
 
 
-def true_level(geographic, points):
-    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
+def true_level(geographic, points, **how):
+    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m, **how)
     return mean.of_map(points) @ [LEVEL, EXPONENT, WALL]
 
 
@@ -90,6 +92,33 @@ def test_map_is_near_the_truth_and_knows_how_near(noisy):
     assert (np.abs(error) < 1.96 * sd).mean() > 0.9
     assert (made.reading_sd_db[0][tuple(cells.T)] > sd).all()
     assert np.isnan(made.mean_dbm[0][~geographic.accessible]).all()
+
+
+def test_doubt_of_a_links_walls_is_that_of_walls_a_cell_off():
+    """Second implementation: the walls are moved, not the links."""
+    geographic, rng = floor(), np.random.default_rng(6)
+    points = rng.uniform([1.0, 1.0], [8.0, 5.0], (300, 2))
+    counts = []
+    for rows, cols in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        heights = np.roll(geographic.heights_m, (rows, cols), axis=(0, 1))
+        moved = replace(geographic, heights_m=heights)
+        counts.append(Mean(moved, AP, 0.5, 0.25).links(points).crossings)
+    design, doubt_db2 = Mean(geographic, AP, 0.5, 0.25).with_doubt(points)
+    np.testing.assert_allclose(design[:, 2], -np.mean(counts, axis=0))
+    np.testing.assert_allclose(doubt_db2, 25.0 * np.var(counts, axis=0))
+    assert 0.02 < (doubt_db2 > 0.0).mean() < 0.4
+
+
+@pytest.mark.parametrize("off", [(1, 0), (0, -1)])
+def test_walls_a_cell_off_do_not_make_their_loss_less(off):
+    """Without doubt at the shadows' edges it comes out at 3.0 and 4.5 dB here, sure to 0.3."""
+    rng, geographic = np.random.default_rng(8), floor()
+    points = drive(rng, 1500)
+    moved = replace(geographic, heights_m=np.roll(geographic.heights_m, off, axis=(0, 1)))
+    rss = true_level(moved, points, faces_off_cells=0.0) + 2.0 * rng.normal(size=len(points))
+    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    assert abs(made.fitted[0].wall_db - WALL) < 1.0
+    assert made.fitted[0].sd[2] < 0.5
 
 
 def test_probability_above_a_threshold(noisy):

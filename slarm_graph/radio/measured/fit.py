@@ -121,6 +121,8 @@ class Problem:
     mean_slope_db_m : (N,) float64
         How steep the mean is at the readings [dB/m].
     receiver : Receiver
+    doubt_db2 : (N,) float64
+        Variance of the mean at the readings, which no coefficient takes up [dB^2].
     """
 
     floor: FloorField
@@ -129,6 +131,7 @@ class Problem:
     coefficients: Coefficients
     mean_slope_db_m: Floats
     receiver: Receiver
+    doubt_db2: Floats
 
     def drift_times_s(self) -> Floats:
         """Return the times (T,) at which the drift is kept [s]."""
@@ -161,7 +164,7 @@ class Problem:
 
     def noise_variance(self, hyper: Hyperparameters) -> Floats:
         """Return each reading's noise (N,) [dB^2], with what an uncertain position adds."""
-        variance = hyper.noise_sd_db[self.placed.noise_class] ** 2
+        variance = hyper.noise_sd_db[self.placed.noise_class] ** 2 + self.doubt_db2
         sd_m = self.placed.position_sd_m
         if sd_m is None:
             return np.asarray(variance)

@@ -148,8 +148,9 @@ def fit_access_point(
 
 
 def _problem(floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver) -> Problem:
-    design, coefficients = mean.of_readings(placed), mean.coefficients(placed)
-    return Problem(floor, placed, design, coefficients, mean.slope_db_m(placed.points_m), receiver)
+    design, doubt_db2 = mean.of_readings_with_doubt(placed)
+    slope = mean.slope_db_m(placed.points_m)
+    return Problem(floor, placed, design, mean.coefficients(placed), slope, receiver, doubt_db2)
 
 
 def _fitted(
@@ -233,9 +234,11 @@ def predicted(
         points_m = nodes.geometry.center_of(cells[part])
         there = nodes.weights(points_m) @ on_nodes
         design = np.zeros((len(points_m), len(posterior.beta)))
-        design[:, :terms] = one.mean.of_map(points_m)
+        design[:, :terms], doubt_db2 = one.mean.with_doubt(points_m)
         mean_dbm[part] = design @ posterior.beta + there[:, 0]
-        variance[part] = there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
+        variance[part] = (
+            doubt_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
+        )
     return mean_dbm, variance
 
 

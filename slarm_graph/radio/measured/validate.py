@@ -75,7 +75,7 @@ def predict_readings(
         map alone that predicts.
     """
     hyper, count = fit.hyper, len(placed)
-    design = mean.of_readings(placed)
+    design, doubt_db2 = mean.of_readings_with_doubt(placed)
     if not with_drift:
         design[:, mean.terms + placed.classes - 1 :] = 0.0
     field = nodes.weights(placed.points_m)
@@ -85,7 +85,7 @@ def predict_readings(
         bridge, share = _bridge(placed.times_s, fit.drift_times_s, hyper.drift_s)
         left_db2 *= share
     where = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
-    variance = fit.posterior.variance(design, where) + left_db2
+    variance = fit.posterior.variance(design, where) + left_db2 + doubt_db2
     variance += hyper.noise_sd_db[placed.noise_class] ** 2
     return Predicted(fit.posterior.mean(design, where), np.sqrt(variance), hyper.freedom)
 
