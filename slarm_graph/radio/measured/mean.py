@@ -36,9 +36,6 @@ _FACES_OFF_CELLS = 1.0
 Half makes wall losses 0.6 dB less on the world dead_ends, double 0.2 dB more; without it they are
 2.1 dB too low there."""
 
-_EITHER_WAY = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-"""Along either axis."""
-
 _PATTERN_SD_DB = 1.5
 """Of the first harmonic of a small antenna on a body; halving or doubling it moves nothing once
 some hundred readings are in."""
@@ -113,9 +110,10 @@ class Mean:
             return []
         ap, counts = self.access_point, []
         assert ap is not None
-        for off_m in self.faces_off_cells * self.geographic.geometry.resolution_m * _EITHER_WAY:
-            moved = replace(ap, x_m=ap.x_m + off_m[0], y_m=ap.y_m + off_m[1])
-            counts.append(replace(self, access_point=moved).links(points_m + off_m).crossings)
+        off_m = self.faces_off_cells * self.geographic.geometry.resolution_m
+        for x_m, y_m in ((off_m, 0.0), (-off_m, 0.0), (0.0, off_m), (0.0, -off_m)):
+            moved = replace(ap, x_m=ap.x_m + x_m, y_m=ap.y_m + y_m)
+            counts.append(replace(self, access_point=moved).links(points_m + [x_m, y_m]).crossings)
         return counts
 
     def of_readings(self, placed: Placed) -> Floats:
