@@ -111,9 +111,9 @@ class Mean:
         ap, counts = self.access_point, []
         assert ap is not None
         off_m = self.faces_off_cells * self.geographic.geometry.resolution_m
-        for x_m, y_m in ((off_m, 0.0), (-off_m, 0.0), (0.0, off_m), (0.0, -off_m)):
-            moved = replace(ap, x_m=ap.x_m + x_m, y_m=ap.y_m + y_m)
-            counts.append(replace(self, access_point=moved).links(points_m + [x_m, y_m]).crossings)
+        for off in np.array([(off_m, 0.0), (-off_m, 0.0), (0.0, off_m), (0.0, -off_m)]):
+            moved = replace(ap, x_m=ap.x_m + off[0], y_m=ap.y_m + off[1])
+            counts.append(replace(self, access_point=moved).links(points_m + off).crossings)
         return counts
 
     def of_readings(self, placed: Placed) -> Floats:
