@@ -47,6 +47,21 @@ def test_predicted_with_ways(tmp_path, capsys):
         assert np.nanmax(made["snr_db"]) > 40.0
 
 
+def test_places_for_one_more(tmp_path, capsys):
+    where = ["--out", str(tmp_path), "--name", "r", "--ap", "2", "2", "2.5"]
+    words = ["radio", bare_map(tmp_path), *where, "--one-more", "2.4"]
+    assert main([*words, "--threshold", "-35"]) == 0
+    assert "one more at" in capsys.readouterr().out
+    places = rows(tmp_path / "r" / "one_more.csv")
+    gains = [float(place["gained_m2"]) for place in places]
+    assert gains == sorted(gains, reverse=True)
+    assert gains[0] > 0.0
+    assert main([*words, "--overwrite", "--threshold", "-150"]) == 0
+    assert "connects no more floor" in capsys.readouterr().out
+    assert main([*words, "--overwrite"]) == 2
+    assert "--one-more needs --threshold" in capsys.readouterr().err
+
+
 def test_measured_along_a_trajectory(tmp_path):
     rng = np.random.default_rng(0)
     points = rng.uniform([0.3, 0.3], [7.7, 4.7], (400, 2))

@@ -23,7 +23,10 @@ from slarm_graph.app.options import (
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from slarm_graph.app.run_folder import RunFolder
+    from slarm_graph.radio.connectivity.another import Place
     from slarm_graph.radio.connectivity.signal import SignalMap
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")]
@@ -39,6 +42,14 @@ End = Annotated[str | None, typer.Option("--to", metavar="X,Y", help="End of a w
 LongestOutage = Annotated[
     float, typer.Option(help="How long the way may be without connection in one go, in s.")
 ]
+OneMore = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0, metavar="Z", help="Rank places on walls for one more access point, Z m high."
+    ),
+]
+_PLACES_SHOWN = 5
+"""Of the ranking; the file has all."""
 
 
 def radio_command(
@@ -50,6 +61,7 @@ def radio_command(
     begin: Begin = None,
     end: End = None,
     longest_outage: LongestOutage = 0.0,
+    one_more: OneMore = None,
     fading: Annotated[
         int | None, typer.Option(min=1, metavar="N", help="Also draw N realisations: fading.npz.")
     ] = None,
@@ -63,7 +75,7 @@ def radio_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Make the radio map over any map_server map, predicted or measured, and plan with it."""
-    from slarm_graph.app.planning_radio import plan_ways, radio_over_map
+    from slarm_graph.app.planning_radio import plan_ways, radio_over_map, save_places
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
@@ -73,6 +85,8 @@ def radio_command(
     if (begin is None) != (end is None) or (begin is not None and threshold is None):
         raise BadInput("a way needs --from, --to and --threshold")
     ends = None if begin is None or end is None else (_point(begin), _point(end))
+    if one_more is not None and threshold is None:
+        raise BadInput("--one-more needs --threshold: the level that counts as connected")
     made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
@@ -83,6 +97,8 @@ def radio_command(
     print(f"{made.words} -> {folder.path}")
     if threshold is not None:
         _tell(made.signal, threshold, folder)
+        if one_more is not None:
+            _tell_places(save_places(made, one_more, threshold, resolved, folder))
         if ends is not None:
             for line in plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder):
                 print(line)
@@ -119,3 +135,17 @@ def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
     ]
     head = ("access point", "area [m²]", "connected", "in one patch", "mean outage", *levels)
     show_table(head, rows)
+
+
+def _tell_places(places: Sequence[Place]) -> None:
+    """Print the best places for one more access point."""
+    from slarm_graph.app.cli_output import show_table
+
+    if not places[0].gained_m2:
+        print("one more access point on a wall connects no more floor")
+        return
+    rows = [
+        (f"{p.x_m:.2f} {p.y_m:.2f} {p.z_m:g}", f"{p.gained_m2:.1f}", f"{p.share:.1%}")
+        for p in places[:_PLACES_SHOWN]
+    ]
+    show_table(("one more at [m]", "gains [m²]", "connected then"), rows)

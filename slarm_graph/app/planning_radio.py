@@ -23,6 +23,7 @@ from slarm_graph.files.maps import read_map
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
+from slarm_graph.radio.connectivity.another import Place, rank_places
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.paths import ConnectedPath, connected_path
 from slarm_graph.radio.connectivity.signal import (
@@ -32,7 +33,7 @@ from slarm_graph.radio.connectivity.signal import (
     noise_floor_dbm,
 )
 from slarm_graph.radio.fading import fading_maps, write_fading
-from slarm_graph.radio.propagation.over_map import predicted_radio_map
+from slarm_graph.radio.propagation.over_map import make_model, predicted_radio_map
 
 Point = tuple[float, float]
 Save = Callable[[RunFolder], None]
@@ -48,6 +49,7 @@ class RadioOverMap:
 
     Parameters
     ----------
+    geographic : GeographicMap
     signal : SignalMap
     words : str
         What was made, for people.
@@ -57,6 +59,7 @@ class RadioOverMap:
         None where it was measured.
     """
 
+    geographic: GeographicMap
     signal: SignalMap
     words: str
     save: Save
@@ -103,7 +106,7 @@ def radio_over_map(
         """Write the radio map."""
         save_radio(folder, radio, config.radio)
 
-    return RadioOverMap(SignalMap.of_prediction(radio), words, save, radio)
+    return RadioOverMap(geographic, SignalMap.of_prediction(radio), words, save, radio)
 
 
 def _measured(
@@ -125,7 +128,7 @@ def _measured(
         """Write the measured map."""
         save_measured(folder, measured)
 
-    return RadioOverMap(signal, f"{names}: measured", save)
+    return RadioOverMap(geographic, signal, f"{names}: measured", save)
 
 
 def save_connections(
@@ -155,6 +158,27 @@ def save_connections(
     # As a map_server map: free where connected, occupied where not; nav2 takes it as a layer.
     save_map(folder, "connectivity", signal.geometry, signal.cells & ~covered, covered)
     return made
+
+
+def save_places(
+    made: RadioOverMap,
+    height_m: float,
+    threshold_dbm: float,
+    config: RunConfig,
+    folder: RunFolder,
+) -> tuple[Place, ...]:
+    """Write `one_more.csv`, places for one more access point; return them, the best first."""
+    places = rank_places(
+        made.geographic,
+        made.signal,
+        make_model(config),
+        config.radio,
+        height_m=height_m,
+        threshold_dbm=threshold_dbm,
+    )
+    rows = [tuple(asdict(place).values()) for place in places]
+    folder.write_text("one_more.csv", csv_text(tuple(asdict(places[0])), rows))
+    return places
 
 
 def plan_ways(
