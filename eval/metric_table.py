@@ -20,6 +20,7 @@ _DRIVEN = "where a robot explores"
 _MAP = "with a true map"
 _ALWAYS = "always"
 _RUN = "of a run"
+_LEVELS = "of two radio maps"
 _K = MetricKind
 
 _BUILT_IN: Final = (
@@ -60,6 +61,14 @@ _BUILT_IN: Final = (
     _K("iou", "", "accessible area, IoU", "more", _WORLD, "intersection over union"),
     _K("gain_rmse_db", "dB", "gain error, RMSE", "less", _WORLD, "over the gains in both"),
     _K("gain_mae_db", "dB", "gain error, mean", "less", _WORLD, "mean absolute difference"),
+    # --- levels of two radio maps
+    _K("levels_rmse_db", "dB", "levels, RMSE", "less", _LEVELS, "root mean square of estimate less"
+       " reference, over cells with a level in both and their common access points", True),
+    _K("levels_bias_db", "dB", "levels, mean difference", "", _LEVELS, "mean of the same"),
+    _K("levels_mae_db", "dB", "levels, mean error", "less", _LEVELS, "mean absolute difference"),
+    _K("levels_differ", "", "levels surely differ", "", _LEVELS, "share of those cells whose"
+       " difference is above 1.96 standard deviations, by what both maps say of themselves"),
+    _K("levels_area_m2", "m²", "levels, area compared", "", _LEVELS, "cells with a level in both"),
     # --- the drive
     _K("path_length_m", "m", "path length", "", _ALWAYS, "sum over the steps of the estimate, or as"
        " truly driven in a world"),

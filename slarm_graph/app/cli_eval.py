@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -114,8 +116,15 @@ def _write_difference(
 ) -> None:
     from slarm_graph.eval.map_difference import save_difference
 
-    try:
+    with _writing(path):
         save_difference(path, reference, estimate, motion)
+
+
+@contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Say what is wrong with the place of a figure."""
+    try:
+        yield
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror}") from None
     except ValueError as error:
@@ -130,9 +139,39 @@ def radio_command(
         Path, typer.Argument(metavar="EST", help="Run folder, or a radio_map.npz.")
     ],
     tolerance: Annotated[float, typer.Option(help="Of the gain, in dB.")] = 1.0,
+    difference: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Figure of EST's levels less REF's: PNG, PDF, SVG."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map."""
+    """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map.
+
+    Where one is a measured_radio_map.npz, or with --difference, levels are compared.
+    """
+    from slarm_graph.radio.levels import is_measured
+
+    if difference is not None or is_measured(Path(reference)) or is_measured(estimate):
+        _compare_levels(Path(reference), estimate, difference, as_json)
+    else:
+        _radio_accuracy(reference, estimate, tolerance, as_json)
+
+
+def _compare_levels(reference: Path, estimate: Path, figure: Path | None, as_json: bool) -> None:
+    from slarm_graph.app.cli_output import show_metrics
+    from slarm_graph.eval.level_difference import level_difference, save_level_difference
+    from slarm_graph.radio.levels import read_levels
+
+    made = level_difference(read_levels(reference), read_levels(estimate))
+    metrics = made.metrics()
+    if figure is not None:
+        with _writing(figure):
+            save_level_difference(figure, made)
+    title = f"levels, reference {reference}, estimate {estimate}"
+    show_metrics(metrics, title=title, as_json=as_json)
+
+
+def _radio_accuracy(reference: str, estimate: Path, tolerance: float, as_json: bool) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_notices
     from slarm_graph.eval.radio_accuracy import radio_accuracy
     from slarm_graph.radio.references import (

@@ -15,17 +15,18 @@ from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import Mask
 from slarm_graph.radio.files import read_radio_npz
+from slarm_graph.radio.levels import PREDICTED
 from slarm_graph.radio.radio_map import theoretical_radio_map
 from slarm_graph.truth_map import truth_map
 
 Extent = tuple[float, float, float, float]
 
-_RADIO, _COVERAGE = "radio_map.npz", "coverage.npz"
+_COVERAGE = "coverage.npz"
 
 
 def read_estimate(place: Path) -> tuple[RadioMap, Path]:
     """Read a run folder's radio map, or a file; also return the folder it lies in."""
-    path = place / _RADIO if place.is_dir() else place
+    path = place / PREDICTED if place.is_dir() else place
     return read_radio_npz(path), path.parent
 
 

@@ -1,0 +1,103 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Two maps of levels compared: by hand, by brute force, and by the command."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.access_points import AccessPoint
+from slarm_graph.app.cli import main
+from slarm_graph.config import RadioConfig
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.level_difference import level_difference
+from slarm_graph.files.worlds import load_world
+from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.files import write_radio_npz
+from slarm_graph.radio.levels import Levels, read_levels
+from slarm_graph.radio.measured.files import write_measured_npz
+from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
+from slarm_graph.radio.radio_map import theoretical_radio_map
+
+GRID = GridGeometry(0.0, 0.0, 0.5, 6, 8)
+
+
+def levels(rng, names, grid=GRID):
+    level = rng.normal(-60.0, 5.0, (len(names), *grid.shape)).astype(np.float32)
+    level[rng.random(level.shape) < 0.2] = np.nan
+    sd = rng.uniform(0.5, 3.0, level.shape).astype(np.float32)
+    return Levels(grid, names, level, sd, measured=True)
+
+
+def figures(made):
+    return {metric.name: metric.value for metric in made.metrics()}
+
+
+def test_every_cell_is_compared_with_the_one_it_lies_in():
+    """Second implementation: cell by cell, the estimate finer, shifted and of other order."""
+    rng = np.random.default_rng(0)
+    ref = levels(rng, ("a", "b"))
+    est = levels(rng, ("c", "b", "a"), GridGeometry(0.3, -0.2, 0.2, 14, 15))
+    found, surely, cells = [], [], set()
+    for name in ("a", "b"):
+        i, j = ref.names.index(name), est.names.index(name)
+        for row, col in np.ndindex(GRID.shape):
+            there = est.geometry.cell_of(GRID.center_of([row, col]))
+            if not est.geometry.contains(there):
+                continue
+            off = float(est.level_dbm[j][tuple(there)]) - float(ref.level_dbm[i][row, col])
+            if np.isfinite(off):
+                sd = np.hypot(est.sd_db[j][tuple(there)], ref.sd_db[i][row, col])
+                found.append(off)
+                surely.append(abs(off) > 1.96 * sd)
+                cells.add((row, col))
+    made = figures(level_difference(ref, est))
+    assert made["levels_rmse_db"] == pytest.approx(np.sqrt(np.mean(np.square(found))))
+    assert made["levels_bias_db"] == pytest.approx(np.mean(found))
+    assert made["levels_mae_db"] == pytest.approx(np.mean(np.abs(found)))
+    assert made["levels_differ"] == pytest.approx(np.mean(surely))
+    assert made["levels_area_m2"] == pytest.approx(0.25 * len(cells))
+
+
+def test_a_map_does_not_differ_from_itself():
+    ref = levels(np.random.default_rng(1), ("a", "b"))
+    made = figures(level_difference(ref, ref))
+    assert (made["levels_rmse_db"], made["levels_differ"]) == (0.0, 0.0)
+
+
+def test_maps_with_nothing_in_common_are_refused():
+    ref = levels(np.random.default_rng(2), ("a",))
+    with pytest.raises(BadInput, match="no access point is in both maps: a and b"):
+        level_difference(ref, replace(ref, names=("b",)))
+    far = GridGeometry(100.0, 0.0, 0.5, 6, 8)
+    with pytest.raises(BadInput, match="one frame"):
+        level_difference(ref, replace(ref, geometry=far))
+
+
+def test_measured_against_predicted_by_command(tmp_path, capsys):
+    world = load_world("paper_room")
+    geometry = GridGeometry.covering(*world.extent_m(), 0.25)
+    radio = theoretical_radio_map(world, geometry, RadioConfig())
+    write_radio_npz(tmp_path / "radio_map.npz", radio)
+    terms = FittedTerms(9, 0, -40.0, 2.0, 5.0, (1.0, 1.0, 1.0), 3.0, 2.0, 1.0, 5.0, 2.0, 8.0)
+    mean = radio.rss_dbm + np.float32(2.0)
+    sd = np.full_like(mean, 0.1)
+    points = tuple(AccessPoint(ap.name, 0.0, 0.0, 2.0) for ap in radio.access_points)
+    made = MeasuredMap(geometry, points, mean, sd, sd, (terms,), 0.5)
+    write_measured_npz(tmp_path / "measured_radio_map.npz", made)
+    measured, picture = str(tmp_path / "measured_radio_map.npz"), tmp_path / "d.png"
+    words = ["eval", "radio", str(tmp_path), measured]
+    assert main([*words, "--difference", str(picture), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["levels_bias_db"]["value"] == pytest.approx(2.0, abs=1e-5)
+    assert told["levels_differ"]["value"] == 0.0  # a prediction's own doubt is its shadowing
+    assert picture.stat().st_size > 10_000
+    assert not read_levels(tmp_path).measured
+    assert main(["eval", "radio", measured, measured, "--difference", "x.nothing"]) == 2
+    assert "--difference x.nothing" in capsys.readouterr().err
+    (tmp_path / "bad.npz").write_bytes(b"no")
+    assert main(["eval", "radio", measured, str(tmp_path / "bad.npz")]) == 2
