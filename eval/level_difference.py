@@ -15,13 +15,13 @@ from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.levels import Levels, common_names
+from slarm_graph.radio.levels import LevelMap, common_names
 
 _NORMAL_95 = 1.96
 """Of a standard normal distribution, 95 % lie within."""
-_COLUMNS, _SIDE_IN, _DPI = 3, 2.39, 300
-"""Maps beside each other; three fill a page of two columns in IEEE's journals [in]; dots per inch
-that they ask for."""
+_COLUMNS, _SIDE_IN, _BAR_IN, _DPI = 3, 2.1, 0.86, 300
+"""Maps beside each other; three and the bar of colours fill the 7.16 in of a page of two columns in
+IEEE's journals, which ask for so many dots per inch."""
 _SHOWN_SHARE = 0.98
 """Of the differences lie within the colours' limits; what is beyond has the last colour."""
 
@@ -72,7 +72,7 @@ class LevelDifference:
         return float(compared.sum()) * self.geometry.resolution_m**2
 
 
-def level_difference(reference: Levels, estimate: Levels) -> LevelDifference:
+def level_difference(reference: LevelMap, estimate: LevelMap) -> LevelDifference:
     """Compare the access points that both maps have, by name, at the reference's cell centres.
 
     Raises
@@ -102,7 +102,7 @@ def save_level_difference(path: Path, made: LevelDifference) -> None:
     """Write a map per access point in the format of the path's ending: PNG, PDF, SVG ..."""
     columns = min(_COLUMNS, len(made.names))
     rows = -(-len(made.names) // columns)
-    size = (_SIDE_IN * _COLUMNS, _SIDE_IN * rows * 1.1)
+    size = (_SIDE_IN * columns + _BAR_IN, _SIDE_IN * rows)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()
     finite = np.abs(made.difference_db[np.isfinite(made.difference_db)])

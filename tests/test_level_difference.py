@@ -18,7 +18,7 @@ from slarm_graph.eval.level_difference import level_difference
 from slarm_graph.files.worlds import load_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.files import write_radio_npz
-from slarm_graph.radio.levels import Levels, read_levels
+from slarm_graph.radio.levels import LevelMap, read_levels
 from slarm_graph.radio.measured.files import write_measured_npz
 from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
 from slarm_graph.radio.radio_map import theoretical_radio_map
@@ -30,7 +30,7 @@ def levels(rng, names, grid=GRID):
     level = rng.normal(-60.0, 5.0, (len(names), *grid.shape)).astype(np.float32)
     level[rng.random(level.shape) < 0.2] = np.nan
     sd = rng.uniform(0.5, 3.0, level.shape).astype(np.float32)
-    return Levels(grid, names, level, sd, measured=True)
+    return LevelMap(grid, names, level, sd, measured=True)
 
 
 def figures(made):

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from slarm_graph.app.run_folder import RunFolder
-    from slarm_graph.radio.connectivity.another import Place
+    from slarm_graph.radio.connectivity.another import WallPlace
     from slarm_graph.radio.connectivity.signal import SignalMap
 
 MapFile = Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")]
@@ -137,7 +137,7 @@ def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
     show_table(head, rows)
 
 
-def _tell_places(places: Sequence[Place]) -> None:
+def _tell_places(places: Sequence[WallPlace]) -> None:
     """Print the best places for one more access point."""
     from slarm_graph.app.cli_output import show_table
 

@@ -23,7 +23,7 @@ from slarm_graph.files.maps import read_map
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
-from slarm_graph.radio.connectivity.another import Place, rank_places
+from slarm_graph.radio.connectivity.another import WallPlace, rank_places
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.paths import ConnectedPath, connected_path
 from slarm_graph.radio.connectivity.signal import (
@@ -166,7 +166,7 @@ def save_places(
     threshold_dbm: float,
     config: RunConfig,
     folder: RunFolder,
-) -> tuple[Place, ...]:
+) -> tuple[WallPlace, ...]:
     """Write `one_more.csv`, places for one more access point; return them, the best first."""
     places = rank_places(
         made.geographic,

@@ -23,7 +23,7 @@ PREDICTED, MEASURED = "radio_map.npz", "measured_radio_map.npz"
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
+class LevelMap:
     """Expected levels.
 
     Parameters
@@ -62,7 +62,7 @@ def is_measured(place: Path) -> bool:
         return False
 
 
-def read_levels(place: Path) -> Levels:
+def read_levels(place: Path) -> LevelMap:
     """Read levels from a radio map's file or a run folder.
 
     Raises
@@ -74,14 +74,14 @@ def read_levels(place: Path) -> Levels:
     if is_measured(path):
         made = read_measured_npz(path)
         names = tuple(ap.name for ap in made.access_points)
-        return Levels(made.geometry, names, made.mean_dbm, made.mean_sd_db, measured=True)
+        return LevelMap(made.geometry, names, made.mean_dbm, made.mean_sd_db, measured=True)
     radio = read_radio_npz(path)
     names = tuple(ap.name for ap in radio.access_points)
     sigma = shadow_sigma_db(radio.line_of_sight, radio.scenario).astype(np.float32)
-    return Levels(radio.geometry, names, radio.rss_dbm, sigma, measured=False)
+    return LevelMap(radio.geometry, names, radio.rss_dbm, sigma, measured=False)
 
 
-def common_names(reference: Levels, estimate: Levels) -> tuple[str, ...]:
+def common_names(reference: LevelMap, estimate: LevelMap) -> tuple[str, ...]:
     """Return the access points that both maps have.
 
     Raises

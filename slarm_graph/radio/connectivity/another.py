@@ -26,7 +26,7 @@ _MOST_CELLS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class WallPlace:
     """A place on a wall, and what an access point there would add.
 
     Parameters
@@ -66,7 +66,7 @@ def rank_places(
     *,
     height_m: float,
     threshold_dbm: float,
-) -> tuple[Place, ...]:
+) -> tuple[WallPlace, ...]:
     """Return places on walls for one more access point, the best first.
 
     Parameters
@@ -101,7 +101,7 @@ def rank_places(
         level = radio.power_dbm - _loss_db(geographic, ap, points_m, model, radio)
         gained_m2 = float((level >= threshold_dbm).sum()) * cell_m2
         share = covered.sum() + gained_m2 / signal.geometry.resolution_m**2
-        ranked.append(Place(x, y, height_m, gained_m2, float(share / floor.sum())))
+        ranked.append(WallPlace(x, y, height_m, gained_m2, float(share / floor.sum())))
     return tuple(sorted(ranked, key=lambda place: -place.gained_m2))
 
 
