@@ -11,7 +11,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from slarm_graph.frontends.scans.correlative import search, search_every_pose, window_of
+from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.icp import line_normals
 from slarm_graph.frontends.scans.likelihood_grid import (
@@ -22,6 +22,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     scan_segments,
 )
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
+from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, Pose2

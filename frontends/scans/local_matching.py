@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph.config import MatchingConfig
-from slarm_graph.frontends.scans.correlative import search, search_every_pose, window_of
+from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.fits import UsualFit, chance_fit, fit, pieces
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
@@ -34,6 +34,7 @@ from slarm_graph.frontends.scans.places import (
 )
 from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
+from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
 from slarm_graph.geometry import Floats, Pose2

@@ -30,7 +30,8 @@ from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wave
 _FIRST_ROOM: Final = 1024
 """Cells of a path that there is room for at first; it doubles where needed."""
 PathCells = NDArray[np.int32]
-Facings = NDArray[np.int8]
+Walked = NDArray[np.int32]
+"""Flat cell and facing of every step, (M, 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +72,7 @@ class GgmrPath:
     """
 
     cells: PathCells
-    facing: Facings
+    facing: NDArray[np.int8]
     counts: GgmrCounts
     complete: bool
 
@@ -95,38 +96,34 @@ def ggmr_path(
         Stop after the first step that makes the path this long.
     """
     limit = np.iinfo(np.int64).max if max_cells is None else max_cells
-    cells, facings, tally, complete = _algorithm_1(
-        coverage.codes.copy(), coverage.moves, start, facing, limit, new_labels(coverage.codes.size)
+    cols, labels = coverage.geometry.cols, new_labels(coverage.codes.size)
+    here = start[0] * cols + start[1]
+    walked, tally, complete = _algorithm_1(
+        coverage.codes.copy(), coverage.moves, here, facing, limit, labels
     )
+    cells = np.stack(np.divmod(walked[:, 0], cols), axis=-1)
     counts = GgmrCounts(int(tally[0]), int(tally[1]), _count_turns(cells), int(tally[2]))
-    return GgmrPath(cells, facings, counts, bool(complete))
+    return GgmrPath(cells, walked[:, 1].astype(np.int8), counts, bool(complete))
 
 
 @njit(cache=True, nogil=True)
 def _algorithm_1(
-    codes: Codes,
-    moves: Moves,
-    start: tuple[int, int],
-    facing: int,
-    max_cells: int,
-    labels: Labels,
-) -> tuple[PathCells, Facings, NDArray[np.int64], bool]:
+    codes: Codes, moves: Moves, start: int, facing: int, max_cells: int, labels: Labels
+) -> tuple[Walked, NDArray[np.int64], bool]:
     """Walk until `max_cells` are in the path or nothing reachable is left; marks `codes`.
 
-    Returns the path, the facing at its cells, (comparisons, restarts, revisits), and whether
+    Returns flat cells and facings of the path, (comparisons, restarts, revisits), and whether
     nothing is left.
     """
     cols = codes.shape[1]
     flat, bits = codes.ravel(), moves.ravel()
     tally = np.zeros(3, dtype=np.int64)
-    cells = np.empty((_FIRST_ROOM, 2), dtype=np.int32)
-    facings = np.empty(_FIRST_ROOM, dtype=np.int8)
-    here = start[0] * cols + start[1]
-    count = _append(cells, facings, 0, here, facing, cols)
+    walked = np.empty((_FIRST_ROOM, 2), dtype=np.int32)
+    walked[0, 0], walked[0, 1] = start, facing
+    here, count = start, 1
     flat[here] = VISITED
     while count < max_cells:
-        if count + 2 > len(facings):
-            cells, facings = _with_room(cells, facings, 2)
+        walked = _with_room(walked, count + 2 - len(walked))
         if facing == 0:
             facing, looks = _direction(flat, bits, here)
             tally[0] += looks
@@ -134,43 +131,28 @@ def _algorithm_1(
         tally[0] += 1
         if ahead_open and flat[here + facing] == OPEN:
             here += facing
-            count = _append(cells, facings, count, here, facing, cols)
+            walked[count, 0], walked[count, 1] = here, facing
             flat[here] = VISITED
+            count += 1
             continue
         first, second, looks = _step_up(flat, bits, here, facing, cols)
         tally[0] += looks
         facing = 0
         if first >= 0:
-            tally[2] += second >= 0
-            here = first
-            count = _append(cells, facings, count, here, 0, cols)
-            if second >= 0:
-                here = second
-                count = _append(cells, facings, count, here, 0, cols)
-            flat[here] = VISITED
-            continue
-        path = walk_back(
-            labels, wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1), cols
-        )
-        if not len(path):
-            return cells[:count], facings[:count], tally, True
-        tally[1] += 1
+            path = np.array([here, first, second])[: 3 if second >= 0 else 2]
+        else:
+            goal = wavefront(moves, flat, OPEN, here, np.inf, labels, tally[1] + 1)
+            path = walk_back(labels, goal, cols)
+            if not len(path):
+                return walked[:count], tally, True
+            tally[1] += 1
         tally[2] += len(path) - 2
-        cells, facings = _with_room(cells, facings, count + len(path) - len(facings))
-        for here in path[1:]:
-            count = _append(cells, facings, count, here, 0, cols)
+        after = count + len(path) - 1
+        walked = _with_room(walked, after - len(walked))
+        walked[count:after, 0], walked[count:after, 1] = path[1:], 0
+        here, count = path[-1], after
         flat[here] = VISITED
-    return cells[:count], facings[:count], tally, False
-
-
-@njit(cache=True, nogil=True)
-def _append(
-    cells: PathCells, facings: Facings, count: int, cell: int, facing: int, cols: int
-) -> int:
-    """Write one more cell of a path, and how the robot faces there; returns how many there are."""
-    cells[count, 0], cells[count, 1] = cell // cols, cell % cols
-    facings[count] = facing
-    return count + 1
+    return walked[:count], tally, False
 
 
 @njit(cache=True, nogil=True)
@@ -183,16 +165,13 @@ def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> t
 
 
 @njit(cache=True, nogil=True)
-def _with_room(cells: PathCells, facings: Facings, missing: int) -> tuple[PathCells, Facings]:
+def _with_room(walked: Walked, missing: int) -> Walked:
     """Double the room of a path where some is missing."""
     if missing <= 0:
-        return cells, facings
-    count = len(facings)
-    more_cells = np.empty((2 * count + missing, 2), dtype=np.int32)
-    more_facings = np.empty(2 * count + missing, dtype=np.int8)
-    more_cells[:count] = cells
-    more_facings[:count] = facings
-    return more_cells, more_facings
+        return walked
+    more = np.empty((2 * len(walked) + missing, 2), dtype=np.int32)
+    more[: len(walked)] = walked
+    return more
 
 
 @njit(cache=True, nogil=True)

@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Final
-
-import numpy as np
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.app.compare import compare
@@ -26,16 +24,22 @@ from slarm_graph.config import DrivingConfig, RunConfig
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.files.worlds import load_world
 from slarm_graph.paper.figures import (
-    Curve,
     save_accuracy_figure,
     save_complexity_figure,
     save_gain_figure,
     save_times_figure,
 )
 from slarm_graph.paper.plan import FIGURE_RESOLUTIONS_M, PAPER_ROOM, Plan, Setting
+from slarm_graph.paper.summary import (
+    PAPER_POINTS,
+    Hypothesis,
+    Row,
+    guessed_curves,
+    measured_curves,
+    summarise,
+    times_of,
+)
 from slarm_graph.paper.theory import (
-    PAPER_BEST,
-    PAPER_COARSE,
     Complexity,
     complexity,
     mission_accuracy,
@@ -48,39 +52,6 @@ from slarm_graph.world import WorldMap
 
 MISSION_S: Final = 1800.0
 """Of the hypothesis of a fixed mission time: half an hour, in which 0.05 m is just driven."""
-_PAPER_POINTS: Final = ((0.05, PAPER_BEST, "paper, 1 m/s"), (0.15, PAPER_COARSE, "paper"))
-_EXPANSION_NAMES: Final = {"cell": "one cell", "robot": "robot radius", "zero": "0"}
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """Mean and standard deviation over the seeds of one setting, prior and expansion."""
-
-    explorer: str
-    backend: str
-    resolution_m: float
-    speed_m_s: float
-    prior: str
-    expansion: str
-    seeds: int
-    accuracy: float
-    accuracy_sd: float
-    accuracy_min: float
-    ate_rmse_m: float
-    drive_time_s: float
-    planning_s: float
-    wall_s: float
-    collisions: float
-
-
-@dataclass(frozen=True, slots=True)
-class Hypothesis:
-    """A guess at what the paper measured, from the true room without SLAM error."""
-
-    name: str
-    resolution_m: float
-    speed_m_s: float
-    accuracy: float
 
 
 def reproduce(
@@ -138,11 +109,11 @@ def show(folder: Path, plan: Plan, outcomes: Mapping[Trial, Outcome]) -> None:
         if not mine:
             continue
         name = explorer.replace("+", "_plus")
-        curves = [*_curves(mine), *_guessed(guesses)]
+        curves = [*measured_curves(mine), *guessed_curves(guesses)]
         save_accuracy_figure(
-            folder / f"fig5_{name}.png", _figure_title(explorer, mine), curves, _PAPER_POINTS
+            folder / f"fig5_{name}.png", _figure_title(explorer, mine), curves, PAPER_POINTS
         )
-        save_times_figure(folder / f"times_{name}.png", explorer, _times(mine))
+        save_times_figure(folder / f"times_{name}.png", explorer, times_of(mine))
         for backend in plan.backends:
             maps = _shown_maps(done, settings, explorer, backend)
             title = (
@@ -150,47 +121,6 @@ def show(folder: Path, plan: Plan, outcomes: Mapping[Trial, Outcome]) -> None:
                 " own per cell size"
             )
             save_gain_figure(folder / f"fig4_{name}_{backend}.png", title, maps)
-
-
-def summarise(outcomes: Sequence[tuple[Setting, Outcome]], plan: Plan) -> list[Row]:
-    """Gather the seeds of every setting, prior and expansion."""
-    rows = []
-    for setting in sorted({s for s, _ in outcomes}, key=lambda s: tuple(asdict(s).values())):
-        figures = [outcome.figures for s, outcome in outcomes if s == setting]
-        for prior in plan.priors:
-            for expansion in plan.expansions:
-                name = variant_name(expansion, with_sizes=prior == "extent+sizes")
-                rows.append(_row(setting, prior, expansion, figures, name))
-    return rows
-
-
-def variant_name(expansion: str, *, with_sizes: bool) -> str:
-    """Key of the metric of a drive recovered with an expansion radius and sizes or none."""
-    return f"accuracy_re_{expansion}_{'with' if with_sizes else 'without'}_sizes"
-
-
-def _row(
-    setting: Setting, prior: str, expansion: str, figures: Sequence[Mapping[str, float]], name: str
-) -> Row:
-    def mean(key: str) -> float:
-        """Mean over the seeds."""
-        return float(np.mean([one.get(key, np.nan) for one in figures]))
-
-    accuracy = np.array([one.get(name, np.nan) for one in figures])
-    return Row(
-        **asdict(setting),
-        prior=prior,
-        expansion=expansion,
-        seeds=len(figures),
-        accuracy=float(accuracy.mean()),
-        accuracy_sd=float(accuracy.std()),
-        accuracy_min=float(accuracy.min()),
-        ate_rmse_m=mean("ate_rmse_unaligned_m"),
-        drive_time_s=mean("drive_time_s"),
-        planning_s=mean("planning_s"),
-        wall_s=mean("wall_s"),
-        collisions=mean("collisions"),
-    )
 
 
 def hypotheses(world: WorldMap, plan: Plan) -> list[Hypothesis]:
@@ -251,47 +181,6 @@ def _figure_title(explorer: str, rows: Sequence[Row]) -> str:
         f"Figure 5: accuracy of the radio map, {explorer} ({what}every reachable cell driven to,"
         f" a drive of its own per cell size, speed and seed; {count} seeds)"
     )
-
-
-def _curves(rows: Sequence[Row]) -> list[Curve]:
-    """Lines of figure 5: a panel per expansion, a line per backend, speed and prior."""
-    curves = []
-    for key in sorted({(r.expansion, r.backend, r.speed_m_s, r.prior) for r in rows}):
-        mine = [r for r in rows if (r.expansion, r.backend, r.speed_m_s, r.prior) == key]
-        expansion, backend, speed, prior = key
-        sizes = "with sizes" if prior == "extent+sizes" else "without sizes"
-        curves.append(
-            Curve(
-                f"{backend}, {speed:g} m/s, {sizes}",
-                f"R_e = {_EXPANSION_NAMES[expansion]}",
-                [r.resolution_m for r in mine],
-                [r.accuracy for r in mine],
-                [r.accuracy_sd for r in mine],
-            )
-        )
-    return curves
-
-
-def _guessed(guesses: Sequence[Hypothesis]) -> list[Curve]:
-    """Lines of the panel of hypotheses."""
-    curves = []
-    for name, speed in sorted({(g.name, g.speed_m_s) for g in guesses}):
-        mine = [g for g in guesses if (g.name, g.speed_m_s) == (name, speed)]
-        label = name if speed == 0.0 else f"{name}, {speed:g} m/s"
-        x, y = [g.resolution_m for g in mine], [g.accuracy for g in mine]
-        curves.append(Curve(label, "hypotheses, no SLAM error", x, y, [0.0] * len(x)))
-    return curves
-
-
-def _times(rows: Sequence[Row]) -> dict[str, list[tuple[float, float, float, float]]]:
-    """Drive, planning and wall time over the cell size, per backend and speed."""
-    lines: dict[str, list[tuple[float, float, float, float]]] = {}
-    for row in rows:
-        point = (row.resolution_m, row.drive_time_s, row.planning_s, row.wall_s)
-        line = lines.setdefault(f"{row.backend}, {row.speed_m_s:g} m/s", [])
-        if point not in line:
-            line.append(point)
-    return lines
 
 
 def _write_rows(path: Path, rows: Iterable[Row | Hypothesis | Complexity]) -> None:
