@@ -152,6 +152,23 @@ def test_a_budget_starts_nothing_more_and_says_how_to_go_on(
         assert [row["status"] for row in csv.DictReader(file)] == ["missing"]
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("--upload",), "it needs --scheduler"),
+        (("--budget", -1), "minutes, 0 or more"),
+        (("--budget", "nan"), "minutes, 0 or more"),
+    ],
+)
+def test_what_could_not_be_meant_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: tuple[object, ...], told: str
+) -> None:
+    bag = room_bag(tmp_path / "good.bag", 8)
+    assert run("compare", bag, "--backends", "odometry", "--out", tmp_path / "o", *words) == 2
+    assert told in capsys.readouterr().err
+    assert not (tmp_path / "o").exists()
+
+
 def test_going_on_does_not_begin_anew(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

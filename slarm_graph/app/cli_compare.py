@@ -115,6 +115,10 @@ def compare_command(
     from slarm_graph.app.external import find_externals
     from slarm_graph.files.configs import load_config
 
+    if upload and scheduler is None:
+        raise BadInput("--upload sends sources to a cluster's workers: it needs --scheduler")
+    if budget is not None and not budget >= 0.0:
+        raise BadInput(f"--budget {budget:g}: minutes, 0 or more")
     every, swept, points = tuple(settings or ()), tuple(sweep or ()), tuple(_points(ap or ()))
     access_points(ap or (), load_config(config, every))
     found = find_sources(sources, ground_truth, relations)
