@@ -2,13 +2,14 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured radio maps against the truth: six access points in every world that comes along.
 
-    python benchmarks/bench_simulated_radio.py [--worlds A,B] [--explorer NAME] [--seed N]
+    python benchmarks/bench_simulated_radio.py [--worlds A,B] [--explorer NAME | --tour] [--seed N]
 
 A robot that knows its pose covers a world it does not know and hears six access points: 4 dB of
 shadowing with a correlation of 2 m, fading, nothing below -90 dBm. Nobody tells it where they are.
 The map that it makes is compared with the level that is true on all floor that can be reached, and
 with new readings there. `prediction` is 3GPP's row for the scenario over the recovered map, told
-true positions and powers; `multi-wall` the same by that model with its defaults.
+true positions and powers; `multi-wall` the same by that model with its defaults. `--tour` drives
+through every part of the world instead of over all of the floor, which is some ten times quicker.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.receiver import SignalChannel
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.frontends.simulation.world_recording import tour as tour_script
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
@@ -43,6 +45,7 @@ from slarm_graph.radio.measured.fuse import fuse
 from slarm_graph.radio.measured.log import RssLog, heard_with, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
+from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover_scans
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
@@ -115,14 +118,38 @@ def drive(name: str, config: RunConfig) -> Heard:
     )
     while loop.step():
         pass
-    out, channel = loop.outcome(), simulated.receiver.channel
+    out = loop.outcome()
+    return heard_of(world, config, simulated, out.log, out.trajectory)
+
+
+def tour(name: str, config: RunConfig) -> Heard:
+    """Let a robot drive through a world that it knows, and listen."""
+    world = with_six(load_world(name))
+    config = with_prior(world, config)
+    simulated = SimulatedWorld(world, config.simulation, np.random.default_rng(config.seed))
+    log, poses = ReadingLog(), []
+    script = tour_script(world, config.simulation)(simulated)
+    while True:
+        log.append(simulated.read())
+        poses.append(simulated.truth_of_reading().as_array())
+        command = next(script, None)
+        if command is None:
+            break
+        simulated.drive(command)
+    way = Trajectory(log.stamps_ns, np.array(poses))
+    return heard_of(world, config, simulated, log, way)
+
+
+def heard_of(
+    world: WorldMap, config: RunConfig, simulated: SimulatedWorld, log: ReadingLog, way: Trajectory
+) -> Heard:
+    """Recover the map of a drive."""
+    channel = simulated.receiver.channel
     assert channel is not None
-    (log,) = heard_with(out.log)
+    (rss,) = heard_with(log)
     cells = GridGeometry.covering(*world.extent_m(), CELL_M)
-    geographic = recover_scans(
-        out.log.scans, out.trajectory, config.mapping, config.recovery, geometry=cells
-    )
-    return Heard(world, config, channel, out.trajectory, log, geographic, out.log.driven_s)
+    geographic = recover_scans(log.scans, way, config.mapping, config.recovery, geometry=cells)
+    return Heard(world, config, channel, way, rss, geographic, log.driven_s)
 
 
 @dataclass(frozen=True)
@@ -218,15 +245,22 @@ def located(heard: Heard, measured: MeasuredMap) -> dict[str, Floats]:
     }
 
 
+def surely(found: dict[str, Floats]) -> int:
+    """How many losses of walls lie in their 95 % interval."""
+    return int((np.abs(found["wall_db"]) < NORMAL_95 * found["wall_sd"]).sum())
+
+
 def main() -> None:
     """Print a row per world, and all together."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--worlds", default=",".join(shipped_worlds()))
     parser.add_argument("--explorer", default="ggmr+")
+    parser.add_argument("--tour", action="store_true")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     for name in given.worlds.split(","):
-        heard = drive(name, settings(given.explorer, given.seed))
+        go = tour if given.tour else drive
+        heard = go(name, settings(given.explorer, given.seed))
         print(f"{name}: {len(heard.log)} readings in {heard.time_s:.0f} s", file=sys.stderr)
         print(row(name, heard), flush=True)
 
@@ -244,6 +278,7 @@ def row(name: str, heard: Heard) -> str:
         f" {100 * scores['readings_in_95']:.1f} | {100 * scores['levels_in_95']:.1f} |"
         f" {np.median(found['plan_m']):.2f} ({found['plan_m'].max():.2f}) |"
         f" {np.median(np.abs(found['wall_db'])):.2f} ({np.abs(found['wall_db']).max():.2f}) |"
+        f" {(np.abs(found['wall_db']) < 1.5).sum()} | {surely(found):d} of {len(found['sds'])} |"
     )
 
 
