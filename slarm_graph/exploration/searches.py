@@ -120,13 +120,20 @@ def wavefront(
         if best >= 0:
             return best
         for node in now:
-            if labels[node].cost < level - _TIE:
+            cost = labels[node].cost
+            if cost < level - _TIE:
                 continue
             for d in range(8):
-                there, cost = _step(bits, labels, wave, node, d, cols)
-                if there < 0:
+                if not (bits[node] >> d) & 1:
                     continue
-                if cost < level + 2.0 - _TIE:
+                there = node + DELTA_ROW[d] * cols + DELTA_COL[d]
+                candidate = cost + (_SQRT2 if d % 2 else 1.0)
+                if labels[there].wave == wave and candidate >= labels[there].cost - _TIE:
+                    continue
+                labels[there].wave = wave
+                labels[there].cost = candidate
+                labels[there].came_by = d
+                if candidate < level + 2.0 - _TIE:
                     soon.append(there)
                 else:
                     later.append(there)
@@ -135,23 +142,6 @@ def wavefront(
         later = [start][:0]
         level += 1.0
     return -1
-
-
-@njit(cache=True, nogil=True, inline="always")
-def _step(
-    bits: NDArray[np.uint8], labels: Labels, wave: int, node: int, d: int, cols: int
-) -> tuple[int, float]:
-    """Step in direction `d`; returns the cell and its new cost, or -1 where that is no better."""
-    if not (bits[node] >> d) & 1:
-        return -1, 0.0
-    there = node + DELTA_ROW[d] * cols + DELTA_COL[d]
-    cost = labels[node].cost + (_SQRT2 if d % 2 else 1.0)
-    if labels[there].wave == wave and cost >= labels[there].cost - _TIE:
-        return -1, 0.0
-    labels[there].wave = wave
-    labels[there].cost = cost
-    labels[there].came_by = d
-    return there, cost
 
 
 @njit(cache=True, nogil=True)
@@ -213,12 +203,19 @@ def _astar(moves: Moves, start: int, goal: int, labels: Labels) -> Indices:
         estimate, node = heapq.heappop(heap)
         if node == goal:
             return walk_back(labels, goal, cols)
-        if estimate > labels[node].cost + _octile(node, goal, cols) + _TIE:
+        cost = labels[node].cost
+        if estimate > cost + _octile(node, goal, cols) + _TIE:
             continue
         for d in range(8):
-            there, cost = _step(bits, labels, 1, node, d, cols)
-            if there >= 0:
-                heapq.heappush(heap, (cost + _octile(there, goal, cols), there))
+            if not (bits[node] >> d) & 1:
+                continue
+            there = node + DELTA_ROW[d] * cols + DELTA_COL[d]
+            candidate = cost + (_SQRT2 if d % 2 else 1.0)
+            if labels[there].wave == 0 or candidate < labels[there].cost - _TIE:
+                labels[there].wave = 1
+                labels[there].cost = candidate
+                labels[there].came_by = d
+                heapq.heappush(heap, (candidate + _octile(there, goal, cols), there))
     return walk_back(labels, -1, cols)
 
 
