@@ -17,7 +17,6 @@ from slarm_graph.constraint import PoseGraph
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
-from slarm_graph.frontends.scans.standing import standing
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
@@ -132,8 +131,9 @@ class GraphBuilder:
         """Look for old places over the whole recording, and weigh all closures together."""
         self._closer.forget_prepared()
         graph, frontend = self._graph, self._frontend
-        keyframes = standing(graph.keyframes, frontend.matching)
-        matcher = SubmapMatcher(self._settings.loops, frontend.matching, keyframes, graph.submaps)
+        matcher = SubmapMatcher(
+            self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
+        )
         close_finally(graph, matcher, self._heartbeat)
         settled, weights = graph.settle(self._heartbeat)
         poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))

@@ -17,14 +17,16 @@ from slarm_graph.consistency.evidence import (
     CELL_M,
     FREE,
     MIN_BEAMS,
+    RIGHT_SHARE,
     SEEN_AROUND,
     TOLERANCE_M,
     UNKNOWN,
+    WRONG_SHARE,
     count_beams,
     judge_cells,
     tally,
+    wrong_place_evidence,
 )
-from slarm_graph.consistency.pairs import RIGHT_SHARE, WRONG_SHARE, wrong_place_evidence
 from slarm_graph.consistency.places import conflicts_m
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 from slarm_graph.readings import LaserScan

@@ -6,6 +6,7 @@ from slarm_graph.consistency.pairs import VisitPairs, cross_check
 from slarm_graph.consistency.places import ConflictPlace
 from slarm_graph.consistency.tears import Tear
 from slarm_graph.consistency.verdict import Contradictions, Verdict, contradictions
+from slarm_graph.consistency.views import View, evidence_against, view_of
 from slarm_graph.consistency.visits import Visits, build_visits
 
 __all__ = [
@@ -13,9 +14,12 @@ __all__ = [
     "Contradictions",
     "Tear",
     "Verdict",
+    "View",
     "VisitPairs",
     "Visits",
     "build_visits",
     "contradictions",
     "cross_check",
+    "evidence_against",
+    "view_of",
 ]

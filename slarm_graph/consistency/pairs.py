@@ -12,20 +12,12 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slarm_graph.consistency.evidence import CELL_M, tally
+from slarm_graph.consistency.evidence import CELL_M, tally, wrong_place_evidence
 from slarm_graph.consistency.visits import Visits
 from slarm_graph.geometry import Floats
 
 MIN_CELLS = 30
 """Wall cells that two visits must share to be compared: 3 m of wall."""
-
-RIGHT_SHARE, WRONG_SHARE = 0.03, 0.5
-"""Share of walls looked through between visits in the right place (people, doors, glass, noise;
-measured: 0.001 to 0.016 over whole recordings) and in a wrong one (measured: 0.35 to 1)."""
-
-CELLS_ALIKE = 10.0
-"""Cells that say the same, because one door or one cupboard has so many: a metre of wall counts
-as one observation. Halving it doubles all evidence."""
 
 MAX_PAIRS = 200_000
 """VisitPairs compared at most; of more, an even selection. Reached after hours in one building."""
@@ -59,17 +51,6 @@ class VisitPairs:
     def only(self, which: NDArray[np.bool_]) -> VisitPairs:
         """Return some of the pairs."""
         return VisitPairs(self.visits[which], self.confirmed[which], self.contradicted[which])
-
-
-def wrong_place_evidence(confirmed: NDArray[np.int64], contradicted: NDArray[np.int64]) -> Floats:
-    """Log-likelihood ratio [nat] of a wrong place over the right one, of any shape.
-
-    Both are binomial, with `WRONG_SHARE` and `RIGHT_SHARE`, of observations that are
-    `CELLS_ALIKE` cells each.
-    """
-    per_conflict = math.log(WRONG_SHARE / RIGHT_SHARE) / CELLS_ALIKE
-    per_match = math.log((1.0 - WRONG_SHARE) / (1.0 - RIGHT_SHARE)) / CELLS_ALIKE
-    return per_conflict * np.asarray(contradicted) + per_match * np.asarray(confirmed)
 
 
 def cross_check(

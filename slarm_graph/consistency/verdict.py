@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.pairs import RIGHT_SHARE, VisitPairs, cross_check
+from slarm_graph.consistency.evidence import RIGHT_SHARE
+from slarm_graph.consistency.pairs import VisitPairs, cross_check
 from slarm_graph.consistency.places import ConflictPlace, places
 from slarm_graph.consistency.tears import Tear, tears
 from slarm_graph.consistency.visits import Visits, build_visits

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.evidence import BEYOND_M, CELL_M, TOLERANCE_M, count_beams, judge_cells
+from slarm_graph.consistency.views import View, view_of
 from slarm_graph.geometry import Floats, between, compose, transform_points
 from slarm_graph.readings import LaserScan
 
@@ -26,9 +26,6 @@ it. Half of it leaves less evidence to a pair, twice hides errors inside and blu
 
 VISIT_SCANS = 8
 """Scans that a visit has at least, where they are metres apart."""
-
-USED_RANGE_M = 15.0
-"""Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,19 +96,20 @@ def pack_visits(
     scans: Sequence[LaserScan], poses: Floats, way_m: Floats, parts: Sequence[NDArray[np.int64]]
 ) -> Visits:
     """Build a visit of each list of scans; those that saw nothing are left out."""
-    seen = [(part, *_seen(scans, poses, part)) for part in parts]
-    seen = [row for row in seen if row[2].size]
-    ends = np.array([(part[0], part[-1]) for part, *_ in seen], dtype=np.int64).reshape(-1, 2)
+    seen = [(part, _seen(scans, poses, part)) for part in parts]
+    seen = [(part, view) for part, view in seen if view.states.size]
+    views = [view for _, view in seen]
+    ends = np.array([(part[0], part[-1]) for part, _ in seen], dtype=np.int64).reshape(-1, 2)
     return Visits(
         poses=poses[ends.sum(axis=1) // 2],
         scans=ends,
         way_m=way_m[ends],
-        walls=np.concatenate([np.zeros((0, 2)), *(walls for _, walls, _, _ in seen)]),
-        wall_start=_starts([len(walls) for _, walls, _, _ in seen]),
-        states=np.concatenate([np.zeros(0, np.uint8), *(s.ravel() for _, _, s, _ in seen)]),
-        state_start=_starts([states.size for _, _, states, _ in seen]),
-        lows=np.array([low for *_, low in seen]).reshape(-1, 2),
-        shapes=np.array([s.shape for _, _, s, _ in seen], dtype=np.int64).reshape(-1, 2),
+        walls=np.concatenate([np.zeros((0, 2)), *(v.walls for v in views)]),
+        wall_start=_starts([len(v.walls) for v in views]),
+        states=np.concatenate([np.zeros(0, np.uint8), *(v.states.ravel() for v in views)]),
+        state_start=_starts([v.states.size for v in views]),
+        lows=np.array([v.low for v in views]).reshape(-1, 2),
+        shapes=np.array([v.states.shape for v in views], dtype=np.int64).reshape(-1, 2),
     )
 
 
@@ -152,46 +150,15 @@ def _first_scans(way_m: Floats, visit_m: float) -> list[int]:
     return [*firsts, len(way_m)] if len(way_m) else [0]
 
 
-def _seen(
-    scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]
-) -> tuple[Floats, NDArray[np.uint8], Floats]:
-    """Return walls (W, 2) [m], states and corner (2,) [m] in the frame of the middle scan."""
+def _seen(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]) -> View:
+    """Return what was seen, in the frame of the middle scan."""
     visit_from_robot = between(poses[(part[0] + part[-1]) // 2], poses[part])
-    beams = np.concatenate(
-        [_returns(scans[i], pose) for i, pose in zip(part, visit_from_robot, strict=True)]
-    )
-    if not len(beams):
-        return np.zeros((0, 2)), np.zeros((0, 0), dtype=np.uint8), np.zeros(2)
-    corners = beams[:, :4].reshape(-1, 2)
-    low = corners.min(axis=0) - CELL_M
-    cols, rows = np.ceil((corners.max(axis=0) - low) / CELL_M).astype(int) + 1
-    hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
-    count_beams(hits, passes, low, beams)
-    states, cells = judge_cells(hits, passes)
-    return low + (cells[:, ::-1] + 0.5) * CELL_M, states, low
-
-
-def _returns(scan: LaserScan, pose: Floats) -> Floats:
-    """Return start x, y, end x, y and clear length (M, 5) [m] of returns, seen from a pose (3,)."""
-    laser = compose(pose, scan.robot_from_laser.as_array())[:2]
-    ends = transform_points(pose, scan.points_m())
-    ranges = np.hypot(*(ends - laser).T)
-    clear = ranges - np.maximum(BEYOND_M, TOLERANCE_M / _incidence(laser, ends, ranges))
-    near = ranges < USED_RANGE_M
-    starts = np.broadcast_to(laser, (near.sum(), 2))
-    return np.concatenate([starts, ends[near], clear[near, None]], axis=1)
-
-
-def _incidence(laser: Floats, ends: Floats, ranges: Floats) -> Floats:
-    """Sine (M,) of the angle at which each beam meets the line to the nearer neighbour's end."""
-    if len(ends) < 2:
-        return np.ones(len(ends))
-    along = np.diff(ends, axis=0)
-    gap = np.hypot(*along.T) + 1e-9
-    after = np.r_[gap, np.inf] <= np.r_[np.inf, gap]
-    side = np.where(after, np.arange(len(ends)), np.arange(-1, len(ends) - 1))
-    across = (ends - laser)[:, 0] * along[side, 1] - (ends - laser)[:, 1] * along[side, 0]
-    return np.asarray(np.clip(np.abs(across) / (ranges * gap[side] + 1e-9), 0.01, 1.0))
+    returns = [
+        transform_points(pose, scans[i].points_m())
+        for i, pose in zip(part, visit_from_robot, strict=True)
+    ]
+    robot_from_laser = np.array([scans[i].robot_from_laser.as_array() for i in part])
+    return view_of(returns, compose(visit_from_robot, robot_from_laser)[:, :2])
 
 
 def _starts(sizes: list[int]) -> NDArray[np.int64]:

@@ -1,0 +1,104 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What was seen from a stretch of way, and whether two such views can lie where they are put."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slarm_graph.consistency.evidence import (
+    BEYOND_M,
+    CELL_M,
+    TOLERANCE_M,
+    count_beams,
+    judge_cells,
+    tally,
+    wrong_place_evidence,
+)
+from slarm_graph.geometry import Floats, between
+
+USED_RANGE_M = 15.0
+"""Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Walls and cells of a stretch of way, in its own frame.
+
+    Parameters
+    ----------
+    walls : (W, 2) float64
+        Middles of the walls' cells [m].
+    states : (rows, cols) uint8, row = y
+        State of every cell.
+    low : (2,) float64
+        Corner of the first cell [m].
+    """
+
+    walls: Floats
+    states: NDArray[np.uint8]
+    low: Floats
+
+
+def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
+    """Draw what beams end at and what they look through.
+
+    Parameters
+    ----------
+    returns : sequence of S (K, 2) float64
+        Of every scan, in the view's frame [m].
+    lasers : (S, 2) float64
+        Where each was taken [m].
+    """
+    beams = np.concatenate(
+        [np.zeros((0, 5)), *(_beams(r, at) for r, at in zip(returns, lasers, strict=True))]
+    )
+    if not len(beams):
+        return View(np.zeros((0, 2)), np.zeros((0, 0), dtype=np.uint8), np.zeros(2))
+    corners = beams[:, :4].reshape(-1, 2)
+    low = corners.min(axis=0) - CELL_M
+    cols, rows = np.ceil((corners.max(axis=0) - low) / CELL_M).astype(int) + 1
+    hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
+    count_beams(hits, passes, low, beams)
+    states, cells = judge_cells(hits, passes)
+    return View(low + (cells[:, ::-1] + 0.5) * CELL_M, states, low)
+
+
+def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
+    """Log-likelihood ratio [nat] of `wrong` over `right` of where one view lies in another.
+
+    Parameters
+    ----------
+    a, b : View
+    b_from_a : (3,) float64
+        Pose to judge [m, m, rad].
+    """
+    a_from_b = between(b_from_a, np.zeros(3))
+    both = tally(a.walls, b_from_a, b.states, b.low), tally(b.walls, a_from_b, a.states, a.low)
+    counts = np.array(both).sum(axis=0)
+    return float(wrong_place_evidence(counts[:1], counts[1:])[0])
+
+
+def _beams(returns: Floats, laser: Floats) -> Floats:
+    """Start x, y, end x, y of returns (K, 2) and the length that they look through (M, 5) [m]."""
+    ranges = np.hypot(*(returns - laser).T)
+    clear = ranges - np.maximum(BEYOND_M, TOLERANCE_M / _incidence(laser, returns, ranges))
+    near = ranges < USED_RANGE_M
+    starts = np.broadcast_to(laser, (near.sum(), 2))
+    return np.concatenate([starts, returns[near], clear[near, None]], axis=1)
+
+
+def _incidence(laser: Floats, ends: Floats, ranges: Floats) -> Floats:
+    """Sine (M,) of the angle at which each beam meets the line to the nearer neighbour's end."""
+    if len(ends) < 2:
+        return np.ones(len(ends))
+    along = np.diff(ends, axis=0)
+    gap = np.hypot(*along.T) + 1e-9
+    after = np.r_[gap, np.inf] <= np.r_[np.inf, gap]
+    side = np.where(after, np.arange(len(ends)), np.arange(-1, len(ends) - 1))
+    across = (ends - laser)[:, 0] * along[side, 1] - (ends - laser)[:, 1] * along[side, 0]
+    return np.asarray(np.clip(np.abs(across) / (ranges * gap[side] + 1e-9), 0.01, 1.0))
