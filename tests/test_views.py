@@ -1,0 +1,87 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Walls and free space of two places speak for or against how one lies in the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_consistency import HALL, around, scan_at
+
+from slarm_graph.config import FrontendConfig, PoseGraphConfig
+from slarm_graph.consistency import View, evidence_against, view_of
+from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
+from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
+from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+
+NICHES = [(8.0, 0.0, 8.0, 0.6), (8.0, 0.6, 8.5, 0.6), (8.5, 0.6, 8.5, 0.0), (11.0, 0.0, 11.0, 0.9)]
+ENDS = [(0.0, 0.0, 0.0, 3.0), (20.0, 0.0, 20.0, 3.0)]
+NARROW = [(0.0, 0.0, 20.0, 0.0), (0.0, 3.0, 20.0, 3.0), *ENDS, *NICHES]
+WIDE = [(0.0, 0.0, 20.0, 0.0), (0.0, 12.0, 20.0, 12.0), *NICHES]
+WIDE += [(0.0, 0.0, 0.0, 12.0), (20.0, 0.0, 20.0, 12.0)]
+
+
+def seen_from(poses: Floats, walls: list[tuple[float, ...]]) -> View:
+    """Draw what is seen from poses, in the frame of the first."""
+    own = between(poses[0], poses)
+    returns = [
+        transform_points(at, scan_at(pose, walls).points_m())
+        for at, pose in zip(own, poses, strict=True)
+    ]
+    return view_of(returns, compose(own, np.array([0.2, 0.0, 0.0]))[:, :2])
+
+
+@pytest.fixture(scope="module")
+def views() -> tuple[View, View, Floats]:
+    """Two passes of the hall's long side, the second from beside the first, and how they lie."""
+    one = around(1.0)[:30]
+    other = one + np.array([0.3, 0.4, 0.0])
+    return seen_from(one, HALL), seen_from(other, HALL), between(one[0], other[0])
+
+
+def test_a_place_speaks_for_itself_and_against_where_it_is_not(
+    views: tuple[View, View, Floats],
+) -> None:
+    first, second, first_from_second = views
+    right = evidence_against(second, first, first_from_second)
+    assert right < -15.0
+    for off in ([2.0, 0.0, 0.0], [0.0, -2.0, 0.0], [0.0, 0.0, 0.5]):
+        wrong = evidence_against(second, first, compose(first_from_second, np.array(off)))
+        assert wrong > 10.0
+
+
+def test_either_may_be_asked_of_the_other(views: tuple[View, View, Floats]) -> None:
+    first, second, first_from_second = views
+    back = between(first_from_second, np.zeros(3))
+    one, other = (
+        evidence_against(second, first, first_from_second),
+        evidence_against(first, second, back),
+    )
+    assert one == pytest.approx(other, abs=0.1)
+
+
+def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None:
+    nothing = view_of([np.zeros((0, 2))], np.zeros((1, 2)))
+    assert evidence_against(nothing, views[0], np.zeros(3)) == 0.0
+    assert evidence_against(views[0], views[1], np.array([500.0, 0.0, 0.0])) == 0.0
+
+
+@pytest.mark.parametrize(("other", "is_believed"), [(NARROW, True), (WIDE, False)])
+def test_a_corridor_is_not_found_along_the_wall_of_a_hall(
+    other: list[tuple[float, ...]], is_believed: bool
+) -> None:
+    """One wall with all its niches agrees; the other one is looked through."""
+    way = np.column_stack([np.arange(4.0, 14.0, 0.25), np.full(40, 1.5), np.zeros(40)])
+    keyframes = [
+        Keyframe(k, points, Pose2.from_array(pose), np.eye(3) * 1e-6, view_center(points))
+        for k, (pose, points) in enumerate(
+            (pose, scan_at(pose, walls).points_m()) for walls in (NARROW, other) for pose in way
+        )
+    ]
+    submaps = [make_submap(keyframes, k, k + 10, k) for k in range(0, 80, 10)]
+    loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
+    found = SubmapMatcher(loops, matching, keyframes, submaps).align(6, 2, np.zeros(3))
+    assert found.score > loops.min_submap_score
+    assert np.abs(found.submap_from_keyframe).max() < 0.1
+    assert ("do not speak for it" not in found.reason) == is_believed
+    assert is_believed == (not found.reason)
