@@ -24,7 +24,7 @@ from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.survey import Survey
 from slarm_graph.geographic import Coverage
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.snapshots import State, restore_state, state_of
@@ -34,7 +34,12 @@ from slarm_graph.world import DriveCommand, World
 _MAX_ASKS: Final = 50
 """Goals without a path, one after the other, before the drive ends: each is marked tried, so that
 more never helped."""
+_MOST_RETURNS: Final = 10
+"""Paths back to the start on a map that contradicts itself, in a drive: a map that is torn still
+after so many looks from places seen before will be after the next."""
 _APART: Final = ("_world", "_backend", "_explorer")
+_AT_HOME_M: Final = 0.05
+"""Of a path that ends at the start, as far as the follower drives it: a driving cell."""
 _NO_LEG: Final = Leg(np.empty((0, 2)), more=False)
 """Stands for a leg where there is none, and has no points."""
 
@@ -123,6 +128,8 @@ class ClosedLoop:
         self._leg = _NO_LEG
         self._leg_age_s = 0.0
         self._going_home = False
+        self._is_relocating = False
+        self._returns = 0
         self._commands: list[DriveCommand] = []
         self._planning_s = 0.0
         self.finished: Finished | None = None
@@ -216,13 +223,43 @@ class ClosedLoop:
             return
         done = self._follower.done
         blocked = not done and not self.live.is_clear(self._controller.path_ahead(self.pose))
-        if done or blocked or self._leg_age_s >= self._leg.review_s:
+        if self._is_relocating or self._survey.is_torn:
+            self._relocate(stands=done or blocked)
+        elif done or blocked or self._leg_age_s >= self._leg.review_s:
             self._ask(self.pose, self.live.coverage(), go_on=False)
         elif self._leg.more and self._follower.remaining_m(self.pose) < self._braking_m():
             path = np.concatenate([[[self.pose.x, self.pose.y]], self._follower.points_m[1:]])
             heading = math.atan2(*(path[-1] - path[-2])[::-1])
             end = Pose2(path[-1, 0], path[-1, 1], heading)
             self._ask(end, self.live.coverage(path), go_on=True)
+
+    def _relocate(self, *, stands: bool) -> None:
+        """Drive back to where the map began, instead of on, until it no longer contradicts itself.
+
+        There every place was seen before, so that the backend can find out where the robot is.
+        """
+        began, self._is_relocating = not self._is_relocating, True
+        if stands and not began:
+            self._survey.rebuild()
+        self._is_relocating = self._survey.is_torn
+        if not self._is_relocating:
+            self._follower.stop()
+        elif began or stands:
+            self._returns += 1
+            path = self._path_home(self.live.coverage())
+            if path is None or self._returns > _MOST_RETURNS:
+                self.finished = Finished("the map contradicts itself, and going back did not help")
+                return
+            self._leg = _NO_LEG
+            self._follower.follow(path)
+
+    def _path_home(self, coverage: CoverageGrid) -> Floats | None:
+        """A path (K, 2) [m] to the start; None where there is none, or the robot stands there."""
+        home = np.array([self._start.x, self._start.y])
+        here = np.array([self.pose.x, self.pose.y])
+        if math.hypot(*(home - here)) <= _AT_HOME_M:
+            return None
+        return path_between(coverage.driving, here, home)
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
         goal = self._goal(coverage, pose)
@@ -276,10 +313,8 @@ class ClosedLoop:
             self._survey.rebuild()
             self._ask(self.pose, self.live.coverage(), go_on=False)
             return
-        home = np.array([self._start.x, self._start.y])
-        away_m = math.hypot(*(home - (self.pose.x, self.pose.y)))
-        if self._config.return_to_start and not self._going_home and away_m > 0.05:
-            path = path_between(coverage.driving, np.array([self.pose.x, self.pose.y]), home)
+        if self._config.return_to_start and not self._going_home:
+            path = self._path_home(coverage)
             if path is not None:
                 self._going_home = True
                 self._follower.follow(path)

@@ -11,6 +11,7 @@ import numpy as np
 
 from slarm_graph.backend import SlamBackend, SlamResult, position_sds_m
 from slarm_graph.config import ExploreConfig, MappingConfig
+from slarm_graph.consistency import contradictions
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.mapping import pose_rates
@@ -72,6 +73,8 @@ class Survey:
         self._next_rebuild = _REBUILD_READINGS
         self._last_rebuild = 0
         self._has_moved = False
+        self.is_torn = False
+        """Whether the map contradicts itself, as of when it was last made anew."""
 
     @property
     def readings(self) -> int:
@@ -138,6 +141,7 @@ class Survey:
             self.live.shrink_by(position_rmse_m(corrected))
         every = max(1, self.readings // _MAX_RENDERED_SCANS)
         trajectory = corrected.trajectory.transformed(self.world_from_map)
+        self.is_torn = contradictions(self.log.scans, trajectory).verdict == "inconsistent"
         self.live.follow(self.log.scans, trajectory, every)
         self.live.heard_m = trajectory.poses[self._heard, :2]
         return corrected
