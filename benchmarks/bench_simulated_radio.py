@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Measured radio maps against the truth: six access points in every world that comes along.
 
-    python benchmarks/bench_simulated_radio.py [--worlds A,B] [--explorer NAME | --tour] [--seed N]
+    python benchmarks/bench_simulated_radio.py [--worlds A,B] [--explorer NAME | --tour] [--known]
 
 A robot that knows its pose covers a world it does not know and hears six access points: 4 dB of
 shadowing with a correlation of 2 m, fading, nothing below -90 dBm. Nobody tells it where they are.
@@ -256,18 +256,19 @@ def main() -> None:
     parser.add_argument("--worlds", default=",".join(shipped_worlds()))
     parser.add_argument("--explorer", default="ggmr+")
     parser.add_argument("--tour", action="store_true")
+    parser.add_argument("--known", action="store_true", help="tell it where access points are")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     for name in given.worlds.split(","):
         go = tour if given.tour else drive
         heard = go(name, settings(given.explorer, given.seed))
         print(f"{name}: {len(heard.log)} readings in {heard.time_s:.0f} s", file=sys.stderr)
-        print(row(name, heard), flush=True)
+        print(row(name, heard, given.known), flush=True)
 
 
-def row(name: str, heard: Heard) -> str:
+def row(name: str, heard: Heard, known: bool) -> str:
     """Return a row of the table."""
-    truth, measured = truth_of(heard, np.random.default_rng(1)), measured_of(heard)
+    truth, measured = truth_of(heard, np.random.default_rng(1)), measured_of(heard, known=known)
     scores = score(heard, measured, truth) | predicted(heard, truth)
     found = located(heard, measured)
     silent = np.isnan(heard.log.rss_dbm).mean()
