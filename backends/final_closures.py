@@ -197,7 +197,8 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
         Members of sets of at least three that agree pair by pair over the ways between them.
     """
     links = nx.Graph()
-    links.add_nodes_from(range(len(found)))
+    # The library weighs in whole numbers.
+    links.add_nodes_from((k, {"permille": round(1000 * c.score)}) for k, c in enumerate(found))
     links.add_edges_from(
         (a, b) for a, b in _neighbours(found, graph) if agree(found[a], found[b], graph)
     )
@@ -218,8 +219,8 @@ def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Iterator[tuple[
 
 
 def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) -> set[int]:
-    """Return all that agree with a core that agrees in itself and spans a way."""
-    core = max(nx.find_cliques(links), key=len) if len(links) <= 60 else _greedy(links)
+    """Return all that agree with the best core that agrees in itself and spans a way."""
+    core = nx.max_weight_clique(links, "permille")[0] if len(links) <= 60 else _greedy(links)
     ways = [graph.way_of(found[k].keyframe) for k in core]
     independent = sum(found[k].searched for k in core) >= _LEAST_SET
     least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
