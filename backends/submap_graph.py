@@ -105,15 +105,6 @@ class SubmapGraph:
         """Return `map_from_node` (N, 3) as they stand."""
         return np.array(self._nodes)
 
-    def first_of(self, node: int) -> int:
-        """Return the first keyframe of a node."""
-        return self._firsts[node]
-
-    def last_of(self, node: int) -> int:
-        """Return the last keyframe of a node."""
-        after = node + 1
-        return (self._firsts[after] if after < len(self._firsts) else len(self.keyframes)) - 1
-
     def way_of(self, keyframe: int) -> float:
         """Return the way driven up to a keyframe [m]."""
         return self._ways_m[keyframe]
