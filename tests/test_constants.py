@@ -15,17 +15,6 @@ from test_names import ROOT, modules
 UNFINISHED: tuple[str, ...] = (
     "backends/graph_settling.py",
     "backends/submap_graph.py",
-    "frontends/scans/gauss_newton.py",
-    "frontends/scans/icp.py",
-    "frontends/scans/likelihood_grid.py",
-    "frontends/scans/local_matching.py",
-    "frontends/scans/loop_closure.py",
-    "frontends/scans/matcher.py",
-    "frontends/scans/submaps.py",
-    "frontends/scans/tracker.py",
-    "frontends/scans/wall_sides.py",
-    "frontends/scans/wall_tangents.py",
-    "frontends/scans/wheel_calibration.py",
 )
 """Files whose constants are still to be explained."""
 

@@ -27,12 +27,18 @@ from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 
 _FLOOR = 0.02
+"""Of twice the lost likelihood, as a squared residual in sigmas: nearer than a seventh of a sigma,
+where likelihood is flat to a hundredth, a weight grows no further."""
 _FLAT = 0.03
+"""Slope, over that of a sigma, that is none: along a wall the grid's rounding is as steep."""
 _LONG_STEPS = 6
-_NEAR_SIGMAS = 0.2
-_NEAR_RAD = 0.01
-_CONVERGED_M = 2e-4
-_CONVERGED_RAD = 1e-4
+"""Iterations at most with steps as long as the curvature of the likelihood asks for: six of three
+cells reach a metre."""
+_NEAR_SIGMAS, _NEAR_RAD = 0.2, 0.01
+"""Steps from which on the pose is near: a fifth of the fall-off, and what moves a return 5 m away
+by a cell of 0.05 m. After them steps are as the residuals say."""
+_CONVERGED_M, _CONVERGED_RAD = 2e-4, 1e-4
+"""A hundredth of the noise of a return, 0.02 m, and what moves one 20 m away by a tenth of it."""
 
 
 def refine_near(

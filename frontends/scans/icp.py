@@ -18,10 +18,13 @@ from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirro
 from slarm_graph.geometry import Floats
 
 _NEIGHBOURS = 3
+"""Returns to either side that a normal is taken from: seven of half a degree span 0.3 m at 5 m."""
 _MIN_SCALE_M = 0.03
+"""Least scale of the robust kernel: one and a half times a laser's noise of 0.02 m."""
 _SHRINK = 0.7
-_CONVERGED_M = 1e-4
-_CONVERGED_RAD = 1e-4
+"""Of the scale per iteration: from a metre to the least in ten."""
+_CONVERGED_M, _CONVERGED_RAD = 1e-4, 1e-4
+"""A two-hundredth of the noise of a return, and what moves one 20 m away by a tenth of it."""
 
 
 @njit(cache=True, nogil=True)

@@ -23,6 +23,7 @@ Grid = NDArray[np.float32]
 _REACH_SIGMAS = 3.0
 """Beyond, the likelihood is below exp(-4.5), about 1 %, and taken as none."""
 _TABLE_SIZE = 2048
+"""Of the fall-off by squared distance: steps of 0.2 % of the likelihood at most."""
 _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
 
 

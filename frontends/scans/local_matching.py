@@ -57,9 +57,11 @@ _PLENTY_OF_POINTS = 20
 _LOST_REACH_M = 3.0
 """Window of a lost scan: what a robot drives in the seconds until it is noticed."""
 _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
+"""Of a pose that a search has found [m^2, m^2, rad^2]: within its reach, at any heading."""
 _FIRST_FITS, _LEAST_FIT = 5.0, 0.01
 """Scans after which the usual fit means something, and the least that it is taken for."""
 _FROM_PREDICTION = np.empty(0)
+"""Stands for a start of its own where there is none, and has no numbers."""
 
 
 class LocalMatcher:

@@ -29,24 +29,32 @@ from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
 
 POINT_INFORMATION = 0.3
+"""Of a return of a scan in an old submap, over that of one in the grid's own noise: neighbouring
+returns of one wall err alike, by what the submap is bent."""
 _LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
-_COARSE_GRIDS = 64
-_FINE_GRIDS = 24
+"""Of where a search or the graph puts a scan: five cells of 0.1 m and a step of turns."""
+_COARSE_GRIDS, _FINE_GRIDS = 64, 24
 """Submaps kept prepared: the result is the same with any number. Half of these fine ones are
 prepared again in 2 to 4 % more cases, double in 10 % fewer."""
 _QUERY_RANGE_M = 12.0
+"""Returns that are searched for: of farther ones a step of turns moves too many past a wall."""
 _QUERY_POINTS = 250
+"""Of them, evenly: a search takes as long as they are many."""
 _LONG_AGO = -1_000_000
 """Keyframe of what never happened."""
-_WIDEN = 1.2
-_WIDEST = 4.0
-_PATIENCE = 1.5
-_MOST_PATIENCE = 16.0
+_WIDEN, _WIDEST = 1.2, 4.0
+"""By what a window grows with every fruitless search, and how much at most: a search takes as long
+as the window is large."""
+_PATIENCE, _MOST_PATIENCE = 1.5, 16.0
+"""By what the time between searches grows so, and how much at most: ways that never come back cost
+little."""
 _MOST_FRUITLESS = 100
 """Counted no further: windows and patience reached their bounds long before, powers stay finite."""
 _MOST_DRIFT = 0.03
 """Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
+"""Share of walls matched from their unknown side: right places have few, the far side of a thin
+wall all."""
 
 
 class LoopCloser:

@@ -31,9 +31,11 @@ from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
 _LOOSE = np.diag([11.0, 11.0, 11.0])
-_WEAK_M = 1.0
-_WEAK_RAD = 0.3
+"""Information of the start of a match: 0.3 m and 0.3 rad, so that it hardly counts."""
+_WEAK_M, _WEAK_RAD = 1.0, 0.3
+"""A pose that scans fix no better than this [m, rad] is none: a room's half, and 17 degrees."""
 _COARSE = 3.0
+"""Of the fall-off for a first match over the fine one: three times as far to either side."""
 
 
 class ScanMatcher(Protocol):

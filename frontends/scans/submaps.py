@@ -25,6 +25,7 @@ from slarm_graph.geometry import Floats, Pose2, between, transform_points
 Prepared = TypeVar("Prepared")
 
 _VIEW_RANGE_M = 8.0
+"""What a keyframe sees nearby: a room or two, where most returns lie."""
 
 
 @dataclass(frozen=True, slots=True)

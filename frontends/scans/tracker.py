@@ -29,9 +29,13 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
 
 _MAX_SWEEP_S = 1.0
-_MISTIMED_M = 0.01
-_MISTIMED_RAD = 0.01
+"""Longer sweeps are none of a laser (10 to 200 ms): their stamps are wrong."""
+_MISTIMED_M, _MISTIMED_RAD = 0.01, 0.01
+"""What the sweep may be off by [m, rad] before it is undone again: half a laser's noise of 0.02 m,
+and twice that 4 m away."""
 _GIVE_UP = 5
+"""Scans in a row that fit nowhere after which a map is begun anew: half a second at 10 Hz, in which
+somebody may have passed close by."""
 _DECIDE_WITHIN_M = 2.0
 """Way after which the best story is believed: beyond, the map no longer shows what is seen."""
 

@@ -12,9 +12,12 @@ from numba import njit
 from slarm_graph.geometry import Floats
 
 _REACH_M = 0.2
+"""Least length that a direction is taken from: ten times a laser's noise of 0.02 m, 6 degrees."""
 _NEAR_GAP_M = 0.5
-_STRAIGHT = 0.8
-_VERY_STRAIGHT = 0.97
+"""Farther neighbours are of two walls, or of one seen at a grazing angle."""
+_STRAIGHT, _VERY_STRAIGHT = 0.8, 0.97
+"""Cosines of the bend that a straight wall may show: 37 degrees by noise of short ways, 14 of long
+ones."""
 
 
 @njit(cache=True, nogil=True)

@@ -40,6 +40,7 @@ _FIRST_STEPS, _MOST_STEPS = 20.0, 100.0
 _PATH_STEPS = 10
 """Steps that are added up: longer than an error of a match lasts, shorter than a drive."""
 _NOTHING = 1e6
+"""Variance of a measurement that tells nothing [m^2, rad^2]: a kilometre."""
 _LEAST_PATH = 9.0
 """Variance of a step along a path, over the guessed one, that is believed at least: three times the
 noise, since what wheels do over many steps depends on floors and loads to come. A third of it makes
