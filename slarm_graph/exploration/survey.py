@@ -29,6 +29,9 @@ once."""
 _REBUILD_READINGS: Final = 150
 """At least so many readings, 15 s at 10 Hz, between two times: redrawing stops the robot for as
 long as it takes."""
+_JUDGED_GROWTH: Final = 1.1
+"""A geometric series: to look whether the map contradicts itself costs eleven times the last look,
+which takes a second of 14,000 scans."""
 _MAX_RENDERED_SCANS: Final = 10_000
 """With more, every second, third ... is drawn: a place is seen in hundreds of scans, one shows its
 walls."""
@@ -74,7 +77,8 @@ class Survey:
         self._last_rebuild = 0
         self._has_moved = False
         self.is_torn = False
-        """Whether the map contradicts itself, as of when it was last made anew."""
+        """Whether the map contradicts itself, as of when that was last looked at."""
+        self._judged = 0
 
     @property
     def readings(self) -> int:
@@ -141,7 +145,9 @@ class Survey:
             self.live.shrink_by(position_rmse_m(corrected))
         every = max(1, self.readings // _MAX_RENDERED_SCANS)
         trajectory = corrected.trajectory.transformed(self.world_from_map)
-        self.is_torn = contradictions(self.log.scans, trajectory).verdict == "inconsistent"
+        if self.is_torn or self.readings >= _JUDGED_GROWTH * self._judged:
+            verdict = contradictions(self.log.scans, trajectory).verdict
+            self._judged, self.is_torn = self.readings, verdict == "inconsistent"
         self.live.follow(self.log.scans, trajectory, every)
         self.live.heard_m = trajectory.poses[self._heard, :2]
         return corrected
