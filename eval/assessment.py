@@ -63,7 +63,8 @@ def assess(subject: Subject) -> tuple[Metric, ...]:
 
 
 def _consistency_metrics(result: Contradictions) -> tuple[Metric, ...]:
-    note = f"{result.verdict}; {result.expected_share:.4f} expected"
+    expected = f"{result.expected_share:.4f} expected" if result.compared else "nothing seen twice"
+    note = f"{result.verdict}; {expected}"
     return (
         Metric("map_conflict_share", result.share, note=note),
         Metric("cross_checked_share", result.checked_share, note="of the way"),

@@ -24,6 +24,8 @@ _COLUMNS, _SIDE_IN, _BAR_IN, _DPI = 3, 2.1, 0.86, 300
 IEEE's journals, which ask for so many dots per inch."""
 _SHOWN_SHARE = 0.98
 """Of the differences lie within the colours' limits; what is beyond has the last colour."""
+_NOTHING = "0.75"
+"""Grey of cells that are not compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +61,13 @@ class LevelDifference:
             for name, one in zip(self.names, each, strict=True)
         )
         sure = np.abs(self.difference_db) > _NORMAL_95 * self.sd_db
+        points = f"{len(each)} access point{'s' * (len(each) != 1)}"
         return (
             Metric("levels_rmse_db", float(np.sqrt(np.mean(whole**2))), note=rms),
             Metric("levels_bias_db", float(whole.mean()), note=bias),
             Metric("levels_mae_db", float(np.abs(whole).mean())),
             Metric("levels_differ", float(sure[np.isfinite(self.difference_db)].mean())),
-            Metric("levels_area_m2", self._area_m2(), note=f"{len(self.names)} access points"),
+            Metric("levels_area_m2", self._area_m2(), note=points),
         )
 
     def _area_m2(self) -> float:
@@ -108,6 +111,7 @@ def save_level_difference(path: Path, made: LevelDifference) -> None:
     finite = np.abs(made.difference_db[np.isfinite(made.difference_db)])
     limit = max(float(np.quantile(finite, _SHOWN_SHARE)), 0.1) if len(finite) else 1.0
     for axis, name, layer in zip(axes, made.names, made.difference_db, strict=False):
+        axis.set_facecolor(_NOTHING)  # white is "no difference"
         shown = axis.imshow(
             layer,
             cmap="RdBu_r",

@@ -68,7 +68,7 @@ _BUILT_IN: Final = (
     _K("levels_mae_db", "dB", "levels, mean error", "less", _LEVELS, "mean absolute difference"),
     _K("levels_differ", "", "levels surely differ", "", _LEVELS, "share of those cells whose"
        " difference is above 1.96 standard deviations, by what both maps say of themselves"),
-    _K("levels_area_m2", "m²", "levels, area compared", "", _LEVELS, "cells with a level in both"),
+    _K("levels_area_m2", "m^2", "levels, area compared", "", _LEVELS, "cells with a level in both"),
     # --- the drive
     _K("path_length_m", "m", "path length", "", _ALWAYS, "sum over the steps of the estimate, or as"
        " truly driven in a world"),

@@ -101,3 +101,10 @@ def test_command_tells_what_is_missing(
 
     monkeypatch.chdir(tmp_path)
     assert main(["eval", "consistency", *arguments]) == 2
+
+
+def test_a_way_seen_once_has_no_expected_share() -> None:
+    once = replace(GOOD, share=np.nan, expected_share=np.nan, compared=0, verdict="doubtful")
+    way = Trajectory(np.arange(2) * 10**9, np.zeros((2, 3)))
+    (share,) = (m for m in assess(Subject(way, consistency=once)) if m.name == "map_conflict_share")
+    assert share.note == "doubtful; nothing seen twice"

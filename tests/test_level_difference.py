@@ -9,12 +9,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.cli import main
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.level_difference import level_difference
+from slarm_graph.eval.level_difference import level_difference, save_level_difference
 from slarm_graph.files.worlds import load_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.files import write_radio_npz
@@ -78,6 +79,18 @@ def test_maps_with_nothing_in_common_are_refused():
         level_difference(ref, replace(ref, geometry=far))
 
 
+def test_what_is_not_compared_does_not_look_like_no_difference(tmp_path):
+    ref = levels(np.random.default_rng(3), ("a",))
+    level = np.full_like(ref.level_dbm, -60.0)
+    level[:, :, :4] = np.nan
+    same = replace(ref, level_dbm=level)
+    save_level_difference(tmp_path / "d.png", level_difference(same, same))
+    colors = (imread(tmp_path / "d.png")[..., :3] * 255).round().astype(int)
+    greys = (colors == 191).all(axis=-1)
+    assert greys.mean() > 0.1
+    assert not level_difference(same, same).metrics()[-1].note.endswith("s")
+
+
 def test_measured_against_predicted_by_command(tmp_path, capsys):
     world = load_world("paper_room")
     geometry = GridGeometry.covering(*world.extent_m(), 0.25)
@@ -99,5 +112,7 @@ def test_measured_against_predicted_by_command(tmp_path, capsys):
     assert not read_levels(tmp_path).measured
     assert main(["eval", "radio", measured, measured, "--difference", "x.nothing"]) == 2
     assert "--difference x.nothing" in capsys.readouterr().err
+    assert main(["eval", "radio", "paper_room", measured]) == 2
+    assert "with a radio map, not with a world" in capsys.readouterr().err
     (tmp_path / "bad.npz").write_bytes(b"no")
     assert main(["eval", "radio", measured, str(tmp_path / "bad.npz")]) == 2

@@ -7,6 +7,7 @@ from __future__ import annotations
 import csv
 
 import numpy as np
+import pytest
 
 from slarm_graph.app.cli import main
 from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
@@ -85,3 +86,17 @@ def test_measured_along_a_trajectory(tmp_path):
 
 def test_half_a_way_is_refused(tmp_path):
     assert main(["radio", bare_map(tmp_path), "--ap", "2", "2", "2.5", "--from", "1,1"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "why"),
+    [
+        (("--threshold", "nan"), "--threshold nan: a finite level"),
+        (("--threshold", "-60", "--outage", "inf"), "--outage inf: a finite level"),
+        (("--threshold", "-60", "--longest-outage", "-1"), "--longest-outage -1: seconds, 0 or"),
+    ],
+)
+def test_levels_and_times_that_cannot_be(tmp_path, capsys, words, why):
+    given = ["radio", bare_map(tmp_path), "--out", str(tmp_path), "--ap", "2", "2", "2.5"]
+    assert main([*given, *words]) == 2
+    assert why in capsys.readouterr().err

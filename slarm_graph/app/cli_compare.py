@@ -195,7 +195,11 @@ def _carried_out(
             return run(planned, tell=tell, progress=progress)
     except KeyboardInterrupt:
         if done:
-            _show(folder, [*done, *measured], f"{what}, interrupted")
+            _show(
+                folder,
+                [*done, *measured],
+                f"{what}, interrupted after {len(done)} of {len(planned)} runs",
+            )
         _tell_how_to_go_on(folder)
         raise
 

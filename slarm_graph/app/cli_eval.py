@@ -161,7 +161,13 @@ def _compare_levels(reference: Path, estimate: Path, figure: Path | None, as_jso
     from slarm_graph.app.cli_output import show_metrics
     from slarm_graph.eval.level_difference import level_difference, save_level_difference
     from slarm_graph.radio.levels import read_levels
+    from slarm_graph.radio.references import names_world
 
+    if names_world(str(reference)):
+        raise BadInput(
+            f"{reference}: levels are compared with a radio map, not with a world; give a"
+            " radio_map.npz or a run folder, such as `slarm explore` makes in that world"
+        )
     made = level_difference(read_levels(reference), read_levels(estimate))
     metrics = made.metrics()
     if figure is not None:

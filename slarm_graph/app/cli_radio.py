@@ -82,6 +82,7 @@ def radio_command(
 
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
+    _check_levels(threshold, outage, longest_outage)
     if (begin is None) != (end is None) or (begin is not None and threshold is None):
         raise BadInput("a way needs --from, --to and --threshold")
     ends = None if begin is None or end is None else (_point(begin), _point(end))
@@ -102,6 +103,14 @@ def radio_command(
         if ends is not None:
             for line in plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder):
                 print(line)
+
+
+def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage_s: float) -> None:
+    for option, level in (("--threshold", threshold_dbm), ("--outage", outage_dbm)):
+        if level is not None and not math.isfinite(level):
+            raise BadInput(f"{option} {level:g}: a finite level [dBm], such as -75")
+    if not longest_outage_s >= 0.0:
+        raise BadInput(f"--longest-outage {longest_outage_s:g}: seconds, 0 or more")
 
 
 def _point(text: str) -> tuple[float, float]:

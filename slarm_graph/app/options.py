@@ -44,7 +44,9 @@ Scan = Annotated[str | None, typer.Option("--scan", metavar="TOPIC", help="Which
 Segment = Annotated[int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")]
 StaticTf = Annotated[
     list[str] | None,
-    typer.Option(metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform [m, rad]."),
+    typer.Option(
+        metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform, in m and rad."
+    ),
 ]
 RosDistro = Annotated[
     str | None,

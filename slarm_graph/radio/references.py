@@ -46,6 +46,11 @@ def geographic_of(radio: RadioMap, folder: Path) -> GeographicMap:
     return GeographicMap(radio.geometry, states, heights, radio.height_source, layers)
 
 
+def names_world(place: str) -> bool:
+    """Whether a reference is a world: one that comes along, or a YAML file."""
+    return place in shipped_worlds() or Path(place).suffix in (".yaml", ".yml")
+
+
 def reference_for(place: str, estimate: RadioMap) -> tuple[Mask, RadioMap, Extent | None]:
     """Return what is truly accessible, the true radio map, and the extent of the true space [m].
 
@@ -56,9 +61,8 @@ def reference_for(place: str, estimate: RadioMap) -> tuple[Mask, RadioMap, Exten
         resolution and with its radio parameters.
     estimate : RadioMap
     """
-    path = Path(place)
-    if place not in shipped_worlds() and path.suffix not in (".yaml", ".yml"):
-        radio, folder = read_estimate(path)
+    if not names_world(place):
+        radio, folder = read_estimate(Path(place))
         return geographic_of(radio, folder).accessible, radio, None
     world = load_world(place)
     truth = truth_map(world, estimate.geometry.resolution_m)
