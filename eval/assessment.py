@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from slarm_graph.consistency import Contradictions
+from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
 from slarm_graph.eval.clocks import better_offset
@@ -23,6 +24,7 @@ from slarm_graph.eval.relations import (
 from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.files.trajectories import read_spatial
+from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
 
 
@@ -38,6 +40,31 @@ def read_references(ground_truth: Path | None, relations: Path | None) -> Refere
         level(read_spatial(ground_truth)) if ground_truth else None,
         read_relations(relations) if relations else None,
     )
+
+
+def of_this_time(
+    known: References, trajectory: Trajectory, robot_from_laser: Pose2
+) -> tuple[References, tuple[str, ...]]:
+    """Leave out what is known of another time than a trajectory's, and say why.
+
+    Parameters
+    ----------
+    known : References
+    trajectory : Trajectory
+    robot_from_laser : Pose2
+    """
+    said = []
+    if known.ground_truth is not None:
+        try:
+            associate(known.ground_truth, trajectory)
+        except BadInput as error:
+            known, said = replace(known, ground_truth=None), [f"not compared: {error}"]
+    if known.relations is not None:
+        try:
+            relation_errors(known.relations, trajectory, robot_from_laser)
+        except BadInput as error:
+            known, said = replace(known, relations=None), [*said, f"not compared: {error}"]
+    return known, tuple(said)
 
 
 def assess(subject: Subject) -> tuple[Metric, ...]:

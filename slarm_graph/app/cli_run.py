@@ -142,7 +142,9 @@ def _job(
     points = access_points(ap or (), config) or _of_world(paths)
     truth = known_truth(paths[0], *known)
     show_notices(truth.found)
-    return Job(paths, config, points, truth.ground_truth, truth.relations, tuple(rss or ()))
+    found = bool(truth.found) and known == (None, None)
+    files = (truth.ground_truth, truth.relations)
+    return Job(paths, config, points, *files, tuple(rss or ()), truth_is_found=found)
 
 
 def _of_world(paths: Sequence[Path]) -> tuple[AccessPoint, ...]:

@@ -38,6 +38,8 @@ class Job:
         Files with what is known to be true.
     rss : tuple of str
         Readings of signal strength: files, or topics with fields (`open_rss`).
+    truth_is_found : bool
+        Whether what is known to be true was not given but lay beside the recording.
     """
 
     paths: tuple[Path, ...]
@@ -46,6 +48,7 @@ class Job:
     ground_truth: Path | None = None
     relations: Path | None = None
     rss: tuple[str, ...] = ()
+    truth_is_found: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,7 @@ from slarm_graph.app.run_report import save_report
 from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.consistency import Contradictions
-from slarm_graph.eval.assessment import assess, read_references
+from slarm_graph.eval.assessment import assess, of_this_time, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
@@ -95,7 +96,11 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     radio, measured = _radio_maps(geographic, job, heard, slam, folder, progress)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
-        references, laser = references.or_truth(info.truth), log.robot_from_laser
+        laser = log.robot_from_laser
+        if job.truth_is_found:
+            references, said = of_this_time(references, slam.trajectory, laser)
+            slam = replace(slam, notices=(*slam.notices, *said))
+        references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
         metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
         title = f"{job.paths[0].name}, {config.backend}"
