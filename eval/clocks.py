@@ -35,6 +35,7 @@ _WORTH_TELLING_M = 0.005
 _NO_FIT_M = 1e9
 """Stands for no fit; infinity would break the search's parabolas."""
 _NO_PAIRS = Pairs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0, "", "")
+"""Of two trajectories that share no time at an offset."""
 
 
 @dataclass(frozen=True, slots=True)

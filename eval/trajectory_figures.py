@@ -25,12 +25,14 @@ _STYLES = {
     RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
     GROUND_TRUTH: {"color": "#7fd0a0", "width": 5},
 }
+"""Truth lies wide beneath, so that the estimate is seen on it; widths in pixels."""
 
 _ELLIPSES = 30
 """More would cover the path."""
 CHI_95 = math.sqrt(5.991)
 """95 % of a normal distribution in the plane lie within so many standard deviations."""
 _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 25)) for f in (np.cos, np.sin)])
+"""Of 24 chords, which is round at the size of an ellipse on the page."""
 
 
 @dataclass(frozen=True, slots=True)

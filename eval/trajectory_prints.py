@@ -43,6 +43,7 @@ _PRINT = {
     "savefig.bbox": "tight",
     "savefig.dpi": 300,
 }
+"""Sizes in points: 8 is what IEEE's journals ask of figures; fonts are embedded as text."""
 _DRAWN = 5_000
 """Points of a line; more than a page has dots across only make files large."""
 

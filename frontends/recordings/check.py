@@ -21,6 +21,7 @@ from slarm_graph.frontends.recordings.formats import Sections, format_of
 from slarm_graph.frontends.recordings.sources import existing_paths, open_source
 
 _ORDER = {"error": 0, "warning": 1, "note": 2}
+"""The worst is told first."""
 
 
 def check(

@@ -52,6 +52,7 @@ _RATES = {
     "right": (0.0, -TURN_RATE_RAD_S),
     "stop": (0.0, 0.0),
 }
+"""Speed and turn rate that each command means [m/s, rad/s]."""
 
 SWEEP_S = 0.21
 """420 returns at the lidar's 2000 samples a second (RPLIDAR A1 data sheet)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from slarm_graph.frontends.recordings.packed import Bytes, Cursor, Ints, Malformed
 
 _MODES = {"first": 0, "last": 1, "strongest": 2}
+"""Which return of a beam is taken, by the setting's word, as compiled code takes it."""
 _NAN = np.uint32(0x7FC00000)
 """The bits of the quiet NaN in float32 (IEEE 754)."""
 

@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
-from slarm_graph.frontends.scans.small_pose import (
-    compose3,
-)
+from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats
 
 _UNSEEN = 0.5

@@ -25,6 +25,7 @@ _REACH_SIGMAS = 3.0
 _TABLE_SIZE = 2048
 """Of the fall-off by squared distance: steps of 0.2 % of the likelihood at most."""
 _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
+"""Likelihood by squared distance, from none to that of the reach."""
 
 
 class Lattice(NamedTuple):

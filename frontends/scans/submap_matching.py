@@ -65,8 +65,8 @@ class SubmapMatcher:
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> None:
-        bar = min(loops.min_score, loops.min_submap_score)
-        self._loops, self._matching = loops.model_copy(update={"min_score": bar}), matching
+        bar = {"min_score": loops.min_submap_score}
+        self._loops, self._matching = loops.model_copy(update=bar), matching
         self._keyframes, self._submaps = standing(keyframes, matching), submaps
         self._all_returns = keyframes
         self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(

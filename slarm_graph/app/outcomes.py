@@ -31,6 +31,7 @@ def carry_out(trial: Trial, stop: Callable[[], bool] = lambda: False) -> Outcome
 
 
 def started(trial: Trial) -> subprocess.Popen[str]:
+    """Begin a trial in a process that ends with this one."""
     command = trial.command()
     trial.take_folder()
     return started_tied(command)
@@ -39,6 +40,7 @@ def started(trial: Trial) -> subprocess.Popen[str]:
 def waited_for(
     trial: Trial, process: subprocess.Popen[str], stop: Callable[[], bool] = lambda: False
 ) -> Outcome:
+    """Wait for a trial's process, interrupt it when that is wished, and read what it left."""
     while True:
         try:
             _, errors = process.communicate(timeout=BEAT_S)
