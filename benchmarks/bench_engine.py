@@ -26,6 +26,7 @@ from slarm_graph.app.comparison_folder import open_comparison, write_comparison
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.app.ending import memory_mb
 from slarm_graph.app.outcomes import carry_out
+from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
@@ -108,7 +109,7 @@ def main() -> None:
     sources = find_sources([options.source])
     with tempfile.TemporaryDirectory() as place:
         (model,) = ComparisonPlan(sources, ("odometry",), 1).trials(Path(place) / "model")
-        assert carry_out(model).status == "ok"
+        assert carry_out(model, Template()).status == "ok"
         os.environ[_MODEL] = str(model.folder)
         print("| part | wall [ms/run] | CPU of the engine [ms/run] | memory [MB] |")
         print("|---|---|---|---|")

@@ -22,7 +22,8 @@ from slarm_graph.app import compare as compare_module
 from slarm_graph.app import comparison_folder
 from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
-from slarm_graph.app.outcomes import carry_out
+from slarm_graph.app.outcomes import Process, carry_out
+from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.eval.agreement import Estimate
 from slarm_graph.eval.comparison import Outcome
@@ -40,7 +41,7 @@ class Crashing(Trial):
 
 def test_a_crash_is_one_failed_run(tmp_path: Path) -> None:
     crash = Crashing(TrialSource("x.bag", False), "odometry", 0, tmp_path / "x")
-    outcome = carry_out(crash)
+    outcome = carry_out(crash, Template())
     assert outcome.status == "failed"
     assert outcome.problem
 
@@ -61,8 +62,8 @@ def test_an_interrupt_stops_what_runs(
     """Also what is just being started, whose process is there before anybody knows of it."""
     interrupted, start = threading.Event(), compare_module.started
 
-    def started(trial: Trial) -> subprocess.Popen[str]:
-        process = start(trial)
+    def started(trial: Trial, template: Template) -> Process:
+        process = start(trial, template)
         if late and isinstance(trial, Waiting):
             interrupted.wait()
             time.sleep(0.3)
@@ -112,7 +113,7 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     assert run("eval", "trajectory", tmp_path / "c" / "good_odometry_0", bag) == 2
     started = []
     start = compare_module.started
-    monkeypatch.setattr(compare_module, "started", lambda t: started.append(t) or start(t))
+    monkeypatch.setattr(compare_module, "started", lambda t, by: started.append(t) or start(t, by))
     truth = tmp_path / "c" / "good_odometry_0" / "trajectory.tum"
     external = f"theirs={truth},{truth.with_name('map.yaml')}"
     assert run("compare", bag, *words, "--seeds", 2, "--external", external) == 0

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 import uuid
 from collections.abc import Callable, Generator, Iterator, Sequence
@@ -19,8 +18,9 @@ from contextlib import closing
 from pathlib import Path
 from threading import Event, Lock
 
-from slarm_graph.app.outcomes import BEAT_S, read_outcome, started, waited_for
+from slarm_graph.app.outcomes import BEAT_S, Process, read_outcome, started, waited_for
 from slarm_graph.app.progress import Progress, Quiet
+from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
@@ -113,12 +113,12 @@ def _as_they_end(
 
 def _locally(workers: int) -> Runner:
     """Run trials on this machine; Ctrl-C stops those that run after their present scan."""
-    running: set[subprocess.Popen[str]] = set()
-    lock, stopping = Lock(), Event()
+    running: set[Process] = set()
+    lock, stopping, template = Lock(), Event(), Template()
 
     def carry_out_here(trial: Trial) -> Outcome:
         """Run a trial and be there to be stopped."""
-        process = started(trial)
+        process = started(trial, template)
         with lock:
             running.add(process)
             if stopping.is_set():
@@ -138,7 +138,7 @@ def _locally(workers: int) -> Runner:
 
     def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
         """Yield outcomes as trials end."""
-        with ThreadPoolExecutor(workers) as pool:
+        with closing(template), ThreadPoolExecutor(workers) as pool:
 
             def submit(trial: Trial) -> Future[Outcome]:
                 """Hand a trial to a thread."""

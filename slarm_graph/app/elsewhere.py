@@ -4,14 +4,17 @@
 
 from __future__ import annotations
 
+import atexit
 import shutil
 import tempfile
 from concurrent.futures import Future
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 from slarm_graph.app.outcomes import carry_out, read_outcome
+from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
@@ -31,7 +34,15 @@ def carry_out_on_worker(trial: Trial, stop: str) -> Outcome:
     import distributed
 
     event = distributed.Event(stop)
-    return carry_out(trial, lambda: bool(event.is_set()))
+    return carry_out(trial, _template(), lambda: bool(event.is_set()))
+
+
+@cache
+def _template() -> Template:
+    """Return what a worker starts all its runs with."""
+    template = Template()
+    atexit.register(template.close)
+    return template
 
 
 def carry_out_uploaded(trial: Trial, files: Files, stop: str) -> Files:

@@ -14,32 +14,35 @@ from collections.abc import Callable
 from pathlib import Path
 
 from slarm_graph.app.run_folder import RECORD
+from slarm_graph.app.template import PROGRAM, Forked, Template
 from slarm_graph.app.tied import started_tied
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
+Process = Forked | subprocess.Popen[str]
 BEAT_S = 1.0
 """Between two looks at what runs; a run that ends in between is noticed at once all the same."""
 _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 
 
-def carry_out(trial: Trial, stop: Callable[[], bool] = lambda: False) -> Outcome:
+def carry_out(
+    trial: Trial, template: Template, stop: Callable[[], bool] = lambda: False
+) -> Outcome:
     """Run a trial in a process of its own, if it is not done yet, and read what it left."""
     if trial.is_done():
         return read_outcome(trial)
-    return waited_for(trial, started(trial), stop)
+    return waited_for(trial, started(trial, template), stop)
 
 
-def started(trial: Trial) -> subprocess.Popen[str]:
+def started(trial: Trial, template: Template) -> Process:
     """Begin a trial in a process that ends with this one."""
     command = trial.command()
     trial.take_folder()
-    return started_tied(command)
+    ours = tuple(command[: len(PROGRAM)]) == PROGRAM
+    return template.started(command[len(PROGRAM) :]) if ours else started_tied(command)
 
 
-def waited_for(
-    trial: Trial, process: subprocess.Popen[str], stop: Callable[[], bool] = lambda: False
-) -> Outcome:
+def waited_for(trial: Trial, process: Process, stop: Callable[[], bool] = lambda: False) -> Outcome:
     """Wait for a trial's process, interrupt it when that is wished, and read what it left."""
     while True:
         try:

@@ -29,7 +29,7 @@ def started_tied(command: Sequence[str]) -> subprocess.Popen[str]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            env={**os.environ, "PYTHONUNBUFFERED": "1", _TIED: "1"},
+            env=tied_environment(),
             start_new_session=True,
         )
     except BaseException:
@@ -39,6 +39,11 @@ def started_tied(command: Sequence[str]) -> subprocess.Popen[str]:
         os.close(theirs)
     weakref.finalize(process, os.close, ours)
     return process
+
+
+def tied_environment() -> dict[str, str]:
+    """Return the environment of a process that `die_with_starter` ties to its starter."""
+    return {**os.environ, "PYTHONUNBUFFERED": "1", _TIED: "1"}
 
 
 def die_with_starter() -> None:

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from slarm_graph.app.known_truth import KnownTruth
 from slarm_graph.app.run_folder import RECORD
+from slarm_graph.app.template import PROGRAM
 
 KEYS = "cells"
 """Folder of a comparison in which every cell's key lies in a file of its own."""
@@ -64,13 +64,12 @@ class Trial:
 
     def command(self) -> list[str]:
         """Return the command line of the run, which goes on where one was left unfinished."""
-        program = (sys.executable, "-m", "slarm_graph")
         if self._is_unfinished():
-            return [*program, "run", "--resume", str(self.folder)]
+            return [*PROGRAM, "run", "--resume", str(self.folder)]
         place = self.source.place
         what = ("explore", "--world", place) if self.source.is_world else ("run", place)
         return [
-            *program,
+            *PROGRAM,
             *what,
             *("--backend", self.backend, "--seed", str(self.seed)),
             *("--out", str(self.folder.parent), "--name", self.folder.name, "--overwrite"),
