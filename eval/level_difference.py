@@ -60,13 +60,14 @@ class LevelDifference:
             f"{name} {one.mean() if len(one) else np.nan:+.2f}"
             for name, one in zip(self.names, each, strict=True)
         )
-        sure = np.abs(self.difference_db) > _NORMAL_95 * self.sd_db
+        known = np.isfinite(self.difference_db) & np.isfinite(self.sd_db)
+        sure = (np.abs(self.difference_db) > _NORMAL_95 * self.sd_db)[known]
         points = f"{len(each)} access point{'s' * (len(each) != 1)}"
         return (
             Metric("levels_rmse_db", float(np.sqrt(np.mean(whole**2))), note=rms),
             Metric("levels_bias_db", float(whole.mean()), note=bias),
             Metric("levels_mae_db", float(np.abs(whole).mean())),
-            Metric("levels_differ", float(sure[np.isfinite(self.difference_db)].mean())),
+            Metric("levels_differ", float(sure.mean()) if len(sure) else np.nan),
             Metric("levels_area_m2", self._area_m2(), note=points),
         )
 

@@ -220,6 +220,7 @@ def test_a_folder_that_cannot_be_written(
         (["eval", "map", "a.yaml", "b.yaml"], "no such file: a.yaml"),
         (["eval", "relations", "a.relations", "b.tum"], "no such file: a.relations"),
         (["eval", "radio", "a.npz", "b.npz"], "no such file"),
+        (["eval", "consistency", "a.tum", "{bag}"], "is a recording; the trajectory comes last"),
         (["radio", "a.yaml", "--ap", "0", "0", "2"], "no such file: a.yaml"),
         (["explore", "--world", "nowhere.yaml"], "nowhere.yaml"),
         (["explore", "--resolution", "0"], "explore.resolution_m: Input should be greater"),

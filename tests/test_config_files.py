@@ -68,7 +68,10 @@ def test_typos_in_a_file(tmp_path: Path, text: str, words: str) -> None:
         ("seed", "expected key=value"),
         ("seed=a", "seed: Input should be a valid integer"),
         ("seed.x=1", "unknown key 'seed.x'"),
-        ("mapping=3", "mapping: "),
+        ("seed=", "seed: Input should be a valid integer, got nothing"),
+        ("mapping=3", "mapping: Input should be keys and values, such as mapping.resolution_m"),
+        ("pose_graph.loops=3", "keys and values, such as pose_graph.loops."),
+        ("mapping.resolution_m={a: 1}", "mapping.resolution_m: Input should be a valid number"),
     ],
 )
 def test_typos_on_the_command_line(override: str, words: str) -> None:

@@ -70,6 +70,16 @@ def test_a_map_does_not_differ_from_itself():
     assert (made["levels_rmse_db"], made["levels_differ"]) == (0.0, 0.0)
 
 
+def test_cells_of_unknown_certainty_are_neither_alike_nor_different():
+    ref = levels(np.random.default_rng(1), ("a",))
+    sd_db = ref.sd_db.copy()
+    sd_db[:, :, ::2] = np.nan
+    other = replace(ref, level_dbm=ref.level_dbm + np.float32(100.0))
+    assert figures(level_difference(replace(ref, sd_db=sd_db), other))["levels_differ"] == 1.0
+    unknown = replace(ref, sd_db=np.full_like(sd_db, np.nan))
+    assert np.isnan(figures(level_difference(unknown, other))["levels_differ"])
+
+
 def test_maps_with_nothing_in_common_are_refused():
     ref = levels(np.random.default_rng(2), ("a",))
     with pytest.raises(BadInput, match="no access point is in both maps: a and b"):
@@ -110,8 +120,9 @@ def test_measured_against_predicted_by_command(tmp_path, capsys):
     assert told["levels_differ"]["value"] == 0.0  # a prediction's own doubt is its shadowing
     assert picture.stat().st_size > 10_000
     assert not read_levels(tmp_path).measured
-    assert main(["eval", "radio", measured, measured, "--difference", "x.nothing"]) == 2
-    assert "--difference x.nothing" in capsys.readouterr().err
+    for name in ("x.nothing", "x"):
+        assert main(["eval", "radio", measured, measured, "--difference", name]) == 2
+        assert f"--difference {name}: a figure's name ends in .png" in capsys.readouterr().err
     assert main(["eval", "radio", "paper_room", measured]) == 2
     assert "with a radio map, not with a world" in capsys.readouterr().err
     (tmp_path / "bad.npz").write_bytes(b"no")

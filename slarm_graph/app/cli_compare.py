@@ -213,11 +213,16 @@ def _tell_found(planned: Sequence[Trial]) -> None:
 
 def _tell_how_to_go_on(folder: RunFolder) -> None:
     """Print the command that finishes what is missing."""
-    # Not what replaces the runs that are there.
-    words = [word for word in sys.argv[1:] if word != "--overwrite"]
+    # Not what replaces the runs that are there, or starts none.
+    words = _without_budget([word for word in sys.argv[1:] if word != "--overwrite"])
     if "--name" not in words:
         words += ["--name", folder.path.name]
     print(f"slarm: go on with: slarm {shlex.join(words)}", file=sys.stderr)
+
+
+def _without_budget(words: Sequence[str]) -> list[str]:
+    pairs = zip(words, ["", *words], strict=False)
+    return [word for word, before in pairs if "--budget" not in (before, word.partition("=")[0])]
 
 
 def _show(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:

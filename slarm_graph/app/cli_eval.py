@@ -123,12 +123,12 @@ def _write_difference(
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
     """Say what is wrong with the place of a figure."""
+    if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+        raise BadInput(f"--difference {path}: a figure's name ends in .png, .pdf or .svg")
     try:
         yield
     except OSError as error:
         raise BadInput(f"cannot write {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise BadInput(f"--difference {path}: {error}") from None
 
 
 def radio_command(

@@ -57,7 +57,7 @@ def judge_file(
         When a file cannot be read, or they are not of the same time.
     """
     path = trajectory_file(trajectory)
-    poses = read_trajectory(path)
+    poses = _poses(path)
     source = open_source(existing_paths(recording), config, SimulationConfig())
     readings = list(source)
     stamps_ns = np.array([reading.stamp_ns for reading in readings], dtype=np.int64)
@@ -73,6 +73,25 @@ def judge_file(
     said = (f"{left_out} of {len(readings)} scans have no pose",) if left_out else ()
     result = judge(log, Trajectory(log.stamps_ns, poses.at(log.stamps_ns)))
     return result, (*source.info().notices, *said)
+
+
+def _poses(path: Path) -> Trajectory:
+    """Read a trajectory; where it is a recording, say that it stands in the wrong place."""
+    try:
+        return read_trajectory(path)
+    except BadInput:
+        if _is_recording(path):
+            told = f"{path} is a recording; the trajectory comes last: SOURCE... TRAJECTORY"
+            raise BadInput(told) from None
+        raise
+
+
+def _is_recording(path: Path) -> bool:
+    try:
+        open_source([path])
+    except BadInput:
+        return False
+    return True
 
 
 def _with_pose(stamps_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.bool_]:

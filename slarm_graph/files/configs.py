@@ -95,17 +95,26 @@ def _put(tree: Tree, dotted: str, value: object) -> None:
 def _problem(error: ErrorDetails, places: Mapping[str, str]) -> str:
     """Tell one thing that is wrong: where it stands, what it is, and what would be right."""
     key = ".".join(str(part) for part in error["loc"])
-    unknown = error["type"] in ("extra_forbidden", "unknown_section")
-    if unknown or (isinstance(error["input"], dict) and error["type"] != "model_type"):
-        key = next((k for k in places if k == key or k.startswith(f"{key}.")), key)
-        return _unknown(key, places)
+    given = error["input"]
+    below = next((k for k in places if k.startswith(f"{key}.")), None)
+    if error["type"] in ("extra_forbidden", "unknown_section"):
+        return _unknown(key if key in places else below or key, places)
+    if isinstance(given, dict) and below and error["type"] != "model_type":
+        return _unknown(below, places)
+    reason = error["msg"].removeprefix("Value error, ")
+    if error["type"] == "model_type":
+        reason = f"Input should be keys and values, such as {_first_key(key)}"
     while key not in places and "." in key:
         key = key.rpartition(".")[0]
     place = places.get(key, "configuration")
     # Options such as --resolution arrive as settings too: the key alone says what is meant.
     where = key if place == _SETTING else f"{place}: {key}"
-    reason = error["msg"].removeprefix("Value error, ")
-    return f"{where}: {reason}, got {brief(error['input'])}"
+    return f"{where}: {reason}, got {'nothing' if given is None else brief(given)}"
+
+
+def _first_key(section: str) -> str:
+    known = (*_known_keys(RunConfig), *_known_section_keys())
+    return next(key for key in known if key.startswith(f"{section}."))
 
 
 def _unknown(key: str, places: Mapping[str, str]) -> str:

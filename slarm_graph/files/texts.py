@@ -41,6 +41,8 @@ def read_text(path: Path, what: str = "text", at_most: int = MAX_TEXT_BYTES) -> 
     except OSError as error:
         raise BadInput(f"{path}: cannot be read as {what} ({error.strerror})") from None
     except UnicodeDecodeError as error:
-        raise BadInput(f"{path}: cannot be read as {what} ({brief(str(error))})") from None
+        byte = error.object[error.start]
+        problem = f"byte 0x{byte:02x} at {error.start} is not of a UTF-8 text"
+        raise BadInput(f"{path}: cannot be read as {what} ({problem})") from None
     except ValueError as error:  # a name with a null byte in it
         raise BadInput(f"{brief(str(path))}: cannot be read as {what} ({error})") from None

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.errors import BadInput, brief
+from slarm_graph.files.texts import read_text
 from slarm_graph.files.trajectory_columns import (
     Columns,
     Row,
@@ -121,15 +122,9 @@ def read_spatial(path: Path) -> SpatialTrajectory:
 
 def _header_and_lines(path: Path) -> tuple[Columns | None, Iterator[_Line]]:
     """Return the columns that a header line names, and the lines of numbers below."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except FileNotFoundError:
-        raise BadInput(f"no such file: {path}") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInput(f"{path}: cannot be read as text ({error})") from None
     named = None
     lines: list[_Line] = []
-    for number, line in enumerate(text.splitlines(), start=1):
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         is_comment = line.lstrip().startswith(("#", "%"))
         words, commas = _words(line.lstrip().lstrip("#%") if is_comment else line)
         if not lines and words and (is_comment or not is_number(words[0])):
