@@ -241,7 +241,7 @@ def _key_facts(content: ReportContent) -> list[tuple[str, str]]:
         (f"{estimate.path_length_m():.1f} m", "driven"),
     ]
     if content.verdict:
-        found.append((content.verdict, "the run of itself"))
+        found.append((content.verdict, "says the run of itself"))
     for metric in content.metrics:
         if metric.kind.headline:
             found.append((f"{metric.value:.3g} {metric.unit}".strip(), metric.kind.title))

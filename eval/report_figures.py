@@ -42,8 +42,10 @@ _PAGE_PX, _TALL_PX = 1000.0, 760.0
 _LETTER_PX, _LINE_PX = 8.0, 18.0
 """Width of a letter and height of a line at the page's font of 13 px [px]."""
 _MOST_TOLD = 500
-"""Obstacles, the largest, that tell their name and height on hovering; half a second for all, and
-more than anyone hovers over."""
+"""Obstacles, the largest, that tell their name and height on hovering: more than anyone points at,
+and 100 bytes of the page for each."""
+_LEAST_M = 1e-6
+"""Keeps quotients finite where two labels have one place, or an obstacle has no width."""
 _ROOM_FOR_LABEL = 1.5
 """A label is written where an obstacle is so many times as long, or as wide; else on hovering."""
 
@@ -86,11 +88,10 @@ def geographic_figure(geographic: GeographicMap) -> Figure:
             marker = {"symbol": "square", "size": 11, "color": color, "line": line}
             fig.add_scatter(x=[None], y=[None], mode="markers", name=name, marker=marker)
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
-    sizes_m = np.array([np.ptp(solid.corners_m, axis=0).sum() for solid in known])
-    told = set(np.argsort(-sizes_m, kind="stable")[:_MOST_TOLD].tolist())
-    _put_outlines(fig, [solid for n, solid in enumerate(known) if n not in told])
-    for solid in (solid for n, solid in enumerate(known) if n in told):
-        _put_solid(fig, solid, px_per_m(geometry))
+    known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
+    _put_outlines(fig, known[:_MOST_TOLD], told=True)
+    _put_outlines(fig, known[_MOST_TOLD:], told=False)
+    _put_heights(fig, known[:_MOST_TOLD], px_per_m(geometry))
     metric_axes(fig, geometry)
     return Figure(fig, "Recovered map by the state of its cells", aspect=aspect(geometry))
 
@@ -129,46 +130,57 @@ def _class_picture(
     return _sharp_uri(palette[cells]), shown
 
 
-def _put_solid(fig: go.Figure, solid: Solid, scale_px_m: float) -> None:
-    """Outline an obstacle, tell its height on hovering, and write it there where there is room."""
-    ring = np.vstack([solid.corners_m, solid.corners_m[:1]])
-    label = f"{solid.height_m:.3g} m"
-    fig.add_scatter(
-        x=ring[:, 0],
-        y=ring[:, 1],
-        mode="lines",
-        line={"color": _SOLID, "width": 2},
-        fill="toself",
-        fillcolor="rgba(0,0,0,0)",
-        hoveron="fills",
-        hoverinfo="text",
-        text=plain(f"{solid.name} {label}"),
-        showlegend=False,
-    )
-    size_px = np.ptp(solid.corners_m, axis=0) * scale_px_m
-    if (size_px < np.array([_LETTER_PX * len(label), _LINE_PX]) * _ROOM_FOR_LABEL).all():
-        return
-    x, y = solid.corners_m.mean(axis=0)
-    font = {"color": _SOLID}
-    bold = f"<b>{label}</b>"
-    fig.add_annotation(x=x, y=y, text=bold, showarrow=False, font=font, bgcolor="#ffffff")
+def _put_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> None:
+    """Outline obstacles in one line, which takes a thousandth of the time of one for each.
 
-
-def _put_outlines(fig: go.Figure, solids: Sequence[Solid]) -> None:
-    """Outline obstacles in one line, which takes a thousandth of the time of one for each."""
+    With `told` their corners and middles tell name and height on hovering.
+    """
     if not solids:
         return
     gap = np.full((1, 2), np.nan)
-    rings = [np.vstack([s.corners_m, s.corners_m[:1], gap]) for s in solids]
+    rings = [
+        np.vstack([s.corners_m, s.corners_m[:1], gap, s.corners_m.mean(axis=0)[None], gap])
+        for s in solids
+    ]
     line = single(np.concatenate(rings))
+    words = [plain(f"{s.name} {_height(s)}") for s in solids] if told else []
     fig.add_scatter(
         x=line[:, 0],
         y=line[:, 1],
         mode="lines",
-        line={"color": _SOLID, "width": 1},
-        hoverinfo="skip",
+        line={"color": _SOLID, "width": 2 if told else 1},
+        hoverinfo="text" if told else "skip",
+        text=[word for word, ring in zip(words, rings, strict=False) for _ in ring] or None,
         showlegend=False,
     )
+
+
+def _put_heights(fig: go.Figure, solids: Sequence[Solid], scale_px_m: float) -> None:
+    """Write heights where there is room for them, those of the first solids before others'.
+
+    An annotation's name is the least scale [px/m] at which the template shows it: its obstacle is
+    large enough, and no label before it is in the way.
+    """
+    written: list[tuple[float, float, float]] = []
+    for solid in solids:
+        label = _height(solid)
+        x, y = solid.corners_m.mean(axis=0)
+        wide_px = _LETTER_PX * len(label)
+        room = np.array([wide_px, _LINE_PX]) * _ROOM_FOR_LABEL
+        size_m = np.ptp(solid.corners_m, axis=0) + _LEAST_M
+        least = float((room / size_m).min())
+        for other_x, other_y, other_px in written:
+            beside = 0.5 * (wide_px + other_px) / (abs(x - other_x) + _LEAST_M)
+            least = max(least, min(beside, _LINE_PX / (abs(y - other_y) + _LEAST_M)))
+        if least <= scale_px_m:
+            written.append((x, y, wide_px))
+            font = {"color": _SOLID}
+            fig.add_annotation(x=x, y=y, text=f"<b>{label}</b>", showarrow=False, font=font,
+                               bgcolor="#ffffff", name=f"{least:.4g}")  # fmt: skip
+
+
+def _height(solid: Solid) -> str:
+    return f"{solid.height_m:.3g} m"
 
 
 def put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None:
@@ -206,4 +218,6 @@ def metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
     looks = {"showgrid": False, "zeroline": False, "constrain": "domain"}
     fig.update_xaxes(title="x [m]", range=[x_min, x_max], **looks)
     fig.update_yaxes(title="y [m]", range=[y_min, y_max], scaleanchor="x", **looks)
-    fig.update_layout(plot_bgcolor=_GROUND, meta={"ground": True}, dragmode="pan")
+    fig.update_layout(
+        plot_bgcolor=_GROUND, meta={"ground": True, "width_m": x_max - x_min}, dragmode="pan"
+    )

@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
+from slarm_graph.world import Solid
 
 CHROMIUM = next(
     filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), ""
@@ -96,6 +98,33 @@ addEventListener("load", () => { const wait = setInterval(() => {
 }, 50); });
 </script>
 """
+AGAIN = """
+<script>
+addEventListener("load", () => { const wait = setInterval(() => {
+  if (document.documentElement.dataset.ready !== "1") return;
+  clearInterval(wait);
+  const bars = () => Array.from(document.querySelectorAll(".colorbar text"))
+    .filter((t) => t.textContent === "gain [dB]").length;
+  const labels = () => document.querySelectorAll(".annotation").length;
+  const first = document.querySelector(".plot");
+  const toggled = first.data.findIndex((t) => t.name === "raw odometry");
+  Plotly.restyle(first, { visible: true }, [toggled]).then(() => {
+    const found = { bars: [bars()], labels: [labels()] };
+    dispatchEvent(new Event("beforeprint"));
+    found.bars.push(bars()); found.labels.push(labels());
+    found.visible = first.data[toggled].visible;
+    found.overlap = Array.from(document.querySelectorAll(".plot")).filter((plot) => {
+      const legend = plot.querySelector(".legend"), map = plot.querySelector(".bglayer .bg");
+      if (!legend || !map) return false;
+      return legend.getBoundingClientRect().bottom > map.getBoundingClientRect().top + 4;
+    }).length;
+    const out = document.createElement("script");
+    out.type = "application/json"; out.id = "found"; out.textContent = JSON.stringify(found);
+    document.body.append(out);
+  });
+}, 50); });
+</script>
+"""
 
 PAPER_PX = 688
 """A4 less the page's margins of 14 mm, at 96 dots an inch."""
@@ -116,6 +145,8 @@ def report() -> str:
     points = tuple(AccessPoint(name, x, 0.0, 2.5) for name, x in ((EVIL, -1.0), ("AP2", 1.0)))
     loss = np.stack([60.0 + geometry.centers()[..., 0] ** 2] * 2).astype(np.float32)
     radio = RadioMap(geometry, points, loss, loss > 61.0, 0.5, "InF-SH", 7.0, "known")
+    corner = np.array([(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)])
+    solids = tuple(Solid(EVIL, corner + 0.6 * n - 2.0, 1.0 + n) for n in range(5))
     rows = tuple((int(s), 20.0 + i % 7, i % 2) for i, s in enumerate(stamps))
     marks = Marks(poses[:20, :2].reshape(-1, 2, 2), [(0.0, 0.0, EVIL)], [(1.0, 1.0, EVIL)],
                   np.tile(0.01 * np.eye(3), (200, 1, 1)))  # fmt: skip
@@ -123,7 +154,7 @@ def report() -> str:
         ReportContent(
             f"{EVIL}.bag, pose_graph", EVIL, grid,
             {EVIL: path, RAW_ODOMETRY: drifted, GROUND_TRUTH: path},
-            as_geographic(grid), radio,
+            replace(as_geographic(grid), solids=solids), radio,
             [Metric("ate_rmse_m", 0.012345, note=EVIL, interval=(0.05, 0.2)),
              Metric("relations_translation_sd_m", 0.012345, note="10 of 10 relations")],
             {"wall_s": 3.0, "stages": {"optimisation and map": 2.0},
@@ -193,6 +224,16 @@ def test_it_prints(tmp_path: Path, report: str) -> None:
     chromium(tmp_path, f"--print-to-pdf={target}", (tmp_path / "page.html").as_uri())
     assert target.stat().st_size > 50_000
     assert 3 <= target.read_bytes().count(b"/Type /Page\n") <= 14
+
+
+def test_what_was_drawn_for_a_phone_prints_as_if_drawn_for_paper(
+    tmp_path: Path, report: str
+) -> None:
+    found = probed(tmp_path, report, 390, AGAIN)
+    assert found["bars"] == [1, 1]
+    assert found["labels"][0] < found["labels"][1]
+    assert found["visible"] is True, "what was switched on stays so"
+    assert found["overlap"] == 0
 
 
 def compared() -> str:

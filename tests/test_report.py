@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import base64
+import itertools
 from dataclasses import replace
 
 import cv2
@@ -14,6 +15,7 @@ import pytest
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import Table as BackendTable
+from slarm_graph.eval import report_figures
 from slarm_graph.eval.gain_figure import gain_figure
 from slarm_graph.eval.page import (
     Facts,
@@ -157,3 +159,36 @@ def test_a_label_does_not_hide_the_obstacle_it_is_of() -> None:
     assert "pillar 6.5 m" in page
     assert ">6.5 m<" not in page.encode().decode("unicode_escape")
     assert ">4.5 m<" in page.encode().decode("unicode_escape")
+
+
+@pytest.mark.parametrize("scale_px_m", [6.0, 10.0, 20.0])
+def test_written_heights_lie_on_their_obstacles_and_never_on_each_other(scale_px_m: float) -> None:
+    """At every scale at which the template may show them."""
+    rng = np.random.default_rng(0)
+    solids = []
+    for _ in range(120):
+        x, y, wide, deep = rng.uniform((0.0, 0.0, 0.1, 0.1), (40.0, 30.0, 6.0, 6.0))
+        corners = ((x, y), (x + wide, y), (x + wide, y + deep), (x, y + deep))
+        solids.append(Solid("wall", np.array(corners), round(float(rng.uniform(0.5, 3.0)), 2)))
+    fig = go.Figure()
+    report_figures._put_heights(fig, solids, 20.0)
+    shown = [a for a in fig.layout.annotations if scale_px_m >= float(a.name)]
+    assert 2 < len(shown) < len(solids)
+    for one, other in itertools.combinations(shown, 2):
+        wide_px = 4.0 * (len(one.text) + len(other.text) - 2 * len("<b></b>"))
+        apart_x, apart_y = abs(one.x - other.x) * scale_px_m, abs(one.y - other.y) * scale_px_m
+        assert apart_x >= wide_px - 0.1 or apart_y >= 18.0 - 0.1
+
+
+def test_obstacles_tell_their_heights_in_one_line() -> None:
+    ring = np.array([(0.0, 0.0), (2.0, 0.0), (1.0, 2.0)])
+    fig = go.Figure()
+    report_figures._put_outlines(
+        fig, [Solid("a <b>", ring, 2.5), Solid("c", ring + 3.0, 1.0)], told=True
+    )
+    (trace,) = fig.data
+    told = {
+        (float(x), float(y)): word for x, y, word in zip(trace.x, trace.y, trace.text, strict=True)
+    }
+    assert told[2.0, 0.0] == "a &lt;b&gt; 2.5 m"
+    assert told[3.0, 3.0] == told[4.0, np.float32(3.0 + 2.0 / 3.0)] == "c 1 m"
