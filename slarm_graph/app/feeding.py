@@ -8,6 +8,7 @@ import logging
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from slarm_graph.app.allocation import return_freed
 from slarm_graph.app.checkpoint import Checkpoint
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.progress import Progress
@@ -17,6 +18,9 @@ from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import Source
 
 _log = logging.getLogger(__name__)
+_LOADED_AFTER = (64, 256, 1024, 4096)
+"""Readings after which what a backend has loaded by then is not needed at once any more. A whole
+run of mit-csail takes the same memory within 2 MB with half and with double of each."""
 
 
 def feed(
@@ -58,6 +62,8 @@ def feed(
             if len(log) >= had_before:
                 backend.update(reading)
             log.append(reading)
+            if len(log) in _LOADED_AFTER:
+                return_freed()
             if len(log) > had_before:
                 checkpoint.maybe()
             if why := stop.why():

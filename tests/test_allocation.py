@@ -1,0 +1,48 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What a stage frees goes back to the system, and nothing that is used is lost with it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only done on Linux")
+
+_PROGRAM = """
+import re
+import numpy as np
+from slarm_graph.app.allocation import _unwritten_code, return_freed
+from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_pose import between3
+
+def files_mb():
+    return int(re.search(r"RssFile:\\s+(\\d+)", open("/proc/self/status").read()).group(1)) / 1024
+
+matrix = np.diag([1.0, 2.0, 4.0])
+invert3(matrix)
+before_mb = files_mb()
+for _ in range(2):
+    return_freed()
+print(before_mb, files_mb())
+# Code loaded before, and code loaded now; both need the library that was given back.
+assert np.allclose(invert3(matrix), np.linalg.inv(matrix))
+assert np.allclose(between3(np.zeros(3), np.array([1.0, 2.0, 0.0])), [1.0, 2.0, 0.0])
+ranges = dict(_unwritten_code())
+for line in open("/proc/self/maps"):
+    edges, rights, *rest = line.split()
+    first, past = (int(edge, 16) for edge in edges.split("-"))
+    if ranges.get(first) == past - first:
+        assert "w" not in rights and ".so" in rest[-1], line
+"""
+
+
+def test_libraries_that_have_done_their_work_are_not_kept_in_memory() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _PROGRAM], capture_output=True, text=True, check=False
+    )
+    assert not done.returncode, done.stderr
+    before_mb, after_mb = map(float, done.stdout.split())
+    assert after_mb < 0.3 * before_mb
