@@ -3,10 +3,12 @@
 """What a comparison costs besides its runs: seconds a run and memory, from the first to the last.
 
     python benchmarks/bench_engine.py paper_room --runs 1000
+    python benchmarks/bench_engine.py short.bag --runs 1000 --real
 
 One run is made by odometry; all others are copies of it by a process that does nothing else, so
 that what is left is the engine: planning, starting and waiting for processes, reading what they
-left, agreement, tables and page; then the same command again, which finds all of it on disk.
+left, agreement, tables and page; then the same command again, which finds all of it on disk. With
+`--real` every run is made, and what it says that it took is taken off the wall time.
 """
 
 from __future__ import annotations
@@ -30,7 +32,7 @@ from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
-_MODEL = "SLARM_BENCH_MODEL"
+COPIED = "SLARM_BENCH_MODEL"
 _PART = 100
 """Runs that are told together; the first are to be compared with the last."""
 _FIRST = "first time"
@@ -43,11 +45,13 @@ class Copy(Trial):
 
     def command(self) -> list[str]:
         """Copy the model's folder, by links, so that the disk is not what is measured."""
-        return ["/bin/cp", "-rl", "--no-target-directory", os.environ[_MODEL], str(self.folder)]
+        return ["/bin/cp", "-rl", "--no-target-directory", os.environ[COPIED], str(self.folder)]
 
 
 def copies(trials: Sequence[Trial]) -> list[Trial]:
-    """Return the same plan with runs that cost nothing."""
+    """Return the same plan with runs that cost nothing, unless they are to be real."""
+    if COPIED not in os.environ:
+        return list(trials)
     return [Copy(**{f.name: getattr(trial, f.name) for f in fields(Trial)}) for trial in trials]
 
 
@@ -55,20 +59,21 @@ class Clock:
     """Notes wall and processor time and memory whenever a run has come in."""
 
     def __init__(self) -> None:
-        self.points = [(time.monotonic(), time.process_time(), memory_mb())]
+        self.points = [(time.monotonic(), time.process_time(), memory_mb(), 0.0)]
 
-    def __call__(self, _outcome: Outcome) -> None:
-        """Take note."""
-        self.points.append((time.monotonic(), time.process_time(), memory_mb()))
+    def __call__(self, outcome: Outcome) -> None:
+        """Take note, and of what a real run says that it took itself."""
+        itself_s = 0.0 if COPIED in os.environ else outcome.figures["wall_s"]
+        self.points.append((time.monotonic(), time.process_time(), memory_mb(), itself_s))
 
     def row(self, what: str, begin: int, end: int) -> str:
         """Return seconds a run, and the memory at the end, of a stretch of runs.
 
         Wall time is the median, which others on the machine move less.
         """
-        wall, cpu, memory = np.array(self.points[begin : end + 1]).T
+        wall, cpu, memory, itself_s = np.array(self.points[begin : end + 1]).T
         runs = end - begin
-        wall_s = float(np.median(np.diff(wall))) * runs
+        wall_s = float(np.median(np.diff(wall) - itself_s[1:])) * runs
         return _row(f"{what} {begin + 1} to {end}", wall_s, cpu[-1] - cpu[0], runs, memory[-1])
 
 
@@ -105,12 +110,14 @@ def main() -> None:
     parser.add_argument("source")
     parser.add_argument("--runs", type=int, default=1000)
     parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--real", action="store_true")
     options = parser.parse_args()
     sources = find_sources([options.source])
     with tempfile.TemporaryDirectory() as place:
-        (model,) = ComparisonPlan(sources, ("odometry",), 1).trials(Path(place) / "model")
-        assert carry_out(model, Template()).status == "ok"
-        os.environ[_MODEL] = str(model.folder)
+        if not options.real:
+            (model,) = ComparisonPlan(sources, ("odometry",), 1).trials(Path(place) / "model")
+            assert carry_out(model, Template()).status == "ok"
+            os.environ[COPIED] = str(model.folder)
         print("| part | wall [ms/run] | CPU of the engine [ms/run] | memory [MB] |")
         print("|---|---|---|---|")
         plan = ComparisonPlan(sources, ("odometry",), options.runs)
