@@ -1,19 +1,25 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is handed to other tools, read by them: evo, ROS 2 messages, shapely; and worlds."""
+"""What is handed to other tools, read by them: evo, ROS 2, pandas, xarray, GTSAM; and worlds."""
 
 from __future__ import annotations
 
+import csv
 import json
+import struct
 from pathlib import Path
 
+import gtsam
 import numpy as np
+import pandas
 import pytest
 import shapely
+import xarray
 from evo.core import metrics as evo_metrics
 from evo.tools import file_interface
+from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
-from test_cli import run
+from test_cli import room_bag, run
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.map_images import save_map
@@ -75,7 +81,14 @@ def test_rpg_gets_its_folder(folder: Path) -> None:
     place = exported(folder, "rpg")
     names = {"stamped_groundtruth.txt", "stamped_traj_estimate.txt", "eval_cfg.yaml"}
     assert {path.name for path in place.iterdir()} == names
-    assert len(read_trajectory(place / "stamped_traj_estimate.txt")) == 50
+    path = read_trajectory(folder / "trajectory.tum")
+    # As rpg_trajectory_evaluation reads them: stamp, position, quaternion x y z w.
+    read = np.loadtxt(place / "stamped_traj_estimate.txt")
+    np.testing.assert_allclose(read[:, 0], path.stamps_ns * 1e-9, atol=1e-6)
+    np.testing.assert_allclose(read[:, 1:3], path.poses[:, :2], atol=1e-9)
+    turned = np.column_stack([np.sin(path.poses[:, 2] / 2), np.cos(path.poses[:, 2] / 2)])
+    off = np.abs(np.sum(read[:, 6:] * turned, axis=1)) - 1.0
+    np.testing.assert_allclose(off, 0.0, atol=1e-9)
 
 
 def test_ros_2_reads_paths_maps_transforms_and_radio_map(folder: Path) -> None:
@@ -98,6 +111,61 @@ def test_ros_2_reads_paths_maps_transforms_and_radio_map(folder: Path) -> None:
     points = np.frombuffer(cloud.data.tobytes(), "<f4").reshape(cloud.width, -1)
     assert [field.name for field in cloud.fields][:4] == ["x", "y", "z", "gain_db"]
     np.testing.assert_allclose(points[:, 3], -60.0 - points[:, 0], atol=1e-4)
+
+
+def test_a_grid_lies_in_the_mcap_as_ros_2_defines_it(folder: Path) -> None:
+    """Second implementation: nav_msgs/OccupancyGrid in CDR, field by field."""
+    with exported(folder, "mcap").open("rb") as file:
+        reader = make_reader(file)
+        assert reader.get_header().profile == "ros2"
+        ((schema, channel, message),) = reader.iter_messages(["/map"])
+    assert schema is not None
+    assert (schema.name, schema.encoding) == ("nav_msgs/msg/OccupancyGrid", "ros2msg")
+    assert schema.data.decode().split("=" * 80)[0].split() == (
+        ["std_msgs/Header", "header", "nav_msgs/MapMetaData", "info", "int8[]", "data"]
+    )
+    assert channel.message_encoding == "cdr"
+    raw = message.data
+    assert raw[:4] == b"\0\1\0\0", "little endian"
+    _sec, _nanosec, length = struct.unpack_from("<iII", raw, 4)
+    assert raw[16 : 16 + length] == b"map\0"
+    at = 16 + -(-length // 4) * 4
+    _, _, resolution, width, height = struct.unpack_from("<iIfII", raw, at)
+    at = 4 + -(-(at + 20 - 4) // 8) * 8  # doubles are aligned by eight behind the header
+    origin = struct.unpack_from("<7d", raw, at)
+    assert (round(resolution, 6), width, height) == (0.1, 40, 30)
+    assert origin == pytest.approx((-2.0, -1.5, 0.0, 0.0, 0.0, 0.0, 1.0))
+    (count,) = struct.unpack_from("<I", raw, at + 56)
+    cells = np.frombuffer(raw, np.int8, count, at + 60).reshape(30, 40)
+    assert (cells[12, 22], cells[0, 0]) == (100, 0)
+    assert len(raw) == at + 60 + count
+
+
+def test_pandas_gtsam_and_xarray_read_what_runs_and_comparisons_leave(tmp_path: Path) -> None:
+    bag = room_bag(tmp_path / "a.bag", 30)
+    words = ("--backends", "gmapping,pose_graph", "--ap", 0, 0, 2, "--out", tmp_path)
+    assert run("compare", bag, *words, "--name", "c") == 0
+    tables = {file.relative_to(tmp_path / "c"): file for file in (tmp_path / "c").rglob("*.csv")}
+    for name, file in tables.items():
+        read = pandas.read_csv(file, comment="#")
+        assert read.columns.is_unique, name
+        lines = [line for line in file.read_text().splitlines() if not line.startswith("#")]
+        assert len(read) == len(list(csv.reader(lines))) - 1, name
+        for column in read.columns:
+            if column.endswith(("_m", "_rad", "_s", "_ns", "_db", "_dbm")) and len(read):
+                assert pandas.api.types.is_numeric_dtype(read[column]), (name, column)
+    assert {path.name for path in tables} >= {
+        *("comparison.csv", "summary.csv", "scans.csv", "metrics.csv", "radio_map.csv"),
+        *("particles.csv", "loop_closures.csv", "conflicts.csv"),
+    }
+    made = tmp_path / "c" / "a_pose_graph_0"
+    with xarray.open_dataset(made / "radio_map.nc") as radio:
+        assert np.isfinite(radio["path_loss_db"]).sum() == len(
+            pandas.read_csv(made / "radio_map.csv", comment="#")
+        )
+    graph, values = gtsam.readG2o(str(made / "graph.g2o"), False)
+    assert values.size() > 0
+    assert graph.error(values) < 1.0
 
 
 def test_geojson_has_the_path_and_the_obstacles_to_the_cell(folder: Path) -> None:
