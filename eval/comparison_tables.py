@@ -175,7 +175,7 @@ def _summary(
 def _best(
     found: Sequence[Group], names: Sequence[str], offset: int, by: str
 ) -> frozenset[tuple[int, int]]:
-    best = set()
+    best: set[tuple[int, int]] = set()
     for source in dict.fromkeys(g.source for g in found):
         rows = [index for index, g in enumerate(found) if g.source == source]
         for column, name in enumerate(names):
@@ -183,9 +183,8 @@ def _best(
                 float(getattr(found[r].spreads[name], by)) if name in found[r].spreads else math.nan
                 for r in rows
             ]
-            index = best_of(values, kind_of(name).better)
-            if index is not None:
-                best.add((rows[index], offset + column))
+            found_best = best_of(values, kind_of(name).better)
+            best |= {(rows[index], offset + column) for index in found_best}
     return frozenset(best)
 
 

@@ -88,7 +88,7 @@ def save_difference(
     figure.legend(
         handles=handles, loc="outside upper center", ncols=len(handles), fontsize=7, frameon=False
     )
-    figure.savefig(path, dpi=_DPI)
+    figure.savefig(path, dpi=_DPI, bbox_inches="tight")
 
 
 def where_it_differs(

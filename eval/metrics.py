@@ -93,12 +93,18 @@ INTERVAL = "95 % interval"
 """Title of the column."""
 
 
-def best_of(values: Sequence[float], better: Better) -> int | None:
-    """Return the index of the best of several values; None where no way is better or none is."""
-    known = [(value, index) for index, value in enumerate(values) if math.isfinite(value)]
+def best_of(values: Sequence[float], better: Better) -> frozenset[int]:
+    """Return where the best of several values are.
+
+    Those that read like the best in three digits are as good; where all do, or no way is better,
+    there is none.
+    """
+    known = {index: value for index, value in enumerate(values) if math.isfinite(value)}
     if not better or len(known) < 2:
-        return None
-    return (min(known) if better == "less" else max(known))[1]
+        return frozenset()
+    best = min(known.values()) if better == "less" else max(known.values())
+    found = frozenset(i for i, value in known.items() if f"{value:.3g}" == f"{best:.3g}")
+    return found if len(found) < len(known) else frozenset()
 
 
 def metrics_json(metrics: Iterable[Metric]) -> str:

@@ -20,6 +20,7 @@ from slarm_graph.eval.comparison_tables import (
     summary_rows,
     summary_tables,
 )
+from slarm_graph.eval.metrics import best_of
 from slarm_graph.eval.run_figures import error_figure
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -68,6 +69,13 @@ def test_the_best_of_a_source_is_marked_the_way_its_figure_is_good() -> None:
     assert len(table.best) == 2
     assert "**0.9**" in table.markdown()
     assert r"\textbf{0.8}" in table.latex()
+
+
+def test_values_that_read_alike_are_equally_good() -> None:
+    values = [0.02742, 0.027419, 0.05, float("nan")]
+    assert best_of(values, "less") == {0, 1}
+    assert best_of(values, "more") == {2}
+    assert best_of(values[:2], "less") == best_of(values, "") == frozenset()
 
 
 def test_tables_are_latex_that_survives_any_name() -> None:

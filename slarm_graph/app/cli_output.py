@@ -47,7 +47,7 @@ def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]], *, title: str 
     for metric in every:
         row = [of.get(metric.name, math.nan) for of in values.values()]
         best = best_of(row, metric.kind.better)
-        shown = [f"{'*' if index == best else ''}{v:.4g}" for index, v in enumerate(row)]
+        shown = [f"{'*' if index in best else ''}{v:.4g}" for index, v in enumerate(row)]
         rows.append((metric.kind.titled(), *shown))
     show_table(("metric", *metrics), rows, title=title, right=range(1, len(metrics) + 1))
 
