@@ -70,6 +70,7 @@ def save_difference(
             interpolation="none",
         )
         axes.set_aspect("equal")
+        axes.autoscale(False)
         axes.tick_params(labelsize=7)
         axes.set_xlabel("x [m]", fontsize=8)
     whole.set_ylabel("y [m]", fontsize=8)

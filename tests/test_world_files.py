@@ -128,8 +128,10 @@ def test_walls_are_mitred_and_keep_their_thickness() -> None:
     [
         ("- 1\n", "a world is a mapping"),
         (": :\n  - [", "cannot be read as YAML"),
-        (HEAD, "start: Field required"),
-        (HEAD + START + "boxs: []\n", "boxs: Extra inputs are not permitted"),
+        (HEAD, "start: is missing"),
+        (HEAD + START + "boxs: []\n", "boxs: unknown key; `slarm worlds --template`"),
+        (HEAD + "start: 3\n", "start: Input should be keys and values"),
+        (HEAD + START + "boxes: 3\n", "boxes: Input should be a list"),
         (HEAD + "start: {x_m: a, y_m: 1}\n", "start.x_m: Input should be a valid number"),
         (HEAD + "start: {x_m: .nan, y_m: 1}\n", "start.x_m: .*finite"),
         (

@@ -31,6 +31,15 @@ _WORLD_KEY = re.compile(r"(?m)^boundary_m\s*:")
 _MAP_KEYS = re.compile(r"(?m)^image\s*:"), re.compile(r"(?m)^resolution\s*:")
 
 
+_PLAIN = {
+    "missing": "is missing",
+    "extra_forbidden": "unknown key; `slarm worlds --template` shows them all",
+    "tuple_type": "Input should be a list",
+    "model_type": "Input should be keys and values",
+}
+"""Instead of pydantic's words, by the type of its error."""
+
+
 def shipped_worlds() -> tuple[str, ...]:
     """Names of the worlds that come with the package."""
     folder = resources.files("slarm_graph") / "worlds"
@@ -105,7 +114,8 @@ def world_from_yaml(text: str, where: str = "world") -> WorldMap:
         model = WorldModel.model_validate(document.content)
     except ValidationError as error:
         problems = [
-            f"{where}: {'.'.join(map(str, found['loc'])) or 'world'}: {found['msg']}"
+            f"{where}: {'.'.join(map(str, found['loc'])) or 'world'}: "
+            + _PLAIN.get(found["type"], found["msg"].removeprefix("Value error, "))
             for found in error.errors(include_url=False, include_input=False)
         ]
         raise BadInput(*most(problems)) from None
