@@ -21,14 +21,13 @@ from typing import ClassVar
 import numpy as np
 from numpy.random import Generator
 
-from slarm_graph.backend import Heartbeat, SlamResult, silent
+from slarm_graph.backend import Heartbeat, SlamResult, path_table, silent
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.backends.particle_matching import point_normals
 from slarm_graph.backends.particle_tables import (
     particle_notices,
-    path_table,
     second_pass_notice,
     update_table,
 )

@@ -12,7 +12,6 @@ from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.second_pass import MISSED
 from slarm_graph.geometry import Floats
-from slarm_graph.trajectory import Trajectory
 
 _UPDATE_COLUMNS = (
     "stamp_ns",
@@ -47,13 +46,6 @@ def update_table(stamps_ns: NDArray[np.int64], particles: MappingFilter) -> Tabl
         for stamp_ns, chosen in zip(stamps_ns[1:].tolist(), particles.selections, strict=True)
     )
     return Table("particles", _UPDATE_COLUMNS, rows)
-
-
-def path_table(name: str, path: Trajectory) -> Table:
-    """Poses at every scan."""
-    columns = ("stamp_ns", "x_m", "y_m", "theta_rad")
-    rows = zip(path.stamps_ns.tolist(), *path.poses.T.tolist(), strict=True)
-    return Table(name, columns, tuple(rows))
 
 
 def particle_notices(particles: MappingFilter) -> tuple[str, ...]:

@@ -28,7 +28,7 @@ from slarm_graph.eval.page import (
     page,
 )
 from slarm_graph.eval.report_figures import HEIGHT_WORDS, MAP_WORDS, geographic_figure
-from slarm_graph.eval.run_figures import error_figure, path_of, table_figure
+from slarm_graph.eval.run_figures import error_figure, table_figure
 from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_figure
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
@@ -91,7 +91,7 @@ class ReportContent:
 
 def report_html(content: ReportContent) -> str:
     """Return the report as one self-contained page."""
-    paths = {name: path for t in content.tables if (path := path_of(t)) for name in (t.name,)}
+    paths = {name: path for t in content.tables if (path := t.path()) for name in (t.name,)}
     trajectories = {**content.trajectories, **{n.replace("_", " "): p for n, p in paths.items()}}
     top: list[Block] = [Facts(_key_facts(content)), Notices(content.notices)]
     return page(
@@ -142,7 +142,7 @@ def table_blocks(table: BackendTable) -> tuple[Block, ...]:
     if not table.rows:
         return (Words("none"),)
     figure = table_figure(table)
-    if path_of(table) is not None:
+    if table.path() is not None:
         return ()
     left_out = len(table.rows) - _MAX_TABLE_ROWS
     more = (Words(f"{left_out} more rows in {table.name}.csv"),) if left_out > 0 else ()

@@ -29,7 +29,6 @@ _TITLES = {
 }
 _LEAST_ROWS = 8
 """Of fewer rows a table says more than a curve."""
-_PATH = ("stamp_ns", "x_m", "y_m", "theta_rad")
 
 
 def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | None:
@@ -74,25 +73,18 @@ def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | 
     log = max(means) > _FLATTENED * max(min(means), 1e-9)
     for row, title in ((1, "position error [m]"), (2, "rotation error [deg]")):
         fig.update_yaxes(title=title, row=row, col=1)
-        fig.update_yaxes(type="log" if log else "linear", row=row)
+        # Powers of ten: "100µ" of metres is nothing that anyone reads.
+        fig.update_yaxes(type="log" if log else "linear", exponentformat="power", row=row)
     fig.update_xaxes(title="time [s]", row=2, col=1)
     fig.update_xaxes(title="distance [m]", row=2, col=2)
     words = "Errors over time and distance, each estimate laid onto the truth by SE(2)"
     return Figure(fig, words, height_px=560)
 
 
-def path_of(table: Table) -> Trajectory | None:
-    """Return a table that is a path as one."""
-    if table.columns != _PATH or not table.rows:
-        return None
-    rows = np.array([row[1:] for row in table.rows], dtype=np.float64)
-    return Trajectory(np.array([row[0] for row in table.rows], dtype=np.int64), rows)
-
-
 def table_figure(table: Table) -> Figure | None:
     """Return a backend's figures over time; None where they are no series of numbers."""
     stamp = next((c for c in ("stamp_ns", "stamp_s") if c in table.columns), None)
-    if stamp is None or len(table.rows) < _LEAST_ROWS or table.columns == _PATH:
+    if stamp is None or len(table.rows) < _LEAST_ROWS or table.path() is not None:
         return None
     at = table.columns.index(stamp)
     stamps = np.array([float(row[at]) for row in table.rows])

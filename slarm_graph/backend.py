@@ -5,17 +5,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 
 from slarm_graph.constraint import PoseGraph
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, compose
 from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State
 from slarm_graph.trajectory import Trajectory
 
+PATH_COLUMNS = ("stamp_ns", "x_m", "y_m", "theta_rad")
+"""Of a table that is a path in the map."""
 Heartbeat = Callable[[str], None]
 """Told in words what a long step is doing, so that progress stays alive."""
 
@@ -41,6 +43,24 @@ class Table:
     columns: tuple[str, ...]
     rows: tuple[tuple[float | int | str, ...], ...]
 
+    def path(self) -> Trajectory | None:
+        """Return the path in the map that the table is; None where it is none."""
+        if self.columns != PATH_COLUMNS or not self.rows:
+            return None
+        poses = np.array([row[1:] for row in self.rows], dtype=np.float64)
+        return Trajectory(np.array([row[0] for row in self.rows], dtype=np.int64), poses)
+
+    def transformed(self, other_from_map: Pose2) -> Table:
+        """Return a path in another fixed frame; other tables as they are."""
+        path = self.path()
+        return self if path is None else path_table(self.name, path.transformed(other_from_map))
+
+
+def path_table(name: str, path: Trajectory) -> Table:
+    """Return a path as a table."""
+    rows = zip(path.stamps_ns.tolist(), *path.poses.T.tolist(), strict=True)
+    return Table(name, PATH_COLUMNS, tuple(rows))
+
 
 @dataclass(frozen=True, slots=True)
 class SlamResult:
@@ -65,6 +85,18 @@ class SlamResult:
     pose_graph: PoseGraph | None = None
     tables: tuple[Table, ...] = ()
     notices: tuple[str, ...] = field(default=())
+
+    def transformed(self, other_from_map: Pose2) -> SlamResult:
+        """Return the same in another fixed frame; covariances are in the robot's and stay."""
+        graph = self.pose_graph
+        if graph is not None:
+            graph = replace(graph, poses=compose(other_from_map.as_array(), graph.poses))
+        return replace(
+            self,
+            trajectory=self.trajectory.transformed(other_from_map),
+            pose_graph=graph,
+            tables=tuple(table.transformed(other_from_map) for table in self.tables),
+        )
 
 
 def position_sds_m(slam: SlamResult) -> Floats | None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from test_cli import ROOM, run
 
 from slarm_graph.app import live_files
 from slarm_graph.backends.odometry import OdometryBackend
+from slarm_graph.files.g2o import read_g2o
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.readings import Reading
@@ -95,3 +97,19 @@ def test_live_files_change_nothing_of_the_drive(
         paths.append((folder / "trajectory.tum").read_bytes())
     assert paths[0] == paths[1]
     assert len(times) > 3
+
+
+@pytest.mark.parametrize("backend", ["pose_graph", "gmapping"])
+def test_every_path_of_a_drive_is_in_the_worlds_frame(room: Path, backend: str) -> None:
+    named = ("-o", room.parent, "--name", backend, "--set", "explore.mission_time_s=8")
+    assert run("explore", "--world", room, "-b", backend, *named) == 0
+    folder = room.parent / backend
+    path = read_trajectory(folder / "trajectory.tum")
+    assert abs(path.poses[0]).sum() > 0.5, "the start is not the world's origin"
+    if backend == "pose_graph":
+        found = read_g2o(folder / "graph.g2o").graph.poses[:1]
+    else:
+        with (folder / "weighted_mean.csv").open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        found = [[float(rows[0][name]) for name in ("x_m", "y_m", "theta_rad")]]
+    np.testing.assert_allclose(found, path.poses[:1], atol=1e-6)

@@ -75,7 +75,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # trajectory -> occupancy grid
     with folder.stage("map", progress):
         notices = (*drive.slam.notices, f"exploration ended: {drive.finished.reason}")
-        slam = replace(drive.slam, trajectory=drive.trajectory, notices=notices)
+        slam = replace(drive.slam.transformed(drive.world_from_map), notices=notices)
         save_trajectory(folder, "trajectory", slam.trajectory)
         cells = {"resolution_m": config.explore.resolution_m}
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from slarm_graph.backend import SlamResult
 from slarm_graph.geometry import Pose2
 from slarm_graph.trajectory import Trajectory
@@ -25,4 +23,4 @@ def placed(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
         return slam
     mine_from_robot = Pose2.from_array(slam.trajectory.poses[0])
     start = Pose2.from_array(truth.at(slam.trajectory.stamps_ns[:1])[0])
-    return replace(slam, trajectory=slam.trajectory.transformed(start @ mine_from_robot.inverse()))
+    return slam.transformed(start @ mine_from_robot.inverse())
