@@ -29,9 +29,9 @@ def outlines_m(geometry: GridGeometry, mask: Mask) -> list[Floats]:
         Closed polygons with the mask on their left: outer outlines counter-clockwise, those of
         holes clockwise [m]. Cells that touch only at a corner are apart.
     """
-    corners, starts = _trace_cracks(np.pad(mask, 1))
+    corners, starts = _trace_cracks(np.ascontiguousarray(mask))
     origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    points = (corners - 1) * geometry.resolution_m + origin
+    points = corners * geometry.resolution_m + origin
     return [points[a:b] for a, b in pairwise(starts)]
 
 
@@ -49,17 +49,24 @@ def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
 def _trace_cracks(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Corner points (x, y) where cracks turn, and where each outline starts."""
     rows, cols = mask.shape
-    # Whether a crack leaves a lattice corner to the right, up, left, down.
-    leaves = np.zeros((rows + 1, cols + 1, 4), dtype=np.bool_)
+    # Whether a crack leaves a lattice corner to the right (1), up (2), left (4), down (8).
+    leaves = np.zeros((rows + 1, cols + 1), dtype=np.uint8)
     count = 0
-    for r in range(1, rows - 1):
-        for c in range(1, cols - 1):
+    for r in range(rows):
+        for c in range(cols):
             if mask[r, c]:
-                leaves[r, c, 0] |= not mask[r - 1, c]
-                leaves[r, c + 1, 1] |= not mask[r, c + 1]
-                leaves[r + 1, c + 1, 2] |= not mask[r + 1, c]
-                leaves[r + 1, c, 3] |= not mask[r, c - 1]
-    count = leaves.sum()
+                if r == 0 or not mask[r - 1, c]:
+                    leaves[r, c] |= 1
+                    count += 1
+                if c + 1 == cols or not mask[r, c + 1]:
+                    leaves[r, c + 1] |= 2
+                    count += 1
+                if r + 1 == rows or not mask[r + 1, c]:
+                    leaves[r + 1, c + 1] |= 4
+                    count += 1
+                if c == 0 or not mask[r, c - 1]:
+                    leaves[r + 1, c] |= 8
+                    count += 1
     corners = np.empty((count, 2), dtype=np.int64)
     starts = [0]
     size = 0
@@ -67,11 +74,11 @@ def _trace_cracks(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         for c in range(cols + 1):
             # The lowest, then leftmost corner of an outline is left to the right, or downward
             # from a hole; an outline always turns where it begins.
-            if not leaves[r, c, 0]:
+            if not leaves[r, c] & 1:
                 continue
             x, y, heading, before = c, r, 0, -1
-            while leaves[y, x, heading]:
-                leaves[y, x, heading] = False
+            while leaves[y, x] >> heading & 1:
+                leaves[y, x] ^= 1 << heading
                 if heading != before:
                     corners[size, 0] = x
                     corners[size, 1] = y
@@ -81,7 +88,7 @@ def _trace_cracks(mask: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
                 y += (0, 1, 0, -1)[heading]
                 for turn in (1, 0, 3):
                     ahead = (heading + turn) % 4
-                    if leaves[y, x, ahead]:
+                    if leaves[y, x] >> ahead & 1:
                         heading = ahead
                         break
             starts.append(size)

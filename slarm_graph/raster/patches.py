@@ -47,9 +47,11 @@ def larger_than(mask: Mask, cells: int) -> Mask:
 
 def joined(mask: Mask, seeds: Mask) -> Mask:
     """Cells of a mask joined over sides to seeds in it; where there are none, its largest patch."""
-    reached = seeds & mask
-    if reached.any():
-        _flood(np.ascontiguousarray(mask), reached, np.flatnonzero(reached))
+    begun = np.flatnonzero(seeds & mask)
+    if len(begun):
+        reached = np.zeros(mask.shape, dtype=np.bool_)
+        reached.flat[begun] = True
+        _flood(np.ascontiguousarray(mask), reached, begun)
         return reached
     labels, sizes = patches(mask, over_corners=False)
     return np.asarray((labels == sizes.argmax()) & mask)

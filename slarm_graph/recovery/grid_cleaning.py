@@ -57,20 +57,25 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     """
     cell_m = grid.geometry.resolution_m
     radius_cells = config.robot_radius_m / cell_m
-    held = grid.occupied
+    shape, reach = grid.geometry.shape, math.ceil(radius_cells) + 1
+    # What is only written where it is true takes no memory elsewhere.
+    held = by_bands(shape, 0, lambda rows: grid.in_rows(rows).occupied)
     occupied = larger_than(held, config.speck_cells)
-    occupied &= ~visited
-    free = grid.free | visited | held
-    free &= ~occupied
-    passable = farther_than(occupied, radius_cells)
-    passable &= free
-    passable |= visited
+    occupied[visited] = False
+    free = by_bands(
+        shape, 0, lambda r: (grid.in_rows(r).free | visited[r] | held[r]) & ~occupied[r]
+    )
     del held
-    occupied |= by_bands(occupied.shape, 2, lambda rows: _closed(occupied[rows])) & ~passable
-    free &= ~occupied
-    free |= _small_holes(free, occupied, config.hole_area_m2 / cell_m**2)
+    passable = by_bands(
+        shape, reach, lambda r: (farther_than(occupied[r], radius_cells) & free[r]) | visited[r]
+    )
+    closed = by_bands(shape, 2, lambda rows: _closed(occupied[rows]) & ~passable[rows])
+    occupied[closed] = True
+    free[closed] = False
+    del closed
+    free[_small_holes(free, occupied, config.hole_area_m2 / cell_m**2)] = True
     reached = _reached(free, visited, radius_cells)
-    passable &= reached
+    passable[passable & ~reached] = False
     return CleanGrid(grid.geometry, occupied, free, reached, passable)
 
 
@@ -117,10 +122,20 @@ def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
     if 2.0 * radius_cells < _LEAST_CELLS:
         return joined(free, visited)
     around = np.ones((_LEAST_CELLS, _LEAST_CELLS), dtype=np.uint8)
-    ways = cv2.erode(free.view(np.uint8), around).view(np.bool_)
-    ways |= visited & free
-    region = joined(ways, visited)
-    for _ in range(_LEAST_CELLS - 1):
-        region = _widened(region)
-        region &= free
-    return region
+
+    def wide(rows: slice) -> Mask:
+        """Ways of three cells, of some rows, and where the robot was."""
+        ways = cv2.erode(free[rows].view(np.uint8), around).view(np.bool_)
+        return ways | (visited[rows] & free[rows])
+
+    region = joined(by_bands(free.shape, _LEAST_CELLS, wide), visited)
+    steps = _LEAST_CELLS - 1
+
+    def widened(rows: slice) -> Mask:
+        """The region, of some rows, as far as one way is wide."""
+        here = region[rows]
+        for _ in range(steps):
+            here = _widened(here) & free[rows]
+        return here
+
+    return by_bands(free.shape, steps, widened)

@@ -23,7 +23,7 @@ from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.distance import within
-from slarm_graph.raster.fill import Polygons, inside_any, inside_outlines
+from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
@@ -97,15 +97,13 @@ def recover(
     # On a large site the layers so far take more memory than the result.
     del shape, laid
     states[_expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
-    accessible = states == CellState.ACCESSIBLE
-    states[accessible & ~joined(accessible, visited)] = CellState.ENCLOSED
-    del accessible
+    states[_cut_off(states, visited)] = CellState.ENCLOSED
     heights_m, source = _heights(blocks, strips, target, states, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
-    footprint &= states != CellState.OBSTACLE
+    footprint[footprint & (states == CellState.OBSTACLE)] = False
     seen = grid.on(target)
     observed = observed_cells(seen, states)
-    observed |= visited
+    observed[visited] = True
     return GeographicMap(
         geometry=target,
         states=states,
@@ -276,11 +274,14 @@ def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
 def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
     occupied = clean.geometry.resample(clean.occupied, target, outside=False)
-    free = clean.geometry.resample(clean.free & ~clean.reached, target, outside=False)
-    states = np.full(target.shape, CellState.UNKNOWN, dtype=np.uint8)
-    states[free] = CellState.ENCLOSED
-    states[occupied | laid.solids.any()] = CellState.OBSTACLE
-    states[region] = CellState.ACCESSIBLE
+    kept_out = by_bands(clean.free.shape, 0, lambda rows: clean.free[rows] & ~clean.reached[rows])
+    free = clean.geometry.resample(kept_out, target, outside=False)
+    states = np.zeros(target.shape, dtype=np.uint8)  # all CellState.UNKNOWN
+    for band in bands(target.shape):
+        here, rows = states[band.rows], band.rows
+        here[free[rows]] = CellState.ENCLOSED
+        here[occupied[rows] | laid.solids.any(rows)] = CellState.OBSTACLE
+        here[region[rows]] = CellState.ACCESSIBLE
     return states
 
 
@@ -294,10 +295,23 @@ def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask
         return np.zeros(target.shape, dtype=np.bool_)
     whole_m, cell_m = _whole_cells_m(target, radius_m), target.resolution_m
     rim = round(whole_m / cell_m)
-    shut = np.isin(states, (CellState.OBSTACLE, CellState.UNKNOWN))
-    near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
-    inner = near[rim : rim + target.rows, rim : rim + target.cols]
-    return np.asarray(inner & (states == CellState.ACCESSIBLE))
+
+    def part(rows: slice) -> Mask:
+        """Those of some rows; what is beyond a band's halo is farther away than the radius."""
+        here = states[rows]
+        shut = np.isin(here, (CellState.OBSTACLE, CellState.UNKNOWN))
+        near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
+        inner = near[rim : rim + here.shape[0], rim : rim + here.shape[1]]
+        return np.asarray(inner & (here == CellState.ACCESSIBLE))
+
+    return by_bands(target.shape, rim, part)
+
+
+def _cut_off(states: np.ndarray, visited: Mask) -> Mask:
+    """Accessible cells that no accessible way joins to where the robot was."""
+    accessible = by_bands(states.shape, 0, lambda rows: states[rows] == CellState.ACCESSIBLE)
+    reached = joined(accessible, visited)
+    return by_bands(states.shape, 0, lambda rows: accessible[rows] & ~reached[rows])
 
 
 def _whole_cells_m(target: GridGeometry, radius_m: float) -> float:
@@ -316,15 +330,19 @@ def _heights(
     height_m, source = certain_height_m(config), "default"
     if config.default_height_m is None:
         source = "infinite" if height_m is not None or not strips else _PRIOR
-    obstacle = states == CellState.OBSTACLE
     heights_m = np.zeros(target.shape, dtype=np.float32)
-    heights_m[obstacle] = height_m or math.inf
-    if height_m is None:
-        for median_m in sorted({strip.height_m for strip in strips}):
-            plans = [strip.corners_m for strip in strips if strip.height_m == median_m]
-            heights_m[inside_any(target, plans) & obstacle] = median_m
-    for block in blocks:
-        heights_m[inside_outlines(target, [block.corners_m]) & obstacle] = block.height_m
+    plans_of: dict[float, list[Floats]] = {}
+    for strip in strips if height_m is None else ():
+        plans_of.setdefault(strip.height_m, []).append(strip.corners_m)
+    levels = [(m, Polygons.on(target, plans)) for m, plans in sorted(plans_of.items())]
+    laid = [(block.height_m, Polygons.on(target, [block.corners_m])) for block in blocks]
+    for band in bands(target.shape):
+        here, obstacle = heights_m[band.rows], states[band.rows] == CellState.OBSTACLE
+        here[obstacle] = height_m or math.inf
+        for median_m, plans in levels:
+            here[plans.any(band.rows) & obstacle] = median_m
+        for block_m, plan in laid:
+            here[plan.odd(band.rows) & obstacle] = block_m
     if blocks:
         source = f"matched sizes ({len(blocks)} obstacles), else {source}"
     return heights_m, source
