@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.eval.page import Figure, plain, png_uri, single
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.raster.layers import set_aside
 from slarm_graph.world import Solid
 
 _MAX_MAP_PIXELS = 1_500_000
@@ -58,6 +59,7 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
     image = np.full(grid.geometry.shape, _UNKNOWN, dtype=np.uint8)
     image[grid.free] = _FREE
     image[grid.occupied] = _OCCUPIED
+    set_aside(grid.probability)
     step = max(1, math.ceil(math.sqrt(image.size / _MAX_MAP_PIXELS)))
     rows, cols = (-(-n // step) * step for n in image.shape)
     padded = np.full((rows, cols), _UNKNOWN, dtype=np.uint8)

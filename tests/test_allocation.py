@@ -14,7 +14,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only done on Li
 _PROGRAM = """
 import re
 import numpy as np
-from slarm_graph.app.allocation import _unwritten_code, return_freed
+from slarm_graph.app.allocation import _held_by_files, return_freed
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import between3
 
@@ -30,7 +30,7 @@ print(before_mb, files_mb())
 # Code loaded before, and code loaded now; both need the library that was given back.
 assert np.allclose(invert3(matrix), np.linalg.inv(matrix))
 assert np.allclose(between3(np.zeros(3), np.array([1.0, 2.0, 0.0])), [1.0, 2.0, 0.0])
-ranges = dict(_unwritten_code())
+ranges = dict(_held_by_files())
 for line in open("/proc/self/maps"):
     edges, rights, *rest = line.split()
     first, past = (int(edge, 16) for edge in edges.split("-"))

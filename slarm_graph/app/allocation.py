@@ -25,7 +25,7 @@ _DONT_NEED: Final = 4
 
 
 def return_freed() -> None:
-    """Return what has been freed between blocks still in use, and code that ran once; Linux only.
+    """Return what has been freed, and what files hold: code that ran once, layers; Linux only.
 
     Of a library of 180 MB such as LLVM 70 are read to start it and to load the first kernel, hardly
     any ever after. What is used again is mapped again from the system's cache of files.
@@ -35,15 +35,16 @@ def return_freed() -> None:
     library = ctypes.CDLL(None)
     if hasattr(library, "malloc_trim"):
         library.malloc_trim(0)
-    for start, size in _unwritten_code():
+    for start, size in _held_by_files():
         library.madvise(ctypes.c_void_p(start), ctypes.c_size_t(size), _DONT_NEED)
 
 
-def _unwritten_code() -> Iterator[tuple[int, int]]:
-    """Start and size [bytes] of every mapping that holds a library as its file has it.
+def _held_by_files() -> Iterator[tuple[int, int]]:
+    """Start and size [bytes] of every mapping of a file that has all there is in it.
 
-    That is for reading or running only, and no page of it has become the process's own, as those of
-    relocated tables have, in memory or swapped out.
+    That is of libraries what is only read or run, unless pages of it have become the process's own,
+    as those of relocated tables have, in memory or swapped out; and layers on disk, which are
+    shared with their file.
     """
     try:
         lines = Path("/proc/self/smaps").read_text(encoding="utf-8", errors="replace").splitlines()
@@ -54,8 +55,9 @@ def _unwritten_code() -> Iterator[tuple[int, int]]:
         key, _, rest = line.partition(" ")
         if not key.endswith(":"):
             first, past = (int(edge, 16) for edge in key.split("-"))
-            as_in_file = rest.startswith(("r-xp", "r--p")) and ".so" in rest
-            found = (first, past - first) if as_in_file else None
+            library = rest.startswith(("r-xp", "r--p")) and ".so" in rest
+            layer = rest.startswith("rw-s") and rest.endswith("(deleted)")
+            found = (first, past - first) if library or layer else None
         elif found is not None and key in ("Anonymous:", "Swap:"):
             if rest.split()[0] != "0":
                 found = None

@@ -41,6 +41,7 @@ from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.measured.log import RssLog, heard_with
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
+from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import Source
 from slarm_graph.recovery.recover import recover
@@ -103,6 +104,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
         metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
+        set_aside(grid.probability)
         title = f"{job.paths[0].name}, {config.backend}"
         made = (log, slam, grid, geographic, radio, verdict, metrics, measured)
         done = Run(title, config, info, *made)

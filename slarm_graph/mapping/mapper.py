@@ -18,6 +18,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping.beams import beams_in_map
 from slarm_graph.raster.bands import bands
+from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.lines import next_on_line
 from slarm_graph.readings import LaserScan
 
@@ -96,8 +97,13 @@ class GridMapper:
         rows = slice(int(seen_rows[0]), int(seen_rows[-1]) + 1)
         cols = slice(int(seen_cols[0]), int(seen_cols[-1]) + 1)
         cropped = self._geometry.part(rows, cols)
+        probability = new_layer(cropped.shape, np.float32)
+        for band in bands(cropped.shape):
+            here = slice(rows.start + band.rows.start, rows.start + band.rows.stop)
+            probability[band.rows] = self._share((here, cols))
+            set_aside(probability)
         at = self._config.occupied_at
-        return OccupancyGrid(cropped, self._share((rows, cols)), occupied_at=at, free_at=at)
+        return OccupancyGrid(cropped, probability, occupied_at=at, free_at=at)
 
     def _share(self, window: Window) -> NDArray[np.float32]:
         """Share of a cell's visits that were hits, nan without any; single precision throughout."""

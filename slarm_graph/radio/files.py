@@ -14,6 +14,7 @@ from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
 from slarm_graph.files.arrays import read_arrays
 from slarm_graph.files.npz import InParts, write_npz
+from slarm_graph.grid import Mask
 from slarm_graph.radio.columns import (
     AP_FIELDS,
     GRID,
@@ -25,6 +26,7 @@ from slarm_graph.radio.columns import (
     three_classes,
 )
 from slarm_graph.raster.bands import bands
+from slarm_graph.raster.layers import set_aside
 
 _ROWS_AT_A_TIME = 5_000
 """Lines formatted together: half a megabyte of text at a time, instead of all of it."""
@@ -37,24 +39,29 @@ def write_radio_npz(path: Path, radio: RadioMap) -> None:
 
 def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
     """Yield all arrays with their names."""
-    yield "path_loss_db", radio.path_loss_db
-    yield "channel_power_gain_db", InParts(*_kind(radio.path_loss_db), _gains(radio))
+    yield "path_loss_db", _in_parts(radio.path_loss_db)
+    yield "channel_power_gain_db", _in_parts(radio.path_loss_db, minus=True)
     yield "line_of_sight", radio.line_of_sight
     yield "access_point", np.array([ap.name for ap in radio.access_points])
     yield from ((f"access_point_{name}", column(radio, name)) for name in AP_FIELDS)
     yield from ((name, getattr(radio.geometry, name)) for name in GRID)
     yield from ((name, getattr(radio, name)) for name in SCALARS + WORDS)
-    yield from ((name, layer) for name in LAYERS if (layer := getattr(radio, name)) is not None)
+    for name in LAYERS:
+        if (layer := getattr(radio, name)) is not None:
+            yield name, _in_parts(layer)
 
 
-def _kind(layer: NDArray[np.float32]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
-    return layer.shape, layer.dtype
+def _in_parts(layers: NDArray[np.float32] | Mask, *, minus: bool = False) -> InParts:
+    """Layers (A, rows, cols), or minus them, in bands of rows, one layer after the other."""
 
+    def parts() -> Iterator[NDArray[np.generic]]:
+        """Yield every band once."""
+        for layer in layers:
+            for band in bands(layer.shape):
+                yield -layer[band.rows] if minus else layer[band.rows]
+                set_aside(layers)
 
-def _gains(radio: RadioMap) -> Iterator[NDArray[np.float32]]:
-    """Gains in bands of rows, of one access point after the other [dB]."""
-    for loss_db in radio.path_loss_db:
-        yield from (-loss_db[band.rows] for band in bands(radio.geometry.shape))
+    return InParts(layers.shape, layers.dtype, parts())
 
 
 def read_radio_npz(path: Path) -> RadioMap:

@@ -23,6 +23,7 @@ from slarm_graph.radio.columns import (
     from_values,
     three_classes,
 )
+from slarm_graph.raster.layers import set_aside
 
 _CHUNK = (1, 256, 1024)
 """Cells that are compressed together, 1 MB of a layer: a viewer reads a part without the rest."""
@@ -113,6 +114,8 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
             sight[index, part] = three_classes(radio, index, part)
             if likely is not None and radio.los_probability is not None:
                 likely[index, part] = radio.los_probability[index, part]
+                set_aside(radio.los_probability)
+            set_aside(radio.path_loss_db)
 
 
 def _layer(

@@ -22,7 +22,8 @@ from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.recovered_sight import recovered_sight
-from slarm_graph.raster.bands import bands
+from slarm_graph.raster.bands import bands, by_bands
+from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
@@ -54,19 +55,22 @@ def radio_map(
     ):
         _log.warning(notice)
 
-    reachable = geographic.accessible | (geographic.states == CellState.EXPANSION)
-    free = reachable | (geographic.states == CellState.ENCLOSED)
+    reachable = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION)
+    free = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 
     sights = [
         recovered_sight(geographic, free, position_m, config)
         for position_m in _positions_m(access_points)
     ]
+    del free
     for sight in sights:
-        sight.probability[sight.unknown | ~reachable] = 0.0
-        np.logical_and(sight.unknown, reachable, out=sight.unknown)
+        for rows in (band.rows for band in bands(reachable.shape)):
+            sight.probability[rows][sight.unknown[rows] | ~reachable[rows]] = 0.0
+            sight.unknown[rows] &= reachable[rows]
+            set_aside(sight.probability)
     probability = _layers([sight.probability for sight in sights])
     unknown = _layers([sight.unknown for sight in sights])
-    del sights, free
+    del sights
     radio = _map_of(
         geographic.geometry,
         reachable,
@@ -167,10 +171,14 @@ def _map_of(
     height_source: str,
 ) -> RadioMap:
     """Expected path loss, eq. (2), and line of sight; nan, or probability 0, where none can be."""
-    loss_db: NDArray[np.float32] = np.full(probability.shape, np.nan, dtype=np.float32)
-    for ap, likely, ap_loss_db in zip(access_points, probability, loss_db, strict=True):
+    loss_db = new_layer(probability.shape, np.float32)
+    clear, unsure = np.zeros(probability.shape, dtype=np.bool_), False
+    for n, (ap, likely, ap_loss_db) in enumerate(
+        zip(access_points, probability, loss_db, strict=True)
+    ):
         for band in bands(free.shape):
             here, rows = free[band.rows], band.rows
+            ap_loss_db[rows] = np.nan
             distances_m = _distances_m(geometry, ap, config, rows)[here]
             ap_loss_db[rows][here] = expected_path_loss_db(
                 distances_m,
@@ -178,12 +186,14 @@ def _map_of(
                 likely[rows][here].astype(np.float64),
                 config.scenario,
             )
-    unsure = bool(((probability > 0.0) & (probability < 1.0)).any())
+            clear[n, rows] = likely[rows] > 0.5
+            unsure |= bool(((likely[rows] > 0.0) & (likely[rows] < 1.0)).any())
+            set_aside(loss_db, probability)
     return RadioMap(
         geometry=geometry,
         access_points=tuple(access_points),
         path_loss_db=loss_db,
-        line_of_sight=probability > 0.5,
+        line_of_sight=clear,
         antenna_height_m=config.antenna_height_m,
         scenario=config.scenario,
         rician_factor_db=config.rician_factor_db,
@@ -194,7 +204,18 @@ def _map_of(
 
 def _layers(layers: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
     """Stack layers (rows, cols) of access points; one alone is not copied."""
-    return layers[0][None] if len(layers) == 1 else np.stack(layers)
+    if len(layers) == 1:
+        return layers[0][None]
+    stack = new_layer((len(layers), *layers[0].shape), layers[0].dtype.type)
+    for n, layer in enumerate(layers):
+        stack[n] = layer
+        set_aside(stack, layer)
+    return stack
+
+
+def _cells_of(geographic: GeographicMap, *states: CellState) -> Mask:
+    """Cells (rows, cols) of any of some classes."""
+    return by_bands(geographic.states.shape, 0, lambda r: np.isin(geographic.states[r], states))
 
 
 def expected_path_loss_db(

@@ -25,8 +25,9 @@ from slarm_graph.radio.line_of_sight import (
     moved_to_faces,
 )
 from slarm_graph.radio.uncertain_sight import told_apart, weigh
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.patches import joined, larger_than
 from slarm_graph.raster.segments import cells_passed
 from slarm_graph.world import Solid
@@ -85,14 +86,17 @@ def recovered_sight(
             mount_radius_m=config.mount_radius_m,
         )
         probability = _certain(clear & free)
-    unknown = _past_unseen(geographic, probability > 0.0, position_m, config)
-    return RecoveredSight(probability, unknown)
+    asked = by_bands(probability.shape, 0, lambda rows: probability[rows] > 0.0)
+    set_aside(probability)
+    return RecoveredSight(probability, _past_unseen(geographic, asked, position_m, config))
 
 
 def _certain(clear: Mask) -> NDArray[np.float32]:
     """Probability (rows, cols) 1 in clear cells; the rest of a large site takes no memory."""
-    probability = np.zeros(clear.shape, dtype=np.float32)
-    probability[clear] = 1.0
+    probability = new_layer(clear.shape, np.float32)
+    for band in bands(clear.shape):
+        probability[band.rows][clear[band.rows]] = 1.0
+        set_aside(probability)
     return probability
 
 
@@ -108,7 +112,8 @@ def _past_solids(
     sure, groups = told_apart(
         geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
     )
-    clear = free & line_of_sight_past_solids(geometry, sure, position_m, antenna_m)
+    clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m)
+    clear &= free
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
     points_m = moved_to_faces(geometry.center_of(np.argwhere(on_face)), solids)
     clear[on_face] = line_of_sight_to_points(points_m, sure, position_m, antenna_m)

@@ -21,6 +21,7 @@ from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.line_of_sight import line_of_sight_to_points, shadow_outlines
 from slarm_graph.raster.bands import bands
 from slarm_graph.raster.fill import row_spans
+from slarm_graph.raster.layers import set_aside
 from slarm_graph.world import Solid
 
 Ints = NDArray[np.int64]
@@ -142,6 +143,7 @@ def _weigh_cells(
     for band in bands(geometry.shape):
         rows = probability[band.rows]
         _weigh(rows, band.rows.start, outlines, starts, slacks, first, group_starts, counts)
+        set_aside(probability)
 
 
 def _share_of_points(

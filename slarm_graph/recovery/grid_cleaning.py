@@ -65,7 +65,6 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     free = by_bands(
         shape, 0, lambda r: (grid.in_rows(r).free | visited[r] | held[r]) & ~occupied[r]
     )
-    del held
     passable = by_bands(
         shape, reach, lambda r: (farther_than(occupied[r], radius_cells) & free[r]) | visited[r]
     )

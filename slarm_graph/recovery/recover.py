@@ -24,6 +24,7 @@ from slarm_graph.mapping import end_points_m, render
 from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
+from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
@@ -104,13 +105,15 @@ def recover(
     seen = grid.on(target)
     observed = observed_cells(seen, states)
     observed[visited] = True
+    changed = _changed(seen, states)
+    set_aside(grid.probability)
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
         coverage=Coverage(observed, visited, footprint),
-        changed_cells=_changed(seen, states),
+        changed_cells=changed,
         solids=(*blocks, *strips),
         height_groups=groups,
         expansion_radius_m=_whole_cells_m(target, config.expansion_radius_m),
@@ -162,6 +165,7 @@ def _shape(
     """Clean the grid and straighten the outline of the region the robot can get to."""
     geometry = grid.geometry
     clean = cleaned(grid, visited_cells(geometry, trajectory), config)
+    set_aside(grid.probability)
     if not config.straighten or not clean.reached.any():
         return _Shape(clean, [], [], [])
     if end_points is None:
@@ -330,7 +334,7 @@ def _heights(
     height_m, source = certain_height_m(config), "default"
     if config.default_height_m is None:
         source = "infinite" if height_m is not None or not strips else _PRIOR
-    heights_m = np.zeros(target.shape, dtype=np.float32)
+    heights_m = new_layer(target.shape, np.float32)
     plans_of: dict[float, list[Floats]] = {}
     for strip in strips if height_m is None else ():
         plans_of.setdefault(strip.height_m, []).append(strip.corners_m)
@@ -343,6 +347,7 @@ def _heights(
             here[plans.any(band.rows) & obstacle] = median_m
         for block_m, plan in laid:
             here[plan.odd(band.rows) & obstacle] = block_m
+        set_aside(heights_m)
     if blocks:
         source = f"matched sizes ({len(blocks)} obstacles), else {source}"
     return heights_m, source
