@@ -11,6 +11,7 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import plotly.graph_objects as go
 import pytest
@@ -126,6 +127,8 @@ addEventListener("load", () => { const wait = setInterval(() => {
 </script>
 """
 
+TALL_PX = 5000
+"""Of the pictures that are taken; pytest keeps them for the last three times that it ran."""
 PAPER_PX = 688
 """A4 less the page's margins of 14 mm, at 96 dots an inch."""
 
@@ -186,12 +189,14 @@ def probed(tmp_path: Path, report: str, width: int, probe: str = PROBE) -> dict[
     (tmp_path / "inner.html").write_text(report.replace("</body>", WORDS + probe + "</body>"))
     file.write_text(
         f'<!doctype html><link rel="icon" href="data:,"><body style="margin:0"><iframe id="f"'
-        f' src="inner.html" style="border:0;width:{width}px;height:900px"></iframe><script>'
+        f' src="inner.html" style="border:0;width:{width}px;height:{TALL_PX}px"></iframe><script>'
         "const wait = setInterval(() => { const d = document.getElementById('f').contentDocument;"
         "const out = d && d.getElementById('found'); if (!out) return; clearInterval(wait);"
         "document.body.append(document.importNode(out, true)); }, 100);</script>"
     )
-    done = chromium(tmp_path, "--allow-file-access-from-files", "--dump-dom", file.as_uri())
+    taken = (f"--window-size={width},{TALL_PX}", f"--screenshot={tmp_path / f'{width}.png'}")
+    words = ("--allow-file-access-from-files", *taken, "--dump-dom")
+    done = chromium(tmp_path, *words, file.as_uri())
     found = re.search(
         r'<script type="application/json" id="found">(.*?)</script>', done.stdout, re.S
     )
@@ -204,6 +209,9 @@ def probed(tmp_path: Path, report: str, width: int, probe: str = PROBE) -> dict[
 def test_the_page_works_at_phone_and_desk_width(tmp_path: Path, report: str, width: int) -> None:
     found = probed(tmp_path, report, width)
     assert found["drawn"] == found["plots"] == 6
+    seen = cv2.imread(str(tmp_path / f"{width}.png"))
+    assert seen.shape[0] == TALL_PX
+    assert np.ptp(seen[:, : width // 2]) > 200, "the picture shows something"
     assert found["width"] == width
     assert found["page"] <= width, "the page scrolls sideways"
     assert found["broken"] == []
