@@ -13,7 +13,7 @@ import numpy as np
 from shapely import MultiPoint, Polygon
 
 from slarm_graph.geometry import Floats
-from slarm_graph.polygons import counter_clockwise, signed_area_m2
+from slarm_graph.polygons import counter_clockwise, next_corners, signed_area_m2
 from slarm_graph.recovery.known_sizes import MeasuredPlan
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
@@ -92,7 +92,7 @@ def convex_hull(points: Floats) -> Floats:
 
 def _turns(corners: Floats) -> Floats:
     """Sine (K,) of the turn at every corner of an outline, positive to the left."""
-    step = np.roll(corners, -1, axis=0) - corners
+    step = next_corners(corners) - corners
     step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
     before = np.roll(step, 1, axis=0)
     return np.asarray(before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0])
@@ -120,6 +120,9 @@ def _around_returns(ring: Floats, returns: Returns) -> Floats:
     center = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
     radius_m = float(np.linalg.norm(ring - center, axis=1).max()) + _BAND_M
     points, _ = returns.around(center, radius_m)
+    # What is farther from the box around the ring is not asked for: most of a long one's circle.
+    off_m = np.maximum(ring.min(axis=0) - points, points - ring.max(axis=0)).max(axis=1)
+    points = points[off_m < 2.0 * _BAND_M]
     single = ring.astype(np.float32)
     near = [cv2.pointPolygonTest(single, (float(x), float(y)), True) > -_BAND_M for x, y in points]
     points = points[np.array(near, dtype=np.bool_)]
@@ -132,12 +135,14 @@ def _around_returns(ring: Floats, returns: Returns) -> Floats:
 
 def _box(outline: Outline, sides: tuple[int, ...], run: Floats) -> Floats | None:
     """The smallest rectangle around a run along a fitted line, its own or one that it meets."""
-    starts, ends = outline.corners_m, np.roll(outline.corners_m, -1, axis=0)
+    corners, count = outline.corners_m, len(outline.corners_m)
     boxes = []
-    for side in ((sides[0] - 1) % len(starts), *sides, (sides[-1] + 1) % len(starts)):
-        step = ends[side] - starts[side]
+    for side in ((sides[0] - 1) % count, *sides, (sides[-1] + 1) % count):
+        if not outline.fitted[side]:
+            continue
+        step = corners[(side + 1) % count] - corners[side]
         length = float(np.linalg.norm(step))
-        if outline.fitted[side] and length > 1e-9:
+        if length > 1e-9:
             boxes.append(_box_around(run, step / length))
     if not boxes or np.linalg.norm(run[0] - run[-1]) < 1e-9:
         return None
@@ -159,7 +164,7 @@ def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> Obstacle
 
 def _length_m(ring: Floats) -> float:
     """Length of a closed outline [m]."""
-    return float(np.linalg.norm(np.roll(ring, -1, axis=0) - ring, axis=1).sum())
+    return float(np.linalg.norm(next_corners(ring) - ring, axis=1).sum())
 
 
 def _box_around(points: Floats, along: Floats) -> Floats:

@@ -17,6 +17,7 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.polygons import next_corners
 from slarm_graph.raster.outlines import simplified_m
 from slarm_graph.recovery.returns import NO_RETURNS, Returns
 
@@ -110,7 +111,7 @@ def straightened(
     rings = []
     for outline in outlines_m:
         corners = simplified_m(outline, _SIMPLIFY_CELLS * resolution_m)
-        ends = np.roll(corners, -1, axis=0)
+        ends = next_corners(corners)
         # Nothing is fitted to what is smaller than the shortest wall.
         near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else NO_RETURNS
         rings.append([_fit(a, b, near, resolution_m) for a, b in zip(corners, ends, strict=True)])
@@ -137,8 +138,9 @@ def main_direction_rad(walls: Sequence[Wall]) -> float | None:
 
 def _fit(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> Wall:
     """Fit the line of the returns beside a stretch of outline."""
-    length = float(np.linalg.norm(end - start))
-    along = (end - start) / max(length, 1e-12)
+    step = end - start
+    length = math.sqrt(step.dot(step))
+    along = step / max(length, 1e-12)
     wall = Wall(start, end, start, along, fitted=False)
     trim = min(_END_CELLS * resolution_m, 0.25 * length)
     if length < max(_SHORTEST_M, 3 * resolution_m):
