@@ -90,7 +90,8 @@ def spread(by_source: Sequence[Sequence[float]], *, more_is_better: bool = False
     if not groups:
         return Spread(math.nan, math.nan, math.nan, math.nan, 0)
     v = np.concatenate(groups)
-    sd = float(v.std(ddof=1)) if len(v) > 1 else 0.0
+    # About the first: of equal values it is 0 and not what rounding leaves of their mean.
+    sd = float((v - v[0]).std(ddof=1)) if len(v) > 1 else 0.0
     worst = float(v.min() if more_is_better else v.max())
     return Spread(float(v.mean()), sd, float(np.median(v)), worst, len(v), nested_interval(groups))
 

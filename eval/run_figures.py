@@ -73,8 +73,7 @@ def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | 
     log = max(means) > _FLATTENED * max(min(means), 1e-9)
     for row, title in ((1, "position error [m]"), (2, "rotation error [deg]")):
         fig.update_yaxes(title=title, row=row, col=1)
-        # Powers of ten: "100µ" of metres is nothing that anyone reads.
-        fig.update_yaxes(type="log" if log else "linear", exponentformat="power", row=row)
+        fig.update_yaxes(type="log" if log else "linear", row=row)
     fig.update_xaxes(title="time [s]", row=2, col=1)
     fig.update_xaxes(title="distance [m]", row=2, col=2)
     words = "Errors over time and distance, each estimate laid onto the truth by SE(2)"

@@ -188,6 +188,7 @@ def test_spread_is_that_of_a_sample() -> None:
     assert s.sd == pytest.approx(7.0**0.5)
     assert spread([[1.0, 2.0]], more_is_better=True).worst == 1.0
     assert spread([]).count == spread([[]]).count == 0
+    assert spread([[0.1] * 3, [0.1] * 7]).sd == 0.0
 
 
 def test_runs_agree_with_themselves_and_not_with_others() -> None:

@@ -18,6 +18,9 @@ from slarm_graph.readings import ScanStatus
 if TYPE_CHECKING:
     from slarm_graph.eval.comparison_tables import TextTable
 
+_LOG_COLUMNS = 400
+"""Width of tables in files and pipes: nothing of a comparison, of some 260, wraps."""
+
 
 def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False) -> None:
     """Print metrics as a table, or as the JSON of `metrics.json`."""
@@ -67,7 +70,8 @@ def show_table(
         table.add_column(column, justify="right" if index in right else "left", overflow="fold")
     for row in rows:
         table.add_row(*row)
-    Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=markup).print(table)
+    width = None if sys.stdout.isatty() else _LOG_COLUMNS
+    Console(width=width, highlight=False, markup=markup).print(table)
 
 
 def show_text_table(table: TextTable) -> None:
