@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
-from slarm_graph.backends.graph_reach import HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.submap_graph import SIGMAS, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -46,16 +45,19 @@ _SEEN_TOGETHER_M = 3.0
 """Distance of submaps that show the same."""
 _SIDEWAYS_M = 10.0
 """Distance from which two submaps may still show the same."""
-_SIGMAS = 4.0
-"""Of the graph's uncertainty, within which a place is looked for."""
 _CONSISTENT = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 _CLOSURE_M, _CLOSURE_RAD = 0.05, 0.02
 """What one find may be off by: a cell, and what a cell is at 2.5 m."""
+HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M = 2e-5, 1e-4
+"""Drift of lidar odometry in buildings [rad^2/m, m^2/m]: 0.26 degrees and 1 cm after a metre, 2.6
+degrees and 10 cm after a hundred."""
 _NEIGHBOURS_M = 40.0
 """Way between two finds up to which drift leaves the comparison of them sharp."""
 _LEAST_SET = 3
 """Finds that must agree: two may by chance where a corridor repeats itself."""
+_GRAPH_SPEAKS_NAT = 5.0
+"""Evidence from which the graph itself counts as one of them: the odds that a find needs."""
 _SPAN_M = 2.0
 """Way that a set must span; from one place all finds may err alike."""
 
@@ -65,13 +67,14 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
     if len(graph.submaps) < 3:
         return
     index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
-    tried: set[tuple[int, int]] = set()
+    expected: set[tuple[int, int]] = set()
+    compared: set[tuple[int, int]] = set()
     for round_number in range(_ROUNDS):
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
-        found = [*_near(graph, matcher, tried), *_alike(graph, matcher, index, tried)]
+        found = [*_near(graph, matcher, expected), *_alike(graph, matcher, index, compared)]
         found += followed(found, graph, matcher)
-        believed = consistent_sets(found, graph)
+        believed = consistent_sets([c for c in found if not graph.is_surprising(c)], graph)
         if not believed:
             break
         graph.close(believed, heartbeat)
@@ -112,7 +115,7 @@ def _alike(
     nodes = graph.poses()
     for j, old in _unlinked(graph):
         sigmas_m, _ = graph.sigmas_from(j)
-        reach_m = _SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
+        reach_m = SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
         possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + _SIDEWAYS_M]
         fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
         if not len(fresh):
@@ -121,7 +124,7 @@ def _alike(
             i = alike.place
             tried.add((i, j))
             shift = between(between(nodes[i], nodes[j]), alike.place_from_query)
-            if math.hypot(shift[0], shift[1]) > _SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
+            if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
                 continue
             found = matcher.align(j, i, alike.place_from_query)
             if not found.reason:
@@ -203,10 +206,35 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
         (a, b) for a, b in _neighbours(found, graph) if agree(found[a], found[b], graph)
     )
     believed: set[int] = set()
-    for part in list(nx.connected_components(links)):
-        if len(part) >= _LEAST_SET:
-            believed |= _largest_set(links.subgraph(part), found, graph)
+    parts = [set(part) for part in nx.connected_components(links)]
+    while parts:
+        part = links.subgraph(parts.pop())
+        story = _largest_set(part, found, graph) if len(part) >= _LEAST_SET - 1 else set()
+        if story:
+            believed |= story
+            # Others tell of other ways; whatever speaks against this story goes with it.
+            rest = set(part) - story - _contradicting(story, part, found, graph)
+            parts += [set(p) for p in nx.connected_components(links.subgraph(rest))]
     return [found[k] for k in sorted(believed)]
+
+
+def _contradicting(
+    story: set[int], part: nx.Graph, found: Sequence[Closure], graph: SubmapGraph
+) -> set[int]:
+    """Return the finds that could agree with most near ones of a story, and do not."""
+    told = [found[k] for k in story]
+    against: set[int] = set()
+    for k in set(part) - story:
+        near = sum(_are_near(found[k], other, graph) for other in told)
+        if 2 * sum(part.has_edge(k, other) for other in story) < near:
+            against.add(k)
+    return against
+
+
+def _are_near(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
+    """Whether drift along the ways between two finds leaves the comparison of them sharp."""
+    old_m = abs(graph.way_of_submap(a.submap) - graph.way_of_submap(b.submap))
+    return max(old_m, abs(graph.way_of(a.keyframe) - graph.way_of(b.keyframe))) <= _NEIGHBOURS_M
 
 
 def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Iterator[tuple[int, int]]:
@@ -222,9 +250,11 @@ def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) 
     """Return all that agree with the best core that agrees in itself and spans a way."""
     core = nx.max_weight_clique(links, "permille")[0] if len(links) <= 60 else _greedy(links)
     ways = [graph.way_of(found[k].keyframe) for k in core]
-    independent = sum(found[k].searched for k in core) >= _LEAST_SET
+    # Where the graph is sure, it tells the same story as one find more.
+    told = any(graph.speaks_for_nat(found[k], _SIDEWAYS_M) > _GRAPH_SPEAKS_NAT for k in core)
+    independent = told + sum(found[k].searched for k in core) >= _LEAST_SET
     least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
-    if len(core) < least or max(ways) - min(ways) < span_m:
+    if told + len(core) < least or max(ways) - min(ways) < span_m:
         return set()
     return {k for k in links if sum(links.has_edge(k, c) for c in core) >= 0.5 * len(core)} | set(
         core

@@ -4,75 +4,86 @@
 
 from __future__ import annotations
 
-import math
 from array import array
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
-from slarm_graph.constraint import Constraint, ConstraintKind
-from slarm_graph.geometry import Floats
+from slarm_graph.constraint import Constraint
+from slarm_graph.geometry import Floats, adjoints, between
 
-HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M = 2e-5, 1e-4
-"""Drift of lidar odometry in buildings [rad^2/m, m^2/m]: 0.26 degrees and 1 cm after a metre, 2.6
-degrees and 10 cm after a hundred."""
+_LEVER_M = 2.0
+"""What a turn is worth as a shift where paths are compared: half and double choose the same paths
+but for one in a hundred."""
 
 
 class GraphReach:
-    """Uncertainty between nodes from the shortest paths through the graph.
+    """Uncertainty between nodes: what the constraints on the surest way between them add up to.
 
-    Every constraint has a length: that of the way driven, or longer where its covariance is larger
-    than such a way would make it. Heading and position variances grow with the length of a path,
-    and heading errors turn into position errors along it.
+    Errors of the constraints are taken as independent, and other ways as saying nothing new.
     """
 
     def __init__(self) -> None:
         self._at: dict[tuple[int, int], int] = {}
-        self._ends = array("q")
+        self._ends, self._bodies = array("q"), array("q")
         self._lengths = array("d")
-        self._paths_m: Floats | None = None
-        self._paths_of = (0, 0)
+        self._covariances = array("d")
+        self._known: Floats | None = None
+        self._known_of = (0, 0)
 
     def add(self, edge: Constraint) -> None:
         """Take in a constraint; of parallel ones the surest counts."""
         c = edge.covariance
-        length = max(
-            float(c[2, 2]) / HEADING_VARIANCE_PER_M,
-            float(c[0, 0] + c[1, 1]) / POSITION_VARIANCE_PER_M,
-        )
-        if edge.kind is ConstraintKind.ODOMETRY:
-            length = max(length, math.hypot(edge.i_from_j.x, edge.i_from_j.y))
-        at = self._at.setdefault((edge.i, edge.j), len(self._lengths))
+        length = float(c[0, 0] + c[1, 1] + _LEVER_M**2 * c[2, 2])
+        ends = (min(edge.i, edge.j), max(edge.i, edge.j))
+        at = self._at.setdefault(ends, len(self._lengths))
         if at == len(self._lengths):
-            self._ends.extend((edge.i, edge.j))
+            self._ends.extend(ends)
+            self._bodies.append(edge.j)
             self._lengths.append(length)
-        self._lengths[at] = min(self._lengths[at], length)
+            self._covariances.extend(c.ravel())
+        elif length < self._lengths[at]:
+            self._bodies[at], self._lengths[at] = edge.j, length
+            self._covariances[9 * at : 9 * at + 9] = array("d", c.ravel())
 
     def outdate(self) -> None:
         """Have paths found anew when next asked."""
-        self._paths_m = None
+        self._known = None
 
-    def sigmas(self, count: int, node: int = -1) -> tuple[Floats, Floats]:
-        """Standard deviations (N,) of position [m] and heading [rad] of N nodes seen from one.
+    def covariances(self, poses: Floats, node: int) -> Floats:
+        """Covariances of where one node is as seen from every one, in its own body frame.
 
         Parameters
         ----------
-        count : int
-            Number of nodes N.
+        poses : (N, 3) float64
+            `map_from_node` as they stand [m, m, rad].
         node : int
-            From which; the last by default.
-        """
-        node %= count
-        if self._paths_m is None or self._paths_of != (count, node):
-            self._paths_m, self._paths_of = self._find_paths(count, node), (count, node)
-        heading = HEADING_VARIANCE_PER_M * self._paths_m
-        position = POSITION_VARIANCE_PER_M * self._paths_m
-        position = position + heading * (0.25 * self._paths_m) ** 2
-        return np.sqrt(position), np.sqrt(heading)
+            The one whose place is asked for.
 
-    def _find_paths(self, count: int, node: int) -> Floats:
-        ends = np.frombuffer(self._ends, dtype=np.int64).reshape(-1, 2)
-        lengths = np.frombuffer(self._lengths)
-        links = sparse.csr_matrix((lengths, (ends[:, 0], ends[:, 1])), (count, count))
-        return np.asarray(dijkstra(links, directed=False, indices=node))
+        Returns
+        -------
+        covariances : (N, 3, 3) float64
+            [m^2, m rad, rad^2]
+        """
+        if self._known is None or self._known_of != (len(poses), node):
+            self._known, self._known_of = self._added_up(poses, node), (len(poses), node)
+        return self._known
+
+    def _added_up(self, poses: Floats, node: int) -> Floats:
+        """Add up along the tree of the surest ways, in steps of doubled length."""
+        count = len(poses)
+        ends = np.array(self._ends, dtype=np.int64).reshape(-1, 2)
+        links = sparse.csr_matrix((np.array(self._lengths), ends.T), (count, count))
+        before = dijkstra(links, directed=False, indices=node, return_predecessors=True)[1]
+        before = np.where(before < 0, np.arange(count), before).astype(np.int64)
+        total = np.zeros((count, 3, 3))
+        away = np.flatnonzero(before != np.arange(count))
+        at = [self._at[min(a, b), max(a, b)] for a, b in zip(away, before[away], strict=True)]
+        carry = adjoints(between(poses[node], poses[np.array(self._bodies, dtype=np.int64)[at]]))
+        own = np.array(self._covariances).reshape(-1, 3, 3)[at]
+        total[away] = carry @ own @ carry.transpose(0, 2, 1)
+        while (before != before[before]).any():
+            total = total + total[before]
+            before = before[before]
+        return total

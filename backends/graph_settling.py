@@ -110,6 +110,17 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     return found
 
 
+def told_twice(one: Constraint, other: Constraint) -> Constraint:
+    """What is sure of a step by two stories: both together, or either where they contradict."""
+    apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
+    if squared_sigmas(apart, one.covariance + other.covariance) > _CONTRADICTION:
+        return _either(one, other)
+    gain = one.covariance @ np.linalg.inv(one.covariance + other.covariance)
+    covariance = one.covariance - gain @ one.covariance
+    told = one.i_from_j @ Pose2.from_array(gain @ apart)
+    return replace(one, i_from_j=told, covariance=0.5 * (covariance + covariance.T))
+
+
 def _either(one: Constraint, other: Constraint) -> Constraint:
     """What is sure of a step of which one story or the other is true: mean and spread of both.
 

@@ -8,6 +8,7 @@ import bisect
 import functools
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +16,12 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import Settled, settle, step_notices
+from slarm_graph.backends.graph_settling import Settled, settle, step_notices, told_twice
 from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import Closure, Expectations
+from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
@@ -47,6 +49,13 @@ _SLIP_SIGMAS = 3.0
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
 end: half and double change nothing."""
+_SURPRISING = 30.66
+"""Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errs with heavy tails. Of true
+finds of eight recordings, a ward and a hall 99 % lie within 27 of what the graph has, and 90 %
+within 5; nine of ten false ones lie beyond 400."""
+SIGMAS = math.sqrt(_SURPRISING)
+"""Standard deviations within which old places are looked for."""
+_FAR_OFF = "farther from where the graph has it than both may err by"
 _VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
 """How far from an old submap's middle a keyframe's may be to share a view, and what counts as
 equally near. Half and double move edmonton by 3 % at most; with either, mit-csail hard_1_of_2 falls
@@ -133,8 +142,33 @@ class SubmapGraph:
         return float(sigma_m[i]), float(sigma_rad[i])
 
     def sigmas_from(self, j: int) -> tuple[Floats, Floats]:
-        """Standard deviations (N,) of where all nodes are as seen from node j [m, rad]."""
-        return self._reach.sigmas(len(self._nodes), j)
+        """Standard deviations (N,) of where node j is as seen from all nodes [m, rad]."""
+        variances = np.diagonal(self._reach.covariances(self.poses(), j), axis1=1, axis2=2)
+        return np.sqrt(variances[:, 0] + variances[:, 1]), np.sqrt(variances[:, 2])
+
+    def is_surprising(self, closure: Closure) -> bool:
+        """Whether a closure is farther from what the graph has than both may err by."""
+        return squared_sigmas(*self._miss(closure)) > _SURPRISING
+
+    def speaks_for_nat(self, closure: Closure, within_m: float) -> float:
+        """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.
+
+        Parameters
+        ----------
+        closure : Closure
+        within_m : float
+            Radius of the disc in which a false one would lie, turned by anything.
+        """
+        miss, covariance = self._miss(closure)
+        anywhere = math.log(2.0 * math.pi**2 * within_m**2)
+        return anywhere - 0.5 * (squared_sigmas(miss, covariance) + log_volume(covariance))
+
+    def _miss(self, closure: Closure) -> tuple[Floats, Floats]:
+        """How far (3,) a closure is from what the graph has, and the covariance of that."""
+        edge = self._edge(closure)
+        miss = between(between(self._nodes[edge.i], self._nodes[edge.j]), edge.i_from_j.as_array())
+        reach = self._reach.covariances(self.poses(), edge.j)[edge.i]
+        return miss, reach + edge.covariance
 
     def map_from_local(self) -> Pose2:
         """Return where the newest node puts the tracker's frame."""
@@ -162,6 +196,12 @@ class SubmapGraph:
         """
         return spread(local, self.node_scans(), np.array(self._nodes))
 
+    def _plausible(self, closure: Closure) -> Closure:
+        """Turn a closure down that the graph contradicts."""
+        if closure.reason or not self.is_surprising(closure):
+            return closure
+        return replace(closure, reason=_FAR_OFF)
+
     def expectations(self) -> Expectations:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
         count = self._old_submaps()
@@ -170,10 +210,10 @@ class SubmapGraph:
         here = (self.map_from_local() @ self.keyframes[-1].local_from_robot).as_array()
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
-        sigma_m, sigma_rad = (s[:count] for s in self._reach.sigmas(len(self._nodes)))
+        sigma_m, sigma_rad = (s[:count] for s in self.sigmas_from(len(self._nodes) - 1))
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
-        reach = np.minimum(3.0 * sigma_m, self._config.loops.window_m)
+        reach = np.minimum(SIGMAS * sigma_m, self._config.loops.window_m)
         near = np.flatnonzero(distance < _VIEW_REACH_M + reach)
         # Among submaps about as near, the oldest: later visits then all hang on the first.
         near = near[np.lexsort((near, np.floor(distance[near] / _AS_NEAR_M)))]
@@ -191,7 +231,8 @@ class SubmapGraph:
 
     def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Take closures in; optimise when they surprise, or when enough have come together."""
-        for closure in closures:
+        # All are judged by the graph without any of them: it is not optimised in between.
+        for closure in [self._plausible(c) for c in closures]:
             self.closures.append(closure)
             self._settled = None
             if closure.reason:
@@ -243,14 +284,16 @@ class SubmapGraph:
         self._nodes.append(compose(self._nodes[-1], step.as_array()))
         covariance = self._accumulated(k)
         node = len(self._nodes) - 1
-        edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
+        known = edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
         wheels = self._by_wheels(k)
         if wheels is not None:
             told = Pose2.from_array(wheels.motion)
             covariance = wheels.covariance + _ODOMETRY_FLOOR
-            self._edges.append(Constraint(node - 1, node, told, covariance, ConstraintKind.WHEELS))
+            by_wheels = Constraint(node - 1, node, told, covariance, ConstraintKind.WHEELS)
+            self._edges.append(by_wheels)
+            known = told_twice(edge, by_wheels)
         self._edges.append(edge)
-        self._reach.add(edge)
+        self._reach.add(known)
         self._settled = None
 
     def _by_wheels(self, k: int) -> WheelMotion | None:

@@ -163,14 +163,7 @@ class LoopCloser:
         """Refine where the graph expects the keyframe; earlier closures are the second opinion."""
         predicted = expected.submap_from_keyframe[e]
         found = self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
-        away = between(predicted, found.submap_from_keyframe)
-        reason = self._doubt(found, keyframes, submaps)
-        if not reason and (
-            math.hypot(away[0], away[1]) > 3.0 * expected.sigma_m[e]
-            or abs(away[2]) > 3.0 * expected.sigma_rad[e]
-        ):
-            reason = "far from where earlier closures put it"
-        return replace(found, reason=reason)
+        return replace(found, reason=self._doubt(found, keyframes, submaps))
 
     def _search(
         self,
