@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.backend import silent
+from slarm_graph.backends import final_closures
 from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets, followed
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
@@ -172,3 +173,45 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
     three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
     assert consistent_sets(three, graph) == three[:3]
     assert consistent_sets([three[0], three[2]], graph) == []
+
+
+def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Keyframe]) -> None:
+    """The graph of a way without a doubt has no room for a closure two metres off."""
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice[: len(twice) // 2]:
+        graph.add(keyframe)
+    last = len(graph.keyframes) - 1
+    old, new = twice[graph.submaps[0].anchor].local_from_robot, twice[last].local_from_robot
+    expected = old.between(new)
+
+    def told(away_m: float) -> Closure:
+        pose = (expected @ Pose2(away_m, 0.0, 0.0)).as_array()
+        return Closure(0, last, pose, np.eye(3) * 1e6, 0.95, True)
+
+    graph.close([told(0.05), told(2.0), told(-0.05)])
+    assert [not c.reason for c in graph.closures] == [True, False, True]
+    assert graph.speaks_for_nat(told(0.0), 10.0) > 5.0 > graph.speaks_for_nat(told(2.0), 10.0)
+    assert graph.speaks_for_nat(told(0.0), 1.0) < graph.speaks_for_nat(told(0.0), 10.0)
+
+
+def test_all_of_a_chain_of_finds_is_heard(
+    twice: list[Keyframe], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pair by pair they agree along a way whose ends are too far apart to be compared."""
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice:
+        graph.add(keyframe)
+    monkeypatch.setattr(final_closures, "_NEIGHBOURS_M", 4.0)
+    half = len(twice) // 2
+
+    def found(keyframe: int, submap: int, off_m: float = 0.0) -> Closure:
+        old = twice[graph.submaps[submap].anchor].local_from_robot
+        new = AWAY.inverse() @ twice[keyframe].local_from_robot
+        pose = (old.inverse() @ Pose2(off_m, 0.0, 0.0) @ new).as_array()
+        return Closure(submap, keyframe, pose, np.eye(3), 0.9, True)
+
+    chain = [found(half + 3 + 4 * k, k // 3) for k in range(12)]
+    ways = [graph.way_of(c.keyframe) for c in chain]
+    assert ways[-1] - ways[0] > 7.0
+    rival = found(half + 8, 0, off_m=3.0)
+    assert consistent_sets([*chain, rival], graph) == chain

@@ -1,0 +1,105 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure a graph is of where nodes lie, against draws and against sums by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.graph_reach import GraphReach
+from slarm_graph.backends.graph_settling import told_twice
+from slarm_graph.constraint import Constraint, ConstraintKind
+from slarm_graph.geometry import Floats, Pose2, between, compose
+
+
+def way(count: int, rng: np.random.Generator) -> tuple[Floats, list[Floats]]:
+    """Draw a bent way of nodes (N, 3) and the covariance (3, 3) of every step of it."""
+    poses = [np.array([3.0, -1.0, 0.4])]
+    covariances = []
+    for _ in range(count - 1):
+        step = np.array([rng.uniform(0.5, 2.5), rng.uniform(-0.3, 0.3), rng.uniform(-0.8, 0.8)])
+        poses.append(compose(poses[-1], step))
+        root = rng.normal(size=(3, 3)) * [[0.02], [0.01], [0.004]]
+        covariances.append(root @ root.T + 1e-8 * np.eye(3))
+    return np.array(poses), covariances
+
+
+def reach_of(poses: Floats, covariances: list[Floats]) -> GraphReach:
+    reach = GraphReach()
+    for i, covariance in enumerate(covariances):
+        told = Pose2.from_array(between(poses[i], poses[i + 1]))
+        reach.add(Constraint(i, i + 1, told, covariance, ConstraintKind.ODOMETRY))
+    return reach
+
+
+def test_steps_add_up_as_ways_with_drawn_errors_scatter() -> None:
+    rng = np.random.default_rng(4)
+    poses, covariances = way(14, rng)
+    found = reach_of(poses, covariances).covariances(poses, 13)
+    draws = 20_000
+    ends = np.tile(poses[3], (draws, 1))
+    for i in range(3, 13):
+        step = between(poses[i], poses[i + 1])
+        ends = compose(
+            compose(ends, step), rng.multivariate_normal(np.zeros(3), covariances[i], draws)
+        )
+    scatter = np.cov(between(poses[13], ends).T)
+    scale = np.sqrt(np.outer(np.diag(scatter), np.diag(scatter)))
+    assert np.abs(found[3] - scatter).max() < 0.04 * scale.max()
+    assert np.allclose(np.diag(found[3]) / np.diag(scatter), 1.0, atol=0.06)
+    assert not found[13].any()
+
+
+def test_a_sure_closure_is_the_shorter_way() -> None:
+    poses, covariances = way(14, np.random.default_rng(5))
+    reach = reach_of(poses, covariances)
+    before = reach.covariances(poses, 13)
+    tight = np.diag([1e-6, 1e-6, 1e-8])
+    told = Pose2.from_array(between(poses[0], poses[13]))
+    reach.add(Constraint(0, 13, told, tight, ConstraintKind.LOOP_CLOSURE))
+    reach.outdate()
+    after = reach.covariances(poses, 13)
+    assert np.allclose(after[0], tight)
+    assert np.trace(after[1]) < np.trace(before[1])
+    assert np.allclose(after[12], before[12])
+
+
+def test_of_parallel_constraints_the_surest_counts() -> None:
+    poses, covariances = way(3, np.random.default_rng(6))
+    told = Pose2.from_array(between(poses[1], poses[2]))
+    for order in ((1.0, 100.0), (100.0, 1.0)):
+        reach = reach_of(poses, covariances[:1])
+        for scale in order:
+            covariance = scale * covariances[1]
+            reach.add(Constraint(1, 2, told, covariance, ConstraintKind.ODOMETRY))
+        assert np.allclose(reach.covariances(poses, 2)[1], covariances[1])
+
+
+@pytest.mark.parametrize("apart_m", [0.02, 0.9])
+def test_two_stories_of_a_step_join_or_leave_room_for_both(apart_m: float) -> None:
+    """In information form where they agree; where not, neither is beyond three sigmas."""
+    one = Constraint(
+        0, 1, Pose2(1.0, 0.0, 0.1), np.diag([0.04, 0.02, 0.01]) ** 2, ConstraintKind.ODOMETRY
+    )
+    there = one.i_from_j @ Pose2(apart_m, 0.0, 0.0)
+    other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.WHEELS)
+    both = told_twice(one, other)
+    if apart_m < 0.1:
+        information = np.linalg.inv(one.covariance) + np.linalg.inv(other.covariance)
+        assert np.allclose(both.covariance, np.linalg.inv(information))
+        assert one.i_from_j.between(both.i_from_j).x == pytest.approx(apart_m / 5.0)
+        return
+    for story in (one, other):
+        miss = both.i_from_j.between(story.i_from_j).as_array()
+        assert miss @ np.linalg.solve(both.covariance, miss) < 9.0
+
+
+def test_a_constraint_unsure_of_the_heading_is_no_short_way() -> None:
+    poses, _ = way(2, np.random.default_rng(7))
+    told = Pose2.from_array(between(poses[0], poses[1]))
+    reach = GraphReach()
+    for variances in ([1e-4, 1e-4, 1e-2], [2e-4, 2e-4, 1e-6]):
+        covariance = np.diag(variances)
+        reach.add(Constraint(0, 1, told, covariance, ConstraintKind.ODOMETRY))
+    assert np.allclose(np.diag(reach.covariances(poses, 1)[0]), [2e-4, 2e-4, 1e-6])
