@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
-from slarm_graph.backends.submap_graph import SIGMAS, SubmapGraph
-from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import between, compose, transform_points, wrap_angles

@@ -20,7 +20,7 @@ from slarm_graph.backends.graph_settling import Settled, settle, step_notices, t
 from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.scans.closures import Closure, Expectations
+from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
 from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
@@ -49,12 +49,6 @@ _SLIP_SIGMAS = 3.0
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
 end: half and double change nothing."""
-_SURPRISING = 30.66
-"""Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errs with heavy tails. Of true
-finds of eight recordings, a ward and a hall 99 % lie within 27 of what the graph has, and 90 %
-within 5; nine of ten false ones lie beyond 400."""
-SIGMAS = math.sqrt(_SURPRISING)
-"""Standard deviations within which old places are looked for."""
 _FAR_OFF = "farther from where the graph has it than both may err by"
 _VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
 """How far from an old submap's middle a keyframe's may be to share a view, and what counts as
@@ -148,7 +142,7 @@ class SubmapGraph:
 
     def is_surprising(self, closure: Closure) -> bool:
         """Whether a closure is farther from what the graph has than both may err by."""
-        return squared_sigmas(*self._miss(closure)) > _SURPRISING
+        return squared_sigmas(*self._miss(closure)) > SURPRISING
 
     def speaks_for_nat(self, closure: Closure, within_m: float) -> float:
         """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.

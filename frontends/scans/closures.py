@@ -4,12 +4,20 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+
+SURPRISING = 30.66
+"""Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errs with heavy tails. Of true
+finds of eight recordings, a ward and a hall 99 % lie within 27 of what the graph has, and 90 %
+within 5; nine of ten false ones lie beyond 400."""
+SIGMAS = math.sqrt(SURPRISING)
+"""Standard deviations within which old places are looked for."""
 
 
 @dataclass(frozen=True, slots=True)

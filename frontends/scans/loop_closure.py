@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
-from slarm_graph.frontends.scans.closures import Closure, Expectations
+from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
@@ -42,16 +42,11 @@ _QUERY_POINTS = 250
 """Of them, evenly: a search takes as long as they are many."""
 _LONG_AGO = -1_000_000
 """Keyframe of what never happened."""
-_WIDEN, _WIDEST = 1.2, 4.0
-"""By what a window grows with every fruitless search, and how much at most: a search takes as long
-as the window is large."""
 _PATIENCE, _MOST_PATIENCE = 1.5, 16.0
-"""By what the time between searches grows so, and how much at most: ways that never come back cost
-little."""
+"""By what the time to the next search grows with every one in vain, and how much at most: ways
+that never come back cost little."""
 _MOST_FRUITLESS = 100
 """Counted no further: windows and patience reached their bounds long before, powers stay finite."""
-_MOST_DRIFT = 0.03
-"""Of lidar odometry, per metre."""
 _MOST_FROM_BEHIND = 0.5
 """Share of walls matched from their unknown side: right places have few, the far side of a thin
 wall all."""
@@ -73,7 +68,6 @@ class LoopCloser:
         self._last_match = self._last_search = _LONG_AGO
         self._fruitless = 0
         self._tried: dict[int, int] = {}
-        self._ways_m: list[float] = []
 
     def forget_prepared(self) -> None:
         """Free what was prepared of submaps; it is prepared again when asked for."""
@@ -181,7 +175,7 @@ class LoopCloser:
         if not tries:
             return
         query = self._query(k, keyframes)
-        windows = [self._window(k, e, expected, keyframes, submaps) for e in tries]
+        windows = [self._window(int(e), expected) for e in tries]
         self._fruitless = min(self._fruitless + 1, _MOST_FRUITLESS)
         for e, (reach_m, reach_rad) in zip(tries, windows, strict=True):
             submap = int(expected.submap[e])
@@ -200,32 +194,13 @@ class LoopCloser:
             if not self._doubt(found, keyframes, submaps):
                 self._tentative.append(replace(found, searched=True))
 
-    def _window(
-        self,
-        k: int,
-        e: int,
-        expected: Expectations,
-        keyframes: Sequence[Keyframe],
-        submaps: Sequence[Submap],
-    ) -> tuple[float, float]:
-        """Half the window to search an old submap in [m, rad].
-
-        The longer nothing is found where it should be, the less the expectation is worth, and the
-        rarer a search is. What the expectation misses is drift, which grows with the way.
-        """
-        wide = min(_WIDEN**self._fruitless, _WIDEST)
-        near_m, near_rad = 3.0 * float(expected.sigma_m[e]), 3.0 * float(expected.sigma_rad[e])
-        way_m = self._way_m(submaps[int(expected.submap[e])].last, k, keyframes)
-        reach_m = max(near_m, min(wide * near_m, _MOST_DRIFT * way_m))
-        return min(reach_m, self._config.window_m), min(wide * near_rad, self._config.window_rad)
-
-    def _way_m(self, first: int, last: int, keyframes: Sequence[Keyframe]) -> float:
-        """Length of the way from one keyframe to a later one [m]."""
-        for k in range(len(self._ways_m), last + 1):
-            step = keyframes[max(k - 1, 0)].local_from_robot.between(keyframes[k].local_from_robot)
-            before_m = self._ways_m[-1] if self._ways_m else 0.0
-            self._ways_m.append(before_m + math.hypot(step.x, step.y))
-        return self._ways_m[last] - self._ways_m[first]
+    def _window(self, e: int, expected: Expectations) -> tuple[float, float]:
+        """Half the window to search an old submap in, as far as the graph may err [m, rad]."""
+        reach_m, reach_rad = SIGMAS * expected.sigma_m[e], SIGMAS * expected.sigma_rad[e]
+        return (
+            min(float(reach_m), self._config.window_m),
+            min(float(reach_rad), self._config.window_rad),
+        )
 
     def _doubt(
         self, found: Closure, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
