@@ -23,8 +23,9 @@ from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
+from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
-from slarm_graph.geometry import between, compose, transform_points, wrap_angles
+from slarm_graph.geometry import adjoints, between, compose, invert, transform_points
 
 _ROUNDS = 3
 """Most passes over the recording: each needs the corrections of the one before."""
@@ -47,11 +48,8 @@ _SIDEWAYS_M = 10.0
 """Distance from which two submaps may still show the same."""
 _CONSISTENT = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
-_CLOSURE_M, _CLOSURE_RAD = 0.05, 0.02
-"""What one find may be off by: a cell, and what a cell is at 2.5 m."""
-HEADING_VARIANCE_PER_M, POSITION_VARIANCE_PER_M = 2e-5, 1e-4
-"""Drift of lidar odometry in buildings [rad^2/m, m^2/m]: 0.26 degrees and 1 cm after a metre, 2.6
-degrees and 10 cm after a hundred."""
+_CLOSURE = np.diag([0.05, 0.05, 0.02]) ** 2
+"""What one find may be off by [m, m, rad]: a cell, and what a cell is at 2.5 m."""
 _NEIGHBOURS_M = 40.0
 """Way between two finds up to which drift leaves the comparison of them sharp."""
 _LEAST_SET = 3
@@ -272,8 +270,6 @@ def _greedy(links: nx.Graph) -> list[int]:
 
 def agree(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
     """Whether two finds close a small loop: along the old way, across, back along the new way."""
-    old_m = abs(graph.way_of_submap(a.submap) - graph.way_of_submap(b.submap))
-    new_m = abs(graph.way_of(a.keyframe) - graph.way_of(b.keyframe))
     if a.keyframe == b.keyframe:
         return False
     keyframes, submaps = graph.keyframes, graph.submaps
@@ -282,9 +278,10 @@ def agree(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
     one = compose(a.submap_from_keyframe, between(new_a, new_b))
     other = compose(between(old_a, old_b), b.submap_from_keyframe)
     miss = between(one, other)
-    way_m = old_m + new_m
-    turn2 = 2.0 * _CLOSURE_RAD**2 + HEADING_VARIANCE_PER_M * way_m
-    place2 = 2.0 * _CLOSURE_M**2 + POSITION_VARIANCE_PER_M * way_m + turn2 * (0.5 * way_m) ** 2
-    turn = float(wrap_angles(miss[2]))
-    away2 = float(miss[0] ** 2 + miss[1] ** 2)
-    return away2 / place2 + turn**2 / turn2 < _CONSISTENT
+    carry_a, carry_old = (
+        adjoints(pose[None])[0] for pose in (between(new_b, new_a), invert(b.submap_from_keyframe))
+    )
+    spread = _CLOSURE + carry_a @ _CLOSURE @ carry_a.T
+    spread += graph.drift(graph.node_of(a.keyframe), graph.node_of(b.keyframe))
+    spread += carry_old @ graph.drift(a.submap, b.submap) @ carry_old.T
+    return squared_sigmas(miss, spread) < _CONSISTENT

@@ -77,6 +77,7 @@ class SubmapGraph:
         self._pending = 0
         self._surprising = False
         self._reach = GraphReach()
+        self._drift: list[Floats] = []
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
@@ -139,6 +140,15 @@ class SubmapGraph:
         """Standard deviations (N,) of where node j is as seen from all nodes [m, rad]."""
         variances = np.diagonal(self._reach.covariances(self.poses(), j), axis1=1, axis2=2)
         return np.sqrt(variances[:, 0] + variances[:, 1]), np.sqrt(variances[:, 2])
+
+    def drift(self, i: int, j: int) -> Floats:
+        """Covariance (3, 3) of where node j is as seen from node i by the way driven alone.
+
+        In the body frame of j, whichever of the two is the older one [m^2, m rad, rad^2].
+        """
+        carry = self._anchor(j).local_from_robot.inverse().adjoint()
+        first, last = min(i, j), max(i, j)
+        return np.asarray(carry @ (self._drift[last] - self._drift[first]) @ carry.T)
 
     def is_surprising(self, closure: Closure) -> bool:
         """Whether a closure is farther from what the graph has than both may err by."""
@@ -272,6 +282,7 @@ class SubmapGraph:
         self._way_m = 0.0
         if not self._nodes:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
+            self._drift.append(np.zeros((3, 3)))
             return
         before = self._anchor(len(self._nodes) - 1)
         step = before.local_from_robot.between(self.keyframes[k].local_from_robot)
@@ -288,6 +299,8 @@ class SubmapGraph:
             known = told_twice(edge, by_wheels)
         self._edges.append(edge)
         self._reach.add(known)
+        carry = self.keyframes[k].local_from_robot.adjoint()
+        self._drift.append(self._drift[-1] + carry @ known.covariance @ carry.T)
         self._settled = None
 
     def _by_wheels(self, k: int) -> WheelMotion | None:

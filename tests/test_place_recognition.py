@@ -215,3 +215,16 @@ def test_all_of_a_chain_of_finds_is_heard(
     assert ways[-1] - ways[0] > 7.0
     rival = found(half + 8, 0, off_m=3.0)
     assert consistent_sets([*chain, rival], graph) == chain
+
+
+@pytest.mark.parametrize(("i", "j"), [(1, 9), (9, 1), (4, 5)])
+def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
+    twice: list[Keyframe], i: int, j: int
+) -> None:
+    graph = SubmapGraph(PoseGraphConfig())
+    for keyframe in twice:
+        graph.add(keyframe)
+    covariance = graph.drift(i, j)
+    sigma_m, sigma_rad = graph.sigmas_between(i, j)
+    assert sigma_m == pytest.approx(np.sqrt(covariance[0, 0] + covariance[1, 1]))
+    assert sigma_rad == pytest.approx(np.sqrt(covariance[2, 2]))
