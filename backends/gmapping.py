@@ -13,6 +13,7 @@ recognition has found, the filter goes over the recording a second time (`second
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cache
@@ -66,6 +67,12 @@ class _State:
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     brought_back: str = ""
 
+    def revise(self, poses: Sequence[Floats]) -> None:
+        """Replace the last poses, each (3,), but for what the particles were moved by already."""
+        open_ended = min(len(poses), len(self.local) - 1 - self.updates[-1]) if self.updates else 0
+        if open_ended > 0:
+            self.local[-open_ended:] = list(poses[-open_ended:])
+
     def told(self) -> Floats:
         """Poses (S, 3) whose motion the filter was told: a closed path, then the frontend's."""
         local, known = np.array(self.local), len(self.closed_path)
@@ -115,6 +122,7 @@ class GmappingBackend:
         if state.places:
             state.places.take(scan)
         state.stamps_ns.append(reading.stamp_ns)
+        state.revise(scan.revised)
         state.local.append(scan.local_from_robot.as_array())
         if not state.updates:
             state.first_points = self._points(scan, reading.scan.robot_from_laser)

@@ -91,6 +91,8 @@ class GraphBuilder:
     def take(self, tracked: TrackedScan) -> None:
         """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
         self._stamps_ns.append(tracked.stamp_ns)
+        if tracked.revised:
+            self._local[-len(tracked.revised) :] = map(Pose2.from_array, tracked.revised)
         self._local.append(tracked.local_from_robot)
         self._has_odometry |= tracked.odom_from_robot is not None
         self._wheels = joined(self._wheels, tracked.wheels)

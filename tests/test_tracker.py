@@ -12,9 +12,17 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from slarm_graph.config import FrontendConfig, LidarConfig, SimulationConfig, SourceConfig
+from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.config import (
+    FrontendConfig,
+    LidarConfig,
+    PoseGraphConfig,
+    SimulationConfig,
+    SourceConfig,
+)
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
+from slarm_graph.frontends.scans.places import Outlook, Place
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
@@ -211,3 +219,31 @@ def test_odometry_that_stands_still_does_not_hold_the_robot_back(shared_data) ->
     placed = [t.local_from_robot.transform(t.points_m) for t in follow(readings)]
     away_m, _ = cKDTree(np.concatenate(placed[:815])).query(np.concatenate(placed[-15:]))
     assert np.mean(away_m < 0.1) > 0.7
+
+
+def test_a_scan_that_decides_for_another_story_revises_the_one_before(
+    lap: tuple[list[Reading], Floats], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two places fit scan 2; scan 3 fits beside the less likely one, and there alone."""
+    fits = {0: [0.0], 1: [0.02], 2: [0.04, 1.04], 3: [1.06], 4: [1.08]}
+    now = 0
+
+    def places(_points: Floats, _map: object, outlook: Outlook, **_: object) -> list[Place]:
+        contradicted = now == 3 and outlook.base[0] < 0.5
+        return [
+            Place(np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, -n - 20.0 * contradicted)
+            for n, x in enumerate(fits[now])
+        ]
+
+    tracker = ScanTracker(FrontendConfig())
+    monkeypatch.setattr(tracker._matcher, "places", places)
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    tracked = []
+    for now, reading in enumerate(lap[0][:5]):  # noqa: B007
+        tracked.append(tracker.track(replace(reading, odom_from_robot=None)))
+        builder.take(replace(tracked[-1], odom_from_robot=Pose2()))
+    assert tracked[2].local_from_robot.x < 0.5, "the likelier place was told at first"
+    assert [len(t.revised) > 0 for t in tracked] == [False, False, False, True, False]
+    assert tracked[3].revised[-1][0] > 0.5
+    assert tracked[3].motion.x < 0.5, "from where the scan before is believed to be now"
+    assert builder.unmatched().poses[2, 0] > 0.5

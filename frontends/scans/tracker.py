@@ -63,6 +63,9 @@ class TrackedScan:
         Whether the scan joined the local map.
     wheels : WheelMotion or None
         `motion` by odometry alone, calibrated.
+    revised : tuple of R (3,) float64
+        `local_from_robot` of the R scans before, as they are believed now: none as a rule, some
+        where this scan has decided for another story of where the robot went.
     """
 
     stamp_ns: int
@@ -74,6 +77,7 @@ class TrackedScan:
     odom_from_robot: Pose2 | None
     is_keyframe: bool
     wheels: WheelMotion | None = None
+    revised: tuple[Floats, ...] = ()
 
 
 class ScanTracker:
@@ -87,8 +91,9 @@ class ScanTracker:
         self._last_stamp_ns: int | None = None
         self._unplaced = 0
         self._undecided_m = 0.0
-        self.local: list[Floats] = []
-        """`local_from_robot` (3,) at every scan so far; the last ones may be revised."""
+        self._trail: list[Floats] = []
+        self._revised: tuple[Floats, ...] = ()
+        self._before: Floats | None = None
 
     def track(self, reading: Reading) -> TrackedScan:
         """Follow the robot to the next reading."""
@@ -136,13 +141,14 @@ class ScanTracker:
             grew += grown(story, places, outlook, span_s)
         self._stories = pruned(grew)
         best = self._stories[0]
-        self.local.append(best.trail[-1])
-        self.local[len(self.local) - len(best.trail) :] = best.trail
+        changed = any(map(_differ, best.trail[:-1], self._trail))
+        self._revised = tuple(best.trail[:-1]) if changed else ()
         self._unplaced = 0 if best.place else self._unplaced + 1
         step = between3(best.trail[-2], best.trail[-1]) if len(best.trail) > 1 else np.zeros(3)
         self._undecided_m += math.hypot(step[0], step[1])
         if is_decided(self._stories) or self._undecided_m > _DECIDE_WITHIN_M:
             self._settle()
+        self._trail = list(best.trail)
 
     def _settle(self) -> None:
         """Believe the best story; where its last scan was placed, learn how well scans fit."""
@@ -170,8 +176,9 @@ class ScanTracker:
             points = back.inverse().transform(points_for_matching(scan, self._config, rate, middle))
             lag_s = middle * scan.time_increment_s
             covariance = covariance + best.motion.lag_covariance(lag_s)
-            self.local[-1] = pose.as_array()
-        before = self.local[-2] if len(self.local) > 1 else self.local[-1]
+        told = pose.as_array()
+        before = self._revised[-1] if self._revised else self._before
+        self._before = told
         place = best.place
         match = MatchResult(
             pose,
@@ -185,12 +192,13 @@ class ScanTracker:
             reading.stamp_ns,
             points,
             pose,
-            Pose2.from_array(between3(before, pose.as_array())),
+            Pose2.from_array(between3(told if before is None else before, told)),
             covariance,
             match,
             reading.odom_from_robot,
             self._keep(points, pose, place),
             best.motion.wheel_motion(),
+            self._revised,
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:
@@ -219,6 +227,10 @@ class ScanTracker:
                 return False
         self._map.add(points, pose)
         return True
+
+
+def _differ(a: Floats, b: Floats) -> bool:
+    return not np.array_equal(a, b)
 
 
 def _why_not(local_map: LocalMap, points: Floats, least: int) -> str:
