@@ -16,6 +16,9 @@ from slarm_graph.geometry import Floats, adjoints, between
 _LEVER_M = 2.0
 """What a turn is worth as a shift where paths are compared: half and double choose the same paths
 but for one in a hundred."""
+_LINEAR_RAD = 0.3
+"""Standard deviation of a heading up to which its sine is the angle, within 5 % at two of them.
+Steps beyond are those whose two stories contradict each other, by a radian and more."""
 
 
 class GraphReach:
@@ -80,10 +83,27 @@ class GraphReach:
         total = np.zeros((count, 3, 3))
         away = np.flatnonzero(before != np.arange(count))
         at = [self._at[min(a, b), max(a, b)] for a, b in zip(away, before[away], strict=True)]
-        carry = adjoints(between(poses[node], poses[np.array(self._bodies, dtype=np.int64)[at]]))
-        own = np.array(self._covariances).reshape(-1, 3, 3)[at]
-        total[away] = carry @ own @ carry.transpose(0, 2, 1)
+        bodies = np.array(self._bodies, dtype=np.int64)[at]
+        total[away] = _carried(
+            np.array(self._covariances).reshape(-1, 3, 3)[at], between(poses[node], poses[bodies])
+        )
         while (before != before[before]).any():
             total = total + total[before]
             before = before[before]
         return total
+
+
+def _carried(own: Floats, levers: Floats) -> Floats:
+    """Covariances (N, 3, 3) in frames that lie at levers (N, 3), carried from those.
+
+    A heading known to a tenth of a turn swings its lever to one side or the other, one that is not
+    to anywhere round it: there what is linear in the angle would rule out where it comes to lie.
+    """
+    turns = own[:, 2, 2]
+    loose = turns > _LINEAR_RAD**2
+    fixed = np.where(loose[:, None], levers * [0.0, 0.0, 1.0], levers)
+    carry = adjoints(fixed)
+    out = carry @ own @ carry.transpose(0, 2, 1)
+    round_it = loose * np.minimum(turns, 1.0) * (levers[:, :2] ** 2).sum(axis=1)
+    out[:, [0, 1], [0, 1]] += round_it[:, None]
+    return np.asarray(out)

@@ -13,7 +13,7 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
-from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
 
 _SLIP_SIGMAS = 2.0
 """Scale of the Cauchy kernel on steps: half of it makes edmonton 25 % worse and mit-csail
@@ -111,10 +111,16 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
 
 
 def told_twice(one: Constraint, other: Constraint) -> Constraint:
-    """What is sure of a step by two stories: both together, or either where they contradict."""
+    """What two stories of a step leave open: both together, or either where they contradict.
+
+    Of stories that contradict each other at least one is not as sure as it says, so that their own
+    covariances do not tell which: odds are even, and the spread is that around the first.
+    """
     apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
+    apart[2] = wrap_angles(apart[2])
     if squared_sigmas(apart, one.covariance + other.covariance) > _CONTRADICTION:
-        return _either(one, other)
+        even = 0.5 * (one.covariance + other.covariance + np.outer(apart, apart))
+        return replace(one, covariance=even)
     gain = one.covariance @ np.linalg.inv(one.covariance + other.covariance)
     covariance = one.covariance - gain @ one.covariance
     told = one.i_from_j @ Pose2.from_array(gain @ apart)

@@ -103,3 +103,17 @@ def test_a_constraint_unsure_of_the_heading_is_no_short_way() -> None:
         covariance = np.diag(variances)
         reach.add(Constraint(0, 1, told, covariance, ConstraintKind.ODOMETRY))
     assert np.allclose(np.diag(reach.covariances(poses, 1)[0]), [2e-4, 2e-4, 1e-6])
+
+
+@pytest.mark.parametrize("turn_rad", [-2.9, -0.8, 1.5, 3.1])
+def test_a_heading_that_may_be_any_leaves_room_all_round(turn_rad: float) -> None:
+    """Fifty metres on from a step of unknown heading, and a metre on from it where it is known."""
+    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [51.0, 3.0, 0.2]])
+    step = np.diag([0.1, 0.1, 2.0]) ** 2
+    covariances = [step, np.diag([0.2, 0.2, 0.01]) ** 2]
+    found = reach_of(poses, covariances).covariances(poses, 2)[0]
+    turned = compose(compose(poses[1], np.array([0.0, 0.0, turn_rad])), between(poses[1], poses[2]))
+    miss = between(poses[2], turned)
+    miss[2] = (miss[2] + np.pi) % (2.0 * np.pi) - np.pi
+    assert miss @ np.linalg.solve(found, miss) < 16.27
+    assert np.linalg.eigvalsh(found[:2, :2])[-1] < 60.0**2
