@@ -60,22 +60,32 @@ _SPAN_M = 2.0
 """Way that a set must span; from one place all finds may err alike."""
 
 
-def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> None:
-    """Find what was missed while driving, until nothing new is found."""
+def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> int:
+    """Find what was missed while driving, until nothing new is found.
+
+    Returns
+    -------
+    rivals : int
+        Finds that agree with each other and not with the graph: what it turned down.
+    """
     if len(graph.submaps) < 3:
-        return
+        return 0
     index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
     expected: set[tuple[int, int]] = set()
     compared: set[tuple[int, int]] = set()
+    far_off: list[Closure] = []
     for round_number in range(_ROUNDS):
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
         found = [*_near(graph, matcher, expected), *_alike(graph, matcher, index, compared)]
-        found += followed(found, graph, matcher)
-        believed = consistent_sets([c for c in found if not graph.is_surprising(c)], graph)
+        judged = graph.judged([*found, *followed(found, graph, matcher)])
+        believed = consistent_sets([c for c in judged if not c.reason], graph)
+        far_off += [c for c in judged if c.reason]
         if not believed:
             break
         graph.close(believed, heartbeat)
+    graph.close(far_off, heartbeat)
+    return len(consistent_sets(far_off, graph))
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
@@ -197,42 +207,27 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
     list of Closure
         Members of sets of at least three that agree pair by pair over the ways between them.
     """
-    links = nx.Graph()
+    near, links = nx.Graph(), nx.Graph()
+    near.add_edges_from(_neighbours(found, graph))
     # The library weighs in whole numbers.
     links.add_nodes_from((k, {"permille": round(1000 * c.score)}) for k, c in enumerate(found))
-    links.add_edges_from(
-        (a, b) for a, b in _neighbours(found, graph) if agree(found[a], found[b], graph)
-    )
+    links.add_edges_from((a, b) for a, b in near.edges if agree(found[a], found[b], graph))
     believed: set[int] = set()
     parts = [set(part) for part in nx.connected_components(links)]
     while parts:
-        part = links.subgraph(parts.pop())
-        story = _largest_set(part, found, graph) if len(part) >= _LEAST_SET - 1 else set()
+        part = parts.pop()
+        story = _largest_set(links.subgraph(part), found, graph)
         if story:
             believed |= story
-            # Others tell of other ways; whatever speaks against this story goes with it.
-            rest = set(part) - story - _contradicting(story, part, found, graph)
-            parts += [set(p) for p in nx.connected_components(links.subgraph(rest))]
+            # Others tell of other ways; what mostly disagrees with this story goes with it.
+            others = {k for k in part - story if not _disagrees(k, story, near, links)}
+            parts += [set(p) for p in nx.connected_components(links.subgraph(others))]
     return [found[k] for k in sorted(believed)]
 
 
-def _contradicting(
-    story: set[int], part: nx.Graph, found: Sequence[Closure], graph: SubmapGraph
-) -> set[int]:
-    """Return the finds that could agree with most near ones of a story, and do not."""
-    told = [found[k] for k in story]
-    against: set[int] = set()
-    for k in set(part) - story:
-        near = sum(_are_near(found[k], other, graph) for other in told)
-        if 2 * sum(part.has_edge(k, other) for other in story) < near:
-            against.add(k)
-    return against
-
-
-def _are_near(a: Closure, b: Closure, graph: SubmapGraph) -> bool:
-    """Whether drift along the ways between two finds leaves the comparison of them sharp."""
-    old_m = abs(graph.way_of_submap(a.submap) - graph.way_of_submap(b.submap))
-    return max(old_m, abs(graph.way_of(a.keyframe) - graph.way_of(b.keyframe))) <= _NEIGHBOURS_M
+def _disagrees(k: int, story: set[int], near: nx.Graph, links: nx.Graph) -> bool:
+    """Whether a find agrees with fewer than half of those finds of a story that lie near it."""
+    return 2 * len(story.intersection(links[k])) < len(story.intersection(near[k]))
 
 
 def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Iterator[tuple[int, int]]:

@@ -136,11 +136,12 @@ class GraphBuilder:
         matcher = SubmapMatcher(
             self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
         )
-        close_finally(graph, matcher, self._heartbeat)
+        rivals = close_finally(graph, matcher, self._heartbeat)
         settled, weights = graph.settle(self._heartbeat)
         poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
         table = self._table(weights)
-        return ClosedGraph(settled, graph.node_scans(), poses, table, graph.notices())
+        told = (*graph.notices(), *_rival_notice(rivals))
+        return ClosedGraph(settled, graph.node_scans(), poses, table, told)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))
@@ -158,7 +159,7 @@ class GraphBuilder:
         closures = self._closer.confirm(keyframes, submaps)
         if self._closer.is_due(len(keyframes) - 1):
             closures += self._closer.examine(keyframes, submaps, self._graph.expectations())
-        self._graph.close(closures, self._heartbeat)
+        self._graph.close(self._graph.judged(closures), self._heartbeat)
 
     def _table(self, weights: Floats) -> Table:
         rows = [
@@ -183,3 +184,14 @@ class GraphBuilder:
             int(closure.searched),
             verdict,
         )
+
+
+def _rival_notice(rivals: int) -> tuple[str, ...]:
+    """Say that finds were turned down which agree with each other."""
+    if not rivals:
+        return ()
+    return (
+        f"{rivals} finds of old places agree with each other, but lie farther from where the graph"
+        " has them than both may err by, and were turned down: places look alike, or a stretch of"
+        " the path is wrong; see loop_closures.csv",
+    )

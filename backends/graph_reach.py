@@ -33,10 +33,11 @@ class GraphReach:
         self._lengths = array("d")
         self._covariances = array("d")
         self._known: Floats | None = None
-        self._known_of = (0, 0)
+        self._known_of = -1
 
     def add(self, edge: Constraint) -> None:
         """Take in a constraint; of parallel ones the surest counts."""
+        self._known = None
         c = edge.covariance
         length = float(c[0, 0] + c[1, 1] + _LEVER_M**2 * c[2, 2])
         ends = (min(edge.i, edge.j), max(edge.i, edge.j))
@@ -51,7 +52,7 @@ class GraphReach:
             self._covariances[9 * at : 9 * at + 9] = array("d", c.ravel())
 
     def outdate(self) -> None:
-        """Have paths found anew when next asked."""
+        """Have everything added up anew, the nodes having moved."""
         self._known = None
 
     def covariances(self, poses: Floats, node: int) -> Floats:
@@ -69,8 +70,8 @@ class GraphReach:
         covariances : (N, 3, 3) float64
             [m^2, m rad, rad^2]
         """
-        if self._known is None or self._known_of != (len(poses), node):
-            self._known, self._known_of = self._added_up(poses, node), (len(poses), node)
+        if self._known is None or self._known_of != node:
+            self._known, self._known_of = self._added_up(poses, node), node
         return self._known
 
     def _added_up(self, poses: Floats, node: int) -> Floats:

@@ -110,21 +110,19 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     return found
 
 
-def told_twice(one: Constraint, other: Constraint) -> Constraint:
-    """What two stories of a step leave open: both together, or either where they contradict.
+def left_open(one: Constraint, other: Constraint) -> Floats:
+    """Covariance (3, 3) of a step told twice: by both together, or with room for either.
 
     Of stories that contradict each other at least one is not as sure as it says, so that their own
     covariances do not tell which: odds are even, and the spread is that around the first.
     """
     apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
     apart[2] = wrap_angles(apart[2])
-    if squared_sigmas(apart, one.covariance + other.covariance) > _CONTRADICTION:
-        even = 0.5 * (one.covariance + other.covariance + np.outer(apart, apart))
-        return replace(one, covariance=even)
-    gain = one.covariance @ np.linalg.inv(one.covariance + other.covariance)
-    covariance = one.covariance - gain @ one.covariance
-    told = one.i_from_j @ Pose2.from_array(gain @ apart)
-    return replace(one, i_from_j=told, covariance=0.5 * (covariance + covariance.T))
+    both = one.covariance + other.covariance
+    if squared_sigmas(apart, both) > _CONTRADICTION:
+        return np.asarray(0.5 * (both + np.outer(apart, apart)))
+    fused = one.covariance - one.covariance @ np.linalg.solve(both, one.covariance)
+    return np.asarray(0.5 * (fused + fused.T))
 
 
 def _either(one: Constraint, other: Constraint) -> Constraint:

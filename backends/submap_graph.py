@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import bisect
-import functools
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -15,40 +14,26 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
+from slarm_graph.backends.graph_constraints import (
+    closure_constraint,
+    matched_step,
+    wheels_step,
+)
 from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import Settled, settle, step_notices, told_twice
+from slarm_graph.backends.graph_settling import Settled, left_open, settle, step_notices
 from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
 from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
-from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
-_ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
-"""Of a keyframe's place on the local map, whatever its points say [m, m, rad]. Half of it, and of
-the closures' floor, has graduated non-convexity turn down every closure of the paper's room."""
-_ADDS_UP = 3.0
-"""Of a keyframe's variance, along a way: neighbours are matched to one local map and err alike;
-with a correlation of one half 1 + 2 (1/2 + 1/4 + ...) = 3 times as much adds up. With a tenth, true
-closures are voted down where matches are unsure; a third of it changes the plain recordings by 1 %
-at most."""
-_CLOSURE_FLOOR = np.diag([0.02, 0.02, 0.006]) ** 2
-"""Of a keyframe's place on an old submap [m, m, rad]: two fifths of a cell, as far as submaps bend.
-Half of it has graduated non-convexity vote down a quarter of the closures that a robot of a narrow
-view needs (0.047 m in place of 0.040, mean of three drives); plain recordings change by 1 %."""
-_NOTHING_KNOWN = np.array([300.0, 300.0, math.pi / math.sqrt(3.0)])
-"""Standard deviations of a step of which nothing is known [m, m, rad]: buildings are no larger, and
-of a heading that of any on the circle. What a silence of minutes adds up to is beyond reason."""
-_INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
-"""Of a closure, so that it can be inverted: a metre, and a third of a radian. Half and double
-change nothing (edmonton, mit-csail plain and with hard_1_of_2; so below)."""
 _SLIP_SIGMAS = 3.0
 """Wider than for the finished graph: on the way few closures speak against odometry."""
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
-end: half and double change nothing."""
+end: half and double change nothing (edmonton, mit-csail plain and with hard_1_of_2; so below)."""
 _FAR_OFF = "farther from where the graph has it than both may err by"
 _VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
 """How far from an old submap's middle a keyframe's may be to share a view, and what counts as
@@ -150,9 +135,14 @@ class SubmapGraph:
         first, last = min(i, j), max(i, j)
         return np.asarray(carry @ (self._drift[last] - self._drift[first]) @ carry.T)
 
-    def is_surprising(self, closure: Closure) -> bool:
-        """Whether a closure is farther from what the graph has than both may err by."""
-        return squared_sigmas(*self._miss(closure)) > SURPRISING
+    def judged(self, closures: Sequence[Closure]) -> list[Closure]:
+        """Turn those down that are farther from what the graph has than both may err."""
+        return [
+            c if c.reason or self._is_near(c) else replace(c, reason=_FAR_OFF) for c in closures
+        ]
+
+    def _is_near(self, closure: Closure) -> bool:
+        return squared_sigmas(*self._miss(closure)) <= SURPRISING
 
     def speaks_for_nat(self, closure: Closure, within_m: float) -> float:
         """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.
@@ -200,12 +190,6 @@ class SubmapGraph:
         """
         return spread(local, self.node_scans(), np.array(self._nodes))
 
-    def _plausible(self, closure: Closure) -> Closure:
-        """Turn a closure down that the graph contradicts."""
-        if closure.reason or not self.is_surprising(closure):
-            return closure
-        return replace(closure, reason=_FAR_OFF)
-
     def expectations(self) -> Expectations:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
         count = self._old_submaps()
@@ -235,8 +219,7 @@ class SubmapGraph:
 
     def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Take closures in; optimise when they surprise, or when enough have come together."""
-        # All are judged by the graph without any of them: it is not optimised in between.
-        for closure in [self._plausible(c) for c in closures]:
+        for closure in closures:
             self.closures.append(closure)
             self._settled = None
             if closure.reason:
@@ -244,8 +227,6 @@ class SubmapGraph:
             edge = self._edge(closure)
             self._edges.append(edge)
             self._reach.add(edge)
-            if closure.searched:
-                self._reach.outdate()
             self._pending += 1
             believed = between(self._nodes[edge.i], self._nodes[edge.j])
             away = between(believed, edge.i_from_j.as_array())
@@ -266,7 +247,7 @@ class SubmapGraph:
         """
         if self._settled is None:
             self._settled = settle(self.pose_graph(), heartbeat)
-            self._nodes = list(self._settled.graph.poses)
+            self._moved_to(0, self._settled.graph.poses)
         is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
         weights = np.zeros(len(self.closures))
         weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
@@ -284,57 +265,25 @@ class SubmapGraph:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
             self._drift.append(np.zeros((3, 3)))
             return
-        before = self._anchor(len(self._nodes) - 1)
-        step = before.local_from_robot.between(self.keyframes[k].local_from_robot)
-        self._nodes.append(compose(self._nodes[-1], step.as_array()))
-        covariance = self._accumulated(k)
-        node = len(self._nodes) - 1
-        known = edge = Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY)
-        wheels = self._by_wheels(k)
+        node, way = len(self._nodes), self.keyframes[self._firsts[-2] : k + 1]
+        edge, wheels = matched_step(node, way), wheels_step(node, way)
+        self._nodes.append(compose(self._nodes[-1], edge.i_from_j.as_array()))
+        known = edge
         if wheels is not None:
-            told = Pose2.from_array(wheels.motion)
-            covariance = wheels.covariance + _ODOMETRY_FLOOR
-            by_wheels = Constraint(node - 1, node, told, covariance, ConstraintKind.WHEELS)
-            self._edges.append(by_wheels)
-            known = told_twice(edge, by_wheels)
+            self._edges.append(wheels)
+            known = replace(edge, covariance=left_open(edge, wheels))
         self._edges.append(edge)
         self._reach.add(known)
         carry = self.keyframes[k].local_from_robot.adjoint()
         self._drift.append(self._drift[-1] + carry @ known.covariance @ carry.T)
-        self._settled = None
-
-    def _by_wheels(self, k: int) -> WheelMotion | None:
-        """Motion from the anchor one node earlier to keyframe k by odometry alone."""
-        steps = [self.keyframes[m].wheels for m in range(self._firsts[-2] + 1, k + 1)]
-        return functools.reduce(joined, steps)
-
-    def _accumulated(self, k: int) -> Floats:
-        """Covariance of keyframe k as seen from the anchor one node earlier, in k's body frame."""
-        total = np.zeros((3, 3))
-        for m in range(self._firsts[-2] + 1, k + 1):
-            away = self.keyframes[m].local_from_robot.between(self.keyframes[k].local_from_robot)
-            adjoint = away.inverse().adjoint()
-            own = _ADDS_UP * self.keyframes[m].covariance + _ODOMETRY_FLOOR
-            total += adjoint @ own @ adjoint.T
-        least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(total)))
-        bounded = total * np.outer(least, least)
-        symmetric: Floats = 0.5 * (bounded + bounded.T)
-        return symmetric
 
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._firsts[node]]
 
     def _edge(self, closure: Closure) -> Constraint:
-        """Turn a keyframe found in a submap into a constraint between two nodes."""
         node = self.node_of(closure.keyframe)
         keyframe = self.keyframes[closure.keyframe]
-        from_anchor = keyframe.local_from_robot.between(self._anchor(node).local_from_robot)
-        measured = Pose2.from_array(closure.submap_from_keyframe) @ from_anchor
-        own = np.linalg.inv(closure.information + _INFORMATION_FLOOR) + _CLOSURE_FLOOR
-        adjoint = from_anchor.inverse().adjoint()
-        covariance = adjoint @ own @ adjoint.T
-        covariance = 0.5 * (covariance + covariance.T)
-        return Constraint(closure.submap, node, measured, covariance, ConstraintKind.LOOP_CLOSURE)
+        return closure_constraint(closure, node, keyframe, self._anchor(node))
 
     def _optimize(self, heartbeat: Heartbeat) -> None:
         """Optimise everything when the graph is small or has grown by a tenth, else its end.
@@ -354,9 +303,14 @@ class SubmapGraph:
             tolerance=1e-4,
             heartbeat=heartbeat,
         )
-        self._nodes[first:] = list(found.poses[1:] if first else found.poses)
+        self._moved_to(first, found.poses[1:] if first else found.poses)
         self._pending = 0
         self._surprising = False
+
+    def _moved_to(self, first: int, poses: Floats) -> None:
+        """Put the nodes from one on where an optimiser has them."""
+        self._nodes[first:] = list(poses)
+        self._reach.outdate()
 
     def _latest(self, size: int) -> PoseGraph:
         """Graph of the newest nodes, all older ones held: pose 0 stands for the map's frame."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import told_twice
+from slarm_graph.backends.graph_settling import left_open
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
@@ -58,7 +58,6 @@ def test_a_sure_closure_is_the_shorter_way() -> None:
     tight = np.diag([1e-6, 1e-6, 1e-8])
     told = Pose2.from_array(between(poses[0], poses[13]))
     reach.add(Constraint(0, 13, told, tight, ConstraintKind.LOOP_CLOSURE))
-    reach.outdate()
     after = reach.covariances(poses, 13)
     assert np.allclose(after[0], tight)
     assert np.trace(after[1]) < np.trace(before[1])
@@ -78,21 +77,19 @@ def test_of_parallel_constraints_the_surest_counts() -> None:
 
 @pytest.mark.parametrize("apart_m", [0.02, 0.9])
 def test_two_stories_of_a_step_join_or_leave_room_for_both(apart_m: float) -> None:
-    """In information form where they agree; where not, neither is beyond three sigmas."""
+    """In information form where they agree; where not, the other is within two sigmas."""
     one = Constraint(
         0, 1, Pose2(1.0, 0.0, 0.1), np.diag([0.04, 0.02, 0.01]) ** 2, ConstraintKind.ODOMETRY
     )
     there = one.i_from_j @ Pose2(apart_m, 0.0, 0.0)
     other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.WHEELS)
-    both = told_twice(one, other)
+    covariance = left_open(one, other)
     if apart_m < 0.1:
         information = np.linalg.inv(one.covariance) + np.linalg.inv(other.covariance)
-        assert np.allclose(both.covariance, np.linalg.inv(information))
-        assert one.i_from_j.between(both.i_from_j).x == pytest.approx(apart_m / 5.0)
+        assert np.allclose(covariance, np.linalg.inv(information))
         return
-    for story in (one, other):
-        miss = both.i_from_j.between(story.i_from_j).as_array()
-        assert miss @ np.linalg.solve(both.covariance, miss) < 9.0
+    miss = one.i_from_j.between(other.i_from_j).as_array()
+    assert miss @ np.linalg.solve(covariance, miss) < 4.0
 
 
 def test_a_constraint_unsure_of_the_heading_is_no_short_way() -> None:

@@ -188,7 +188,7 @@ def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Ke
         pose = (expected @ Pose2(away_m, 0.0, 0.0)).as_array()
         return Closure(0, last, pose, np.eye(3) * 1e6, 0.95, True)
 
-    graph.close([told(0.05), told(2.0), told(-0.05)])
+    graph.close(graph.judged([told(0.05), told(2.0), told(-0.05)]))
     assert [not c.reason for c in graph.closures] == [True, False, True]
     assert graph.speaks_for_nat(told(0.0), 10.0) > 5.0 > graph.speaks_for_nat(told(2.0), 10.0)
     assert graph.speaks_for_nat(told(0.0), 1.0) < graph.speaks_for_nat(told(0.0), 10.0)
