@@ -20,8 +20,9 @@ from slarm_graph.frontends.recordings.ranges import MOST_RANGE_M
 
 _OLD_LASERS = ("FLASER", "RLASER")
 _NEW_LASERS = tuple(f"ROBOTLASER{k}" for k in range(1, 6))
+"""CARMEN numbers up to five lasers."""
 _RAW_LASERS = tuple(f"RAWLASER{k}" for k in range(1, 6))
-"""CARMEN numbers up to five lasers, in both forms of message."""
+"""The same five, as their own message without the robot's pose."""
 LASERS = (*_OLD_LASERS, *_NEW_LASERS, *_RAW_LASERS)
 """Message names with scans, the one to prefer first."""
 

@@ -14,6 +14,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.radio.measured.log import RssLog
 
 _STAMPS = {"stamp_ns": 1.0, "stamp": 1e9, "stamp_s": 1e9, "time": 1e9, "timestamp": 1e9}
+"""Names of the column of stamps, and the nanoseconds of its unit: seconds unless a name says so."""
 _NAMES = ("ap", "access_point", "bssid", "ssid", "name")
 _VALUES = ("rss_dbm", "rssi_dbm", "rssi", "rss")
 

@@ -21,6 +21,7 @@ _NANOSECONDS_FROM = 1e14
 _STAMP = re.compile(r"(^|[^a-z])(time_?stamp|time|stamp|t|secs?|seconds)(_(?P<unit>[mun]?s))?$")
 _UNIT = re.compile(r"[\[(]\s*(?P<unit>[mun]?s)\s*[\])]")
 _NS_PER = {"s": NS_PER_S, "ms": 1_000_000, "us": 1_000, "ns": 1}
+"""Nanoseconds of the units (SI prefixes) that a head may name."""
 _NANO_PART = re.compile(r"(^|[^a-z])(nsec|nsecs|nanosec|nanosecs|nanoseconds)$")
 _PLACE = re.compile(r"(^|[^a-z])(t|p|pos|position|translation)?[_.]?([xyz])$")
 _TURN = re.compile(r"(^|[^a-z])(q|quat|quaternion|orientation|rotation)[a-z_.]*?[_.]?([xyzw])$")

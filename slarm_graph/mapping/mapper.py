@@ -18,7 +18,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping.beams import beams_in_map
 from slarm_graph.raster.bands import bands
-from slarm_graph.raster.layers import new_layer, set_aside
+from slarm_graph.raster.layers import new_layer
 from slarm_graph.raster.lines import next_on_line
 from slarm_graph.readings import LaserScan
 
@@ -98,10 +98,9 @@ class GridMapper:
         cols = slice(int(seen_cols[0]), int(seen_cols[-1]) + 1)
         cropped = self._geometry.part(rows, cols)
         probability = new_layer(cropped.shape, np.float32)
-        for band in bands(cropped.shape):
+        for band in bands(cropped.shape, aside=[probability]):
             here = slice(rows.start + band.rows.start, rows.start + band.rows.stop)
             probability[band.rows] = self._share((here, cols))
-            set_aside(probability)
         at = self._config.occupied_at
         return OccupancyGrid(cropped, probability, occupied_at=at, free_at=at)
 

@@ -21,6 +21,7 @@ from slarm_graph.paper.theory import (
 )
 
 PAPER_POINTS: Final = ((0.05, PAPER_BEST, "paper, 1 m/s"), (0.15, PAPER_COARSE, "paper"))
+"""Cells' sides [m] and accuracies that the paper prints, with what it says of them."""
 _EXPANSION_NAMES: Final = {"cell": "one cell", "robot": "robot radius", "zero": "0"}
 
 

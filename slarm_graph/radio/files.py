@@ -26,7 +26,6 @@ from slarm_graph.radio.columns import (
     three_classes,
 )
 from slarm_graph.raster.bands import bands
-from slarm_graph.raster.layers import set_aside
 
 _ROWS_AT_A_TIME = 5_000
 """Lines formatted together: half a megabyte of text at a time, instead of all of it."""
@@ -57,9 +56,8 @@ def _in_parts(layers: NDArray[np.float32] | Mask, *, minus: bool = False) -> InP
     def parts() -> Iterator[NDArray[np.generic]]:
         """Yield every band once."""
         for layer in layers:
-            for band in bands(layer.shape):
+            for band in bands(layer.shape, aside=[layers]):
                 yield -layer[band.rows] if minus else layer[band.rows]
-                set_aside(layers)
 
     return InParts(layers.shape, layers.dtype, parts())
 

@@ -84,6 +84,7 @@ _INF_DH = Law(33.63, 21.9, 20.0)
 _INF_M = (1.0, 600.0)
 """Distances that the InF rows hold for [m], table 7.4.1-1."""
 _ANY = (0.0, math.inf)
+"""Of free space, whose loss has no bounds of distance (Friis)."""
 
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario

@@ -64,10 +64,10 @@ def radio_map(
     ]
     del free
     for sight in sights:
-        for rows in (band.rows for band in bands(reachable.shape)):
+        for band in bands(reachable.shape, aside=[sight.probability]):
+            rows = band.rows
             sight.probability[rows][sight.unknown[rows] | ~reachable[rows]] = 0.0
             sight.unknown[rows] &= reachable[rows]
-            set_aside(sight.probability)
     probability = _layers([sight.probability for sight in sights])
     unknown = _layers([sight.unknown for sight in sights])
     del sights
@@ -176,7 +176,7 @@ def _map_of(
     for n, (ap, likely, ap_loss_db) in enumerate(
         zip(access_points, probability, loss_db, strict=True)
     ):
-        for band in bands(free.shape):
+        for band in bands(free.shape, aside=[loss_db, probability]):
             here, rows = free[band.rows], band.rows
             ap_loss_db[rows] = np.nan
             distances_m = _distances_m(geometry, ap, config, rows)[here]
@@ -188,7 +188,6 @@ def _map_of(
             )
             clear[n, rows] = likely[rows] > 0.5
             unsure |= bool(((likely[rows] > 0.0) & (likely[rows] < 1.0)).any())
-            set_aside(loss_db, probability)
     return RadioMap(
         geometry=geometry,
         access_points=tuple(access_points),

@@ -94,9 +94,8 @@ def recovered_sight(
 def _certain(clear: Mask) -> NDArray[np.float32]:
     """Probability (rows, cols) 1 in clear cells; the rest of a large site takes no memory."""
     probability = new_layer(clear.shape, np.float32)
-    for band in bands(clear.shape):
+    for band in bands(clear.shape, aside=[probability]):
         probability[band.rows][clear[band.rows]] = 1.0
-        set_aside(probability)
     return probability
 
 

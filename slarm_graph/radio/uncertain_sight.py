@@ -21,7 +21,6 @@ from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.line_of_sight import line_of_sight_to_points, shadow_outlines
 from slarm_graph.raster.bands import bands
 from slarm_graph.raster.fill import row_spans
-from slarm_graph.raster.layers import set_aside
 from slarm_graph.world import Solid
 
 Ints = NDArray[np.int64]
@@ -140,10 +139,9 @@ def _weigh_cells(
     first = np.searchsorted(of_set, np.arange(len(sets) + 1))
     group_starts = np.cumsum([0, *(len(group.counts) for group in groups)])
     counts = np.array([count for group in groups for count in group.counts], dtype=np.int64)
-    for band in bands(geometry.shape):
+    for band in bands(geometry.shape, aside=[probability]):
         rows = probability[band.rows]
         _weigh(rows, band.rows.start, outlines, starts, slacks, first, group_starts, counts)
-        set_aside(probability)
 
 
 def _share_of_points(

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.raster.layers import set_aside
 
 _BAND_CELLS = 2_000_000
 """Cells of a band: some layers of it fit into a processor's cache. Recovery of a site of 50 million
@@ -34,14 +36,20 @@ class Band(NamedTuple):
     inner: slice
 
 
-def bands(shape: tuple[int, int], halo: int = 0) -> Iterator[Band]:
-    """Cut a grid (rows, cols) into bands that know so many rows on either side."""
+def bands(
+    shape: tuple[int, int], halo: int = 0, *, aside: Sequence[NDArray[np.generic]] = ()
+) -> Iterator[Band]:
+    """Cut a grid (rows, cols) into bands that know so many rows on either side.
+
+    Layers of it that lie on disk may leave the memory again after every band (`set_aside`).
+    """
     rows, cols = shape
     count = max(4 * halo, _BAND_CELLS // max(1, cols), 1)
     for first in range(0, rows, count):
         last = min(rows, first + count)
         low, high = max(0, first - halo), min(rows, last + halo)
         yield Band(slice(first, last), slice(low, high), slice(first - low, last - low))
+        set_aside(*aside)
 
 
 def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -> Mask:

@@ -26,8 +26,8 @@ from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.outlines import outlines_m
-from slarm_graph.raster.patches import joined
 from slarm_graph.readings import LaserScan
+from slarm_graph.recovery.cell_classes import changed_cells, cut_off, expanded, whole_cells_m
 from slarm_graph.recovery.coverage import footprint_cells, observed_cells, visited_cells
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
@@ -97,15 +97,15 @@ def recover(
     blocks, strips, groups = shape.blocks, shape.strips, shape.groups
     # On a large site the layers so far take more memory than the result.
     del shape, laid
-    states[_expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
-    states[_cut_off(states, visited)] = CellState.ENCLOSED
+    states[expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
+    states[cut_off(states, visited)] = CellState.ENCLOSED
     heights_m, source = _heights(blocks, strips, target, states, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     footprint[footprint & (states == CellState.OBSTACLE)] = False
     seen = grid.on(target)
     observed = observed_cells(seen, states)
     observed[visited] = True
-    changed = _changed(seen, states)
+    changed = changed_cells(seen, states)
     set_aside(grid.probability)
     return GeographicMap(
         geometry=target,
@@ -116,7 +116,7 @@ def recover(
         changed_cells=changed,
         solids=(*blocks, *strips),
         height_groups=groups,
-        expansion_radius_m=_whole_cells_m(target, config.expansion_radius_m),
+        expansion_radius_m=whole_cells_m(target, config.expansion_radius_m),
     )
 
 
@@ -289,40 +289,6 @@ def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -
     return states
 
 
-def _expanded(target: GridGeometry, states: np.ndarray, radius_m: float) -> Mask:
-    """Accessible cells within the expansion radius, rounded up to cells, of what is not free.
-
-    That is obstacles, what nobody has seen, which behind a wall is all there is of it on coarse
-    cells, and what lies beyond the lattice.
-    """
-    if radius_m <= 0.0:
-        return np.zeros(target.shape, dtype=np.bool_)
-    whole_m, cell_m = _whole_cells_m(target, radius_m), target.resolution_m
-    rim = round(whole_m / cell_m)
-
-    def part(rows: slice) -> Mask:
-        """Those of some rows; what is beyond a band's halo is farther away than the radius."""
-        here = states[rows]
-        shut = np.isin(here, (CellState.OBSTACLE, CellState.UNKNOWN))
-        near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
-        inner = near[rim : rim + here.shape[0], rim : rim + here.shape[1]]
-        return np.asarray(inner & (here == CellState.ACCESSIBLE))
-
-    return by_bands(target.shape, rim, part)
-
-
-def _cut_off(states: np.ndarray, visited: Mask) -> Mask:
-    """Accessible cells that no accessible way joins to where the robot was."""
-    accessible = by_bands(states.shape, 0, lambda rows: states[rows] == CellState.ACCESSIBLE)
-    reached = joined(accessible, visited)
-    return by_bands(states.shape, 0, lambda rows: accessible[rows] & ~reached[rows])
-
-
-def _whole_cells_m(target: GridGeometry, radius_m: float) -> float:
-    """A radius rounded up to cells [m]."""
-    return math.ceil(radius_m / target.resolution_m - 1e-9) * target.resolution_m
-
-
 def _heights(
     blocks: list[Solid],
     strips: list[Solid],
@@ -340,25 +306,13 @@ def _heights(
         plans_of.setdefault(strip.height_m, []).append(strip.corners_m)
     levels = [(m, Polygons.on(target, plans)) for m, plans in sorted(plans_of.items())]
     laid = [(block.height_m, Polygons.on(target, [block.corners_m])) for block in blocks]
-    for band in bands(target.shape):
+    for band in bands(target.shape, aside=[heights_m]):
         here, obstacle = heights_m[band.rows], states[band.rows] == CellState.OBSTACLE
         here[obstacle] = height_m or math.inf
         for median_m, plans in levels:
             here[plans.any(band.rows) & obstacle] = median_m
         for block_m, plan in laid:
             here[plan.odd(band.rows) & obstacle] = block_m
-        set_aside(heights_m)
     if blocks:
         source = f"matched sizes ({len(blocks)} obstacles), else {source}"
     return heights_m, source
-
-
-def _changed(grid: OccupancyGrid, states: np.ndarray) -> int:
-    """Count the cells whose class differs from that of the grid."""
-    count = 0
-    for band in bands(states.shape):
-        here, now = grid.in_rows(band.rows), states[band.rows]
-        now_occupied = now == CellState.OBSTACLE
-        now_free = ~now_occupied & (now != CellState.UNKNOWN)
-        count += int(np.sum((here.occupied != now_occupied) | (here.free != now_free)))
-    return count
