@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from slarm_graph.backend import Table
@@ -29,6 +30,10 @@ _TITLES = {
 }
 _LEAST_ROWS = 8
 """Of fewer rows a table says more than a curve."""
+_CURVE_PX, _TITLE_PX = 130, 30
+"""Heights of a curve among several, and of the line above it that says what it is."""
+_AROUND_PX = 120
+"""Margins of the page's figures, with the axis of time below."""
 
 
 def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | None:
@@ -91,26 +96,42 @@ def table_figure(table: Table) -> Figure | None:
     shown = [c for c in table.columns if _is_series(table, c)]
     if not shown or np.any(np.diff(seconds) < 0):
         return None
-    fig = make_subplots(len(shown), 1, shared_xaxes=True, vertical_spacing=0.05)
+    fig = _stacked([_TITLES.get(column, column.replace("_", " ")) for column in shown])
     keep = slice(None, None, max(1, len(seconds) // _MAX_POINTS))
     for row, column in enumerate(shown, start=1):
         index = table.columns.index(column)
         values = np.array([float(r[index]) for r in table.rows])
-        title = _TITLES.get(column, column.replace("_", " "))
+        title = fig.layout.annotations[row - 1].text
         fig.add_scatter(
             x=single(seconds[keep]),
             y=single(values[keep]),
             mode="lines",
             line={"width": 1.3, "color": COLORS[(row - 1) % len(COLORS)]},
-            hovertemplate="%{x:.1f} s: %{y:.4g}<extra>" + plain(title) + "</extra>",
+            hovertemplate=f"%{{x:.1f}} s: %{{y:.4g}}<extra>{title}</extra>",
             showlegend=False,
             row=row,
             col=1,
         )
-        fig.update_yaxes(title=_wrapped(title), rangemode="tozero", row=row, col=1)
+    fig.update_yaxes(rangemode="tozero")
     fig.update_xaxes(title="time [s]", row=len(shown), col=1)
-    fig.update_layout(showlegend=False)
-    return Figure(fig, f"{table.name} over time", height_px=130 * len(shown) + 120)
+    height_px = (_CURVE_PX + _TITLE_PX) * len(shown) + _AROUND_PX
+    return Figure(fig, f"{table.name} over time", height_px=height_px)
+
+
+def _stacked(titles: Sequence[str]) -> go.Figure:
+    """Return axes for curves one above the other, each with its title above it.
+
+    Beside an axis a title of several lines would lie on the numbers.
+    """
+    height_px = (_CURVE_PX + _TITLE_PX) * len(titles)
+    names = [plain(title) for title in titles]
+    spacing = _TITLE_PX / height_px
+    fig = make_subplots(
+        len(titles), 1, shared_xaxes=True, vertical_spacing=spacing, subplot_titles=names
+    )
+    fig.update_annotations(x=0.0, xanchor="left", font_size=13)
+    fig.update_layout(showlegend=False, meta={"above": _TITLE_PX})
+    return fig
 
 
 def _is_series(table: Table, column: str) -> bool:
@@ -121,13 +142,3 @@ def _is_series(table: Table, column: str) -> bool:
     values = [row[index] for row in table.rows]
     numbers = all(isinstance(v, (int, float)) and math.isfinite(v) for v in values)
     return numbers and len(set(values)) > 2
-
-
-def _wrapped(title: str) -> str:
-    """Break a title into lines of about 18 letters."""
-    lines = [""]
-    for word in title.split():
-        if len(lines[-1]) + len(word) > 18 and lines[-1]:
-            lines.append("")
-        lines[-1] = f"{lines[-1]} {word}".strip()
-    return "<br>".join(map(plain, lines))

@@ -83,6 +83,17 @@ addEventListener("load", () => { const wait = setInterval(() => {
   found.width = innerWidth; found.page = document.documentElement.scrollWidth;
   found.widest = Math.max(...plots.map((p) => p.querySelector("svg.main-svg").clientWidth));
   found.broken = brokenWords();
+  const boxes = (plot, kind) => Array.from(plot.querySelectorAll(kind))
+    .map((element) => element.getBoundingClientRect());
+  const curves = plots.filter((p) => !Number(p.dataset.aspect));
+  // Titles of curves, and what they lie on.
+  const titles = "text[class^=y][class$=title], .annotation text";
+  const others = "g[class^=y][class$=tick] text, .modebar-btn, .bglayer .bg";
+  found.titles = curves.flatMap((p) => boxes(p, titles)).length;
+  const meet = (a, b) => a.left < b.right && b.left < a.right
+    && a.top < b.bottom && b.top < a.bottom;
+  found.covered = curves.flatMap((p) => boxes(p, titles)
+    .flatMap((a) => boxes(p, others).filter((b) => meet(a, b)))).length;
   found.legend = Array.from(first.querySelectorAll(".legendtext")).map((t) => t.textContent);
   found.hover = plots.flatMap((p) => p.data.map((t) => t.hovertemplate || "")).filter(Boolean);
   const index = first.data.findIndex((t) => t.name === "raw odometry");
@@ -150,7 +161,7 @@ def report() -> str:
     radio = RadioMap(geometry, points, loss, loss > 61.0, 0.5, "InF-SH", 7.0, "known")
     corner = np.array([(0.0, 0.0), (0.5, 0.0), (0.5, 0.5), (0.0, 0.5)])
     solids = tuple(Solid(EVIL, corner + 0.6 * n - 2.0, 1.0 + n) for n in range(5))
-    rows = tuple((int(s), 20.0 + i % 7, i % 2) for i, s in enumerate(stamps))
+    rows = tuple((int(s), 20.0 + i % 7, i % 2, 9 * i) for i, s in enumerate(stamps))
     marks = Marks(poses[:20, :2].reshape(-1, 2, 2), [(0.0, 0.0, EVIL)], [(1.0, 1.0, EVIL)],
                   np.tile(0.01 * np.eye(3), (200, 1, 1)))  # fmt: skip
     return report_html(
@@ -163,7 +174,7 @@ def report() -> str:
             {"wall_s": 3.0, "stages": {"optimisation and map": 2.0},
              "stage_peak_mb": {"optimisation and map": 300.0}},
             [ScanStatus(1), ScanStatus(2, EVIL)],
-            (BackendTable("particles", ("stamp_ns", "n_eff", "flag"), rows),),
+            (BackendTable("particles", ("stamp_ns", "n_eff", "flag", "common_update"), rows),),
             [EVIL], EVIL, (f"backend: a -> {EVIL}",), marks, "consistent",
         )
     )  # fmt: skip
@@ -215,6 +226,8 @@ def test_the_page_works_at_phone_and_desk_width(tmp_path: Path, report: str, wid
     assert found["width"] == width
     assert found["page"] <= width, "the page scrolls sideways"
     assert found["broken"] == []
+    assert found["titles"] >= 3
+    assert found["covered"] == 0, "a title lies on numbers, tools or curves"
     assert found["widest"] > 0.8 * min(width, 1200)
     assert found["toggled"] == ["legendonly", True]
     assert found["theme"] == "dark"
