@@ -7,6 +7,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import signal
 import subprocess
 import sys
 import threading
@@ -23,7 +24,7 @@ from slarm_graph.app import comparison_folder
 from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.app.outcomes import Process, carry_out
-from slarm_graph.app.template import Template
+from slarm_graph.app.template import PROGRAM, Template
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.eval.agreement import Estimate
 from slarm_graph.eval.comparison import Outcome
@@ -170,6 +171,26 @@ def test_what_could_not_be_meant_is_refused(
     assert run("compare", bag, "--backends", "odometry", "--out", tmp_path / "o", *words) == 2
     assert told in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
+
+
+def test_an_interrupt_is_heard_where_a_shell_had_them_ignored(tmp_path: Path) -> None:
+    """As it has for what it starts in the background of a script."""
+    ignored = "import os, signal, sys; signal.signal(signal.SIGINT, signal.SIG_IGN); "
+    start = [sys.executable, "-c", f"{ignored}os.execv(sys.argv[1], sys.argv[1:])", *PROGRAM]
+    words = ("compare", "paper_room", "--backends", "odometry", "--name", "c", "--out", tmp_path)
+    slow = ("--set", "explore.driving.speed_m_s=0.01")
+    process = subprocess.Popen([*start, *map(str, words), *slow], stderr=subprocess.PIPE, text=True)
+    folder = tmp_path / "c" / "paper_room_odometry_0"
+    while not (folder / "log.txt").exists() and process.poll() is None:
+        time.sleep(0.05)
+    process.send_signal(signal.SIGINT)
+    try:
+        _, said = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 130, said
+    assert "go on with: slarm compare paper_room" in said
+    assert json.loads((folder / "run.json").read_text())["status"] == "partial"
 
 
 def test_going_on_does_not_begin_anew(

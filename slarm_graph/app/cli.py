@@ -88,7 +88,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         die_with_starter()
         spare_memory()
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
+        # Also where a shell that starts us in the background has interrupts ignored.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
         end_on_signals()
     try:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
