@@ -24,8 +24,7 @@ from slarm_graph.eval.metrics import best_of
 
 Cell = float | int | str | None
 
-_WIDE = 8
-"""Columns from which on a table of figures is wider than a page of 16 cm in 10 pt."""
+_SHRUNK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{% package graphicx"
 _LATEX = str.maketrans(
     {
         "\\": r"\textbackslash{}",
@@ -81,17 +80,16 @@ class TextTable:
         return "\n".join(lines) + "\n"
 
     def latex(self) -> str:
-        """Return it as LaTeX for the package booktabs, the best in bold.
+        """Return it as LaTeX for the packages booktabs and graphicx, the best in bold.
 
-        One that no page would hold is shrunk to its width.
+        What is wider than the text is shrunk to its width.
         """
         form = "l" * self.words + "r" * (len(self.columns) - self.words)
-        is_wide = len(self.columns) > _WIDE
         lines = [
             r"\begin{table}",
             r"\centering",
             rf"\caption{{{self.title.translate(_LATEX)}}}",
-            *([r"\resizebox{\textwidth}{!}{% package graphicx"] if is_wide else []),
+            _SHRUNK,
             rf"\begin{{tabular}}{{{form}}}",
             r"\toprule",
             _latex_row(self.columns),
@@ -101,8 +99,7 @@ class TextTable:
             if r and row[0] != self.rows[r - 1][0] and self.words > 1:
                 lines.append(r"\addlinespace")
             lines.append(_latex_row(row, {i for i in range(len(row)) if (r, i) in self.best}))
-        end = r"\end{tabular}}" if is_wide else r"\end{tabular}"
-        return "\n".join([*lines, r"\bottomrule", end, r"\end{table}"]) + "\n"
+        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}}", r"\end{table}"]) + "\n"
 
 
 def _markdown_row(cells: Sequence[str]) -> str:

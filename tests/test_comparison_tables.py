@@ -4,7 +4,11 @@
 
 from __future__ import annotations
 
+import shutil
+import subprocess
 from dataclasses import replace
+from itertools import product
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -20,11 +24,14 @@ from slarm_graph.eval.comparison_tables import (
     summary_rows,
     summary_tables,
 )
+from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import best_of
 from slarm_graph.eval.run_figures import error_figure
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
+
+PDFLATEX = shutil.which("pdflatex") or ""
 
 
 def outcomes() -> list[Outcome]:
@@ -84,6 +91,26 @@ def test_tables_are_latex_that_survives_any_name() -> None:
     assert r"a\_b \& 5\%\{x\}" in text
     assert r"\toprule" in text
     assert text.count("&") == text.count(r"\&") + 2 * (len(table.columns) - 1)
+
+
+@pytest.mark.skipif(not PDFLATEX, reason="no pdflatex on this machine")
+def test_tables_are_set_by_latex_and_fit_the_page(tmp_path: Path) -> None:
+    names = ["ate_rmse_m", *(kind.name for kind in headlines())]
+    nasty = r"a_b & 5%{x}~^\#$<|> ± m²"
+    runs = [
+        Outcome(source, name, seed, "ok", figures=dict.fromkeys(names, -1.5e-5 * (1 + seed)))
+        for source, name, seed in product((nasty, "b.bag"), (nasty, "y"), range(2))
+    ]
+    failed = Outcome("b.bag", "y", 2, "failed", nasty)
+    tables = [*summary_tables([*runs, failed]), difference_table(runs)]
+    body = "\n".join(table.latex() for table in tables if table is not None)
+    head = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}"
+    (tmp_path / "t.tex").write_text(f"{head}\n{body}\n\\end{{document}}\n", encoding="utf-8")
+    words = [PDFLATEX, "-interaction=nonstopmode", "-halt-on-error", "t.tex"]
+    done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout[-1500:]
+    assert "Overfull" not in done.stdout
+    assert (tmp_path / "t.pdf").stat().st_size > 5_000
 
 
 def test_the_summary_says_what_the_runs_say() -> None:
@@ -165,13 +192,11 @@ def test_large_spreads_and_small_numbers_are_written_for_people() -> None:
     assert r"run-2 & y - x & $-$1.5 to 2.3$\cdot10^{-5}$ \\" in table.latex()
 
 
-def test_a_table_no_page_would_hold_is_shrunk_to_it() -> None:
-    narrow, wide = (TextTable("t", ("c",) * n, (("1",) * n,)).latex() for n in (8, 9))
-    assert "resizebox" not in narrow
-    for text in (narrow, wide):
-        assert text.count("{") == text.count("}")
-    assert wide.index("resizebox") < wide.index(r"\begin{tabular}")
-    assert wide.index(r"\end{tabular}}") < wide.index(r"\end{table}")
+def test_braces_and_environments_of_latex_are_closed() -> None:
+    text = TextTable("t", ("c",) * 9, (("1",) * 9,)).latex()
+    assert text.count("{") == text.count("}")
+    assert text.index("resizebox") < text.index(r"\begin{tabular}")
+    assert text.index(r"\end{tabular}}") < text.index(r"\end{table}")
 
 
 def test_every_run_has_a_row_with_every_figure() -> None:
