@@ -15,10 +15,13 @@ import pandas
 import pytest
 import shapely
 import xarray
+import yaml
 from evo.core import metrics as evo_metrics
+from evo.core import sync
 from evo.tools import file_interface
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from test_cli import room_bag, run
 
 from slarm_graph.access_points import AccessPoint, RadioMap
@@ -91,6 +94,46 @@ def test_rpg_gets_its_folder(folder: Path) -> None:
     np.testing.assert_allclose(off, 0.0, atol=1e-9)
 
 
+def rpg_errors(place: Path) -> np.ndarray:
+    """Position errors by rpg_trajectory_evaluation's rules, written anew.
+
+    Whichever poses are closest in time, less than 0.02 s, are a pair first; `se3` turns and shifts
+    as many as `align_num_frames` says, -1 for all.
+    """
+    truth = np.loadtxt(place / "stamped_groundtruth.txt")
+    estimate = np.loadtxt(place / "stamped_traj_estimate.txt")
+    apart = np.abs(estimate[:, None, 0] - truth[None, :, 0])
+    pairs: dict[int, int] = {}
+    for flat in np.argsort(apart, axis=None, kind="stable"):
+        i, j = (int(k) for k in np.unravel_index(flat, apart.shape))
+        if apart[i, j] >= 0.02:
+            break
+        if i not in pairs and j not in pairs.values():
+            pairs[i] = j
+    config = yaml.safe_load((place / "eval_cfg.yaml").read_text())
+    assert config == {"align_type": "se3", "align_num_frames": -1}
+    theirs, ours = truth[list(pairs.values()), 1:4], estimate[list(pairs), 1:4]
+    u, _, vt = np.linalg.svd((theirs - theirs.mean(0)).T @ (ours - ours.mean(0)))
+    turn = u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt
+    moved = (ours - ours.mean(0)) @ turn.T + theirs.mean(0)
+    return np.linalg.norm(theirs - moved, axis=1)
+
+
+def test_rpg_comes_to_the_same_errors(folder: Path) -> None:
+    lines = (folder / "trajectory.tum").read_text().splitlines()
+    (folder / "trajectory.tum").write_text("\n".join([*lines[:20], *lines[23:]]) + "\n")
+    ref = file_interface.read_tum_trajectory_file(folder / "ground_truth.tum")
+    est = file_interface.read_tum_trajectory_file(folder / "trajectory.tum")
+    ref, est = sync.associate_trajectories(ref, est)
+    est.align(ref)
+    ape = evo_metrics.APE(evo_metrics.PoseRelation.translation_part)
+    ape.process_data((ref, est))
+    errors = rpg_errors(exported(folder, "rpg"))
+    np.testing.assert_allclose(errors, ape.error, atol=1e-9)
+    result = file_interface.load_res_file(exported(folder, "evo"))
+    np.testing.assert_allclose(errors, result.np_arrays["error_array"], atol=1e-9)
+
+
 def test_ros_2_reads_paths_maps_transforms_and_radio_map(folder: Path) -> None:
     target = exported(folder, "mcap")
     with AnyReader([target]) as reader:
@@ -139,6 +182,31 @@ def test_a_grid_lies_in_the_mcap_as_ros_2_defines_it(folder: Path) -> None:
     cells = np.frombuffer(raw, np.int8, count, at + 60).reshape(30, 40)
     assert (cells[12, 22], cells[0, 0]) == (100, 0)
     assert len(raw) == at + 60 + count
+
+
+@pytest.mark.parametrize("release", [Stores.ROS2_HUMBLE, Stores.ROS2_JAZZY])
+def test_the_mcap_explains_its_messages_as_ros_2_defines_them(
+    folder: Path, release: Stores
+) -> None:
+    """To a reader that knows no types, as Foxglove's, and to those of both releases in use."""
+    known, told = get_typestore(release), get_typestore(Stores.EMPTY)
+    found = set()
+    with exported(folder, "mcap").open("rb") as file:
+        for schema, _, message in make_reader(file).iter_messages():
+            assert schema is not None
+            if schema.name not in told.fielddefs:
+                told.register(get_types_from_msg(schema.data.decode(), schema.name))
+            own = told.deserialize_cdr(message.data, schema.name)
+            assert bytes(told.serialize_cdr(own, schema.name)) == message.data
+            theirs = known.deserialize_cdr(message.data, schema.name)
+            assert bytes(known.serialize_cdr(theirs, schema.name)) == message.data
+            found.add(schema.name)
+    assert found == {
+        *("nav_msgs/msg/Path", "nav_msgs/msg/OccupancyGrid", "tf2_msgs/msg/TFMessage"),
+        "sensor_msgs/msg/PointCloud2",
+    }
+    for name, (_, fields) in told.fielddefs.items():
+        assert fields == known.fielddefs[name][1], name
 
 
 def test_pandas_gtsam_and_xarray_read_what_runs_and_comparisons_leave(tmp_path: Path) -> None:
