@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import plotly.graph_objects as go
 
@@ -119,7 +120,9 @@ def comparison_html(content: ComparisonContent) -> str:
 
 def as_block(table: TextTable) -> PageTable:
     """Return a table for the page."""
-    return PageTable(table.columns, table.rows, table.best, right_from=table.words)
+    alike = any(a[0] == b[0] for a, b in pairwise(table.rows))
+    grouped = alike and table.words > 1
+    return PageTable(table.columns, table.rows, table.best, table.words, grouped)
 
 
 def _view(view: SourceView) -> tuple[Block, ...]:

@@ -77,6 +77,9 @@ class PageTable:
         Row and column of the cells in bold.
     right_from : int, optional
         Set all columns from there to the right.
+    grouped : bool
+        Rows whose first cells are alike stand below one heading, which is that cell; the next
+        column stays where a narrow page is scrolled to the right.
     """
 
     kind: ClassVar[str] = "table"
@@ -84,6 +87,7 @@ class PageTable:
     rows: Sequence[Sequence[Cell]]
     best: frozenset[tuple[int, int]] = frozenset()
     right_from: int | None = None
+    grouped: bool = False
 
     @property
     def shown(self) -> list[list[str]]:

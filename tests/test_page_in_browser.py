@@ -63,9 +63,14 @@ PAPER = """
 addEventListener("load", () => { const wait = setInterval(() => {
   if (document.documentElement.dataset.ready !== "1") return;
   clearInterval(wait);
-  const out = document.createElement("script");
+  const out = document.createElement("script"), wide = document.querySelector(".wide");
+  const name = wide.querySelector("tbody td"), broken = brokenWords();
+  wide.scrollLeft = 1e4;
+  const left = (element) => element.getBoundingClientRect().left;
   out.type = "application/json"; out.id = "found";
-  out.textContent = JSON.stringify({ broken: brokenWords(),
+  out.textContent = JSON.stringify({ broken, scrolled: wide.scrollLeft,
+    name: name.textContent, off: left(name) - left(wide),
+    groups: Array.from(wide.querySelectorAll("tr.group"), (row) => row.textContent),
     cells: document.querySelectorAll("td.number").length,
     page: document.documentElement.scrollWidth });
   document.body.append(out);
@@ -276,6 +281,9 @@ def test_no_title_of_a_comparison_is_broken(tmp_path: Path, width: int) -> None:
     found = probed(tmp_path, compared(), width, PAPER)
     assert found["broken"] == []
     assert found["page"] <= width
+    assert found["groups"] == ["mit-csail.clf.gz", "paper_room", "all sources"]
+    assert found["scrolled"] > 0
+    assert (found["name"], found["off"]) == ("odometry", 0), "the names of rows stay in sight"
 
 
 @pytest.mark.parametrize("kind", ["run", "comparison"])
