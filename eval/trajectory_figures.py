@@ -23,9 +23,10 @@ _MAX_PATH_POINTS = 4_000
 RAW_ODOMETRY, GROUND_TRUTH = "raw odometry", "ground truth"
 _STYLES = {
     RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
-    GROUND_TRUTH: {"color": "#7fd0a0", "width": 5},
+    GROUND_TRUTH: {"color": "#a0a0a0", "width": 5},
 }
-"""Truth lies wide beneath, so that the estimate is seen on it; widths in pixels."""
+"""Truth lies wide beneath, so that the estimate is seen on it; grey, as in print, because every
+other colour is an estimate's. Widths in pixels."""
 
 _ELLIPSES = 30
 """More would cover the path."""

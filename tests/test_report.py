@@ -18,6 +18,7 @@ from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval import report_figures
 from slarm_graph.eval.gain_figure import gain_figure
 from slarm_graph.eval.page import (
+    COLORS,
     Facts,
     Figure,
     Folded,
@@ -31,9 +32,11 @@ from slarm_graph.eval.page import (
 )
 from slarm_graph.eval.report import count_by_reason, scan_table, table_blocks
 from slarm_graph.eval.report_figures import geographic_figure, map_picture
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, trajectory_figure
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.readings import ScanStatus
+from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid
 
 
@@ -100,6 +103,19 @@ def test_series_become_curves_and_paths_go_to_the_map() -> None:
 )
 def test_values_are_written_for_people(value: float | int | str | None, text: str) -> None:
     assert shown(value) == text
+
+
+def test_the_true_path_looks_like_no_estimate() -> None:
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 1.0, 2, 2), np.zeros((2, 2), dtype=np.float32))
+    path = Trajectory(np.arange(2), np.zeros((2, 3)))
+    names = [*(f"estimate {index}" for index in range(len(COLORS) - 1)), GROUND_TRUTH]
+    traces = trajectory_figure(grid, dict.fromkeys(names, path)).content.data
+    looks = {t.name: (t.line.color, t.line.width) for t in traces if t.name in names}
+    truth = looks.pop(GROUND_TRUTH)
+    assert len({color for color, _ in looks.values()}) == len(looks)
+    red, green, blue = (truth[0][i : i + 2] for i in (1, 3, 5))
+    assert red == green == blue, "grey beside colours"
+    assert truth[1] > max(width for _, width in looks.values())
 
 
 def test_text_is_escaped_wherever_it_stands() -> None:
