@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 import struct
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.radio.files import write_radio_npz
 from slarm_graph.trajectory import Trajectory
 
 
@@ -154,6 +156,22 @@ def test_ros_2_reads_paths_maps_transforms_and_radio_map(folder: Path) -> None:
     points = np.frombuffer(cloud.data.tobytes(), "<f4").reshape(cloud.width, -1)
     assert [field.name for field in cloud.fields][:4] == ["x", "y", "z", "gain_db"]
     np.testing.assert_allclose(points[:, 3], -60.0 - points[:, 0], atol=1e-4)
+
+
+def test_every_access_point_has_a_topic_that_ros_2_allows(folder: Path) -> None:
+    geometry = GridGeometry(-2.0, -1.5, 0.1, 30, 40)
+    names = ("AP 1", "AP_1", "5 GHz", "Küche", r"$\frac{$", "日本", "AP 1", "AP 1 7")
+    points = tuple(AccessPoint(name, 0.0, 0.0, 2.5) for name in names)
+    loss = np.full((len(names), *geometry.shape), 60.0, dtype=np.float32)
+    radio = RadioMap(geometry, points, loss, loss > 0, 0.5, "InF-SH", 7.0, "x")
+    write_radio_npz(folder / "radio_map.npz", radio)
+    with AnyReader([exported(folder, "mcap")]) as reader:
+        found = {c.topic: c.msgcount for c in reader.connections if c.topic.startswith("/radio/")}
+    assert len(found) == 2 * len(names)
+    assert set(found.values()) == {1}
+    # https://design.ros2.org/articles/topic_and_service_names.html
+    allowed = re.compile(r"(/[A-Za-z](_?[A-Za-z0-9])*)+")
+    assert all(allowed.fullmatch(topic) for topic in found), found
 
 
 def test_a_grid_lies_in_the_mcap_as_ros_2_defines_it(folder: Path) -> None:

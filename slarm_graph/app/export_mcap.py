@@ -4,8 +4,10 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -130,12 +132,12 @@ class _Recorder:
 
     def _radio(self, radio: RadioMap, stamp_ns: int) -> None:
         low, high = radio.gain_span_db()
-        for index, ap in enumerate(radio.access_points):
+        names = _topic_names([ap.name for ap in radio.access_points])
+        for index, name in enumerate(names):
             gain_db = radio.channel_power_gain_db[index]
             known = np.isfinite(gain_db)
             share = (np.where(known, gain_db, low) - low) / max(high - low, 1e-9)
             values = np.where(known, np.round(100.0 * share), _UNKNOWN)
-            name = "".join(c if c.isalnum() else "_" for c in ap.name) or f"ap{index + 1}"
             self._grid(f"/radio/{name}", radio.geometry, values, stamp_ns)
             self._cloud(f"/radio/{name}/points", radio, index, stamp_ns)
 
@@ -171,3 +173,15 @@ def _values_of(grid: OccupancyGrid) -> Any:
     values = np.full(grid.geometry.shape, _UNKNOWN, dtype=np.int8)
     values[grid.free], values[grid.occupied] = 0, 100
     return values
+
+
+def _topic_names(names: Sequence[str]) -> list[str]:
+    """Return parts of topics, each once, as ROS 2 allows them: ASCII, and no digit in front."""
+    found: list[str] = []
+    for number, name in enumerate(names, start=1):
+        word = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")
+        word = word if word[:1].isalpha() else f"ap_{word or number}"
+        while word in found:
+            word = f"{word}_{number}"
+        found.append(word)
+    return found
