@@ -6,7 +6,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
+import textwrap
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from slarm_graph.eval.agreement import Agreement
@@ -24,6 +25,9 @@ from slarm_graph.eval.metrics import best_of
 
 Cell = float | int | str | None
 
+_LETTERS = 94
+"""That fit into a line: LaTeX's article has 345 pt of text, and 4.6 pt for a letter of 10 pt, of
+which a table may be shrunk to the 8 pt of footnotes."""
 _SHRUNK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{% package graphicx"
 _LATEX = str.maketrans(
     {
@@ -82,23 +86,54 @@ class TextTable:
     def latex(self) -> str:
         """Return it as LaTeX for the packages booktabs and graphicx, the best in bold.
 
-        What is wider than the text is shrunk to its width.
+        Columns that a page has no room for go into a table of their own below; one that is wider
+        than the text all the same is shrunk.
         """
-        form = "l" * self.words + "r" * (len(self.columns) - self.words)
+        parts = self._parts()
+        if len(parts) == 1:
+            return self._latex_part(parts[0], self.title)
+        titles = [f"{self.title}, part {k + 1} of {len(parts)}" for k in range(len(parts))]
+        return "\n".join(map(self._latex_part, parts, titles))
+
+    def _parts(self) -> list[list[int]]:
+        """Return the columns of every table that it takes, those of words in each."""
+        words = list(range(self.words))
+        room = left = _LETTERS - sum(map(self._width, words))
+        parts: list[list[int]] = [[]]
+        for column in range(self.words, len(self.columns)):
+            if parts[-1] and self._width(column) > left:
+                parts.append([])
+                left = room
+            parts[-1].append(column)
+            left -= self._width(column)
+        return [words + part for part in parts]
+
+    def _width(self, column: int) -> int:
+        """Return a column's letters, with the space beside it."""
+        cells = [row[column] for row in self.rows]
+        return 2 + max(map(len, [*cells, *self._title_lines(column)]))
+
+    def _title_lines(self, column: int) -> list[str]:
+        """Return a column's title in lines that are hardly longer than what is below."""
+        below = max((len(row[column]) for row in self.rows), default=0)
+        return textwrap.wrap(self.columns[column], max(below, 1), break_long_words=False)
+
+    def _latex_part(self, columns: Sequence[int], title: str) -> str:
+        numbers = len(columns) - self.words
         lines = [
             r"\begin{table}",
             r"\centering",
-            rf"\caption{{{self.title.translate(_LATEX)}}}",
+            rf"\caption{{{title.translate(_LATEX)}}}",
             _SHRUNK,
-            rf"\begin{{tabular}}{{{form}}}",
+            rf"\begin{{tabular}}{{{'l' * self.words}{'r' * numbers}}}",
             r"\toprule",
-            _latex_row(self.columns),
+            _latex_line(_stacked(self._title_lines(i)) for i in columns),
             r"\midrule",
         ]
         for r, row in enumerate(self.rows):
             if r and row[0] != self.rows[r - 1][0] and self.words > 1:
                 lines.append(r"\addlinespace")
-            lines.append(_latex_row(row, {i for i in range(len(row)) if (r, i) in self.best}))
+            lines.append(_latex_line(_latex_cell(row[i], (r, i) in self.best) for i in columns))
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}}", r"\end{table}"]) + "\n"
 
 
@@ -106,10 +141,21 @@ def _markdown_row(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", r"\|") for cell in cells) + " |"
 
 
-def _latex_row(cells: Sequence[str], bold: set[int] | None = None) -> str:
-    plain = [_in_math(cell.translate(_LATEX)) for cell in cells]
-    shown = [rf"\textbf{{{c}}}" if i in (bold or ()) else c for i, c in enumerate(plain)]
-    return " & ".join(shown) + r" \\"
+def _latex_line(cells: Iterable[str]) -> str:
+    return " & ".join(cells) + r" \\"
+
+
+def _latex_cell(text: str, bold: bool = False) -> str:
+    plain = _in_math(text.translate(_LATEX))
+    if plain[:1] in ("[", "*"):  # which the end of the line before would take for its own
+        plain = "{}" + plain
+    return rf"\textbf{{{plain}}}" if bold else plain
+
+
+def _stacked(lines: Sequence[str]) -> str:
+    """Return a title's lines one above the other."""
+    text = r"\\".join(map(_latex_cell, lines))
+    return rf"\begin{{tabular}}[b]{{@{{}}r@{{}}}}{text}\end{{tabular}}" if lines[1:] else text
 
 
 def _in_math(text: str) -> str:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 from dataclasses import replace
@@ -99,9 +100,9 @@ def test_tables_are_set_by_latex_and_fit_the_page(tmp_path: Path) -> None:
     nasty = r"a_b & 5%{x}~^\#$<|> ± m²"
     runs = [
         Outcome(source, name, seed, "ok", figures=dict.fromkeys(names, -1.5e-5 * (1 + seed)))
-        for source, name, seed in product((nasty, "b.bag"), (nasty, "y"), range(2))
+        for source, name, seed in product((nasty, "[1].bag", "*"), (nasty, "y"), range(2))
     ]
-    failed = Outcome("b.bag", "y", 2, "failed", nasty)
+    failed = Outcome("*", "y", 2, "failed", nasty)
     tables = [*summary_tables([*runs, failed]), difference_table(runs)]
     body = "\n".join(table.latex() for table in tables if table is not None)
     head = r"\documentclass{article}\usepackage{booktabs,graphicx}\begin{document}"
@@ -192,11 +193,25 @@ def test_large_spreads_and_small_numbers_are_written_for_people() -> None:
     assert r"run-2 & y - x & $-$1.5 to 2.3$\cdot10^{-5}$ \\" in table.latex()
 
 
-def test_braces_and_environments_of_latex_are_closed() -> None:
-    text = TextTable("t", ("c",) * 9, (("1",) * 9,)).latex()
-    assert text.count("{") == text.count("}")
-    assert text.index("resizebox") < text.index(r"\begin{tabular}")
-    assert text.index(r"\end{tabular}}") < text.index(r"\end{table}")
+def test_columns_without_room_go_into_a_table_below() -> None:
+    titles = ("source", "backend", *(f"figure {index} [m]" for index in range(9)))
+    row = ("a.bag", "gmapping", *(f"{index}.2345 ± 0.012" for index in range(9)))
+    text = TextTable("t", titles, (row,), frozenset({(0, 10)})).latex()
+    parts = text.split(r"\end{table}")[:-1]
+    assert [part.count("gmapping") for part in parts] == [1, 1, 1]
+    assert "{t, part 3 of 3}" in parts[2]
+    assert r"\textbf{8.2345 $\pm$ 0.012} \\" in parts[2]
+    assert all(f"{index}.2345" in text for index in range(9))
+    for part in parts:
+        (form,) = re.findall(r"\{tabular\}\{(l*r*)\}", part)
+        assert part.count("&") == 2 * (len(form) - 1)
+        assert part.count("{") == part.count("}")
+    assert r"\caption{t}" in TextTable("t", titles[:4], (row[:4],)).latex()
+
+
+def test_a_title_is_not_wider_than_its_column() -> None:
+    text = TextTable("t", ("a", "b", "wall thickness, sigma [m]"), (("1", "2", "0.01"),)).latex()
+    assert r"@{}}wall\\thickness,\\sigma\\{}[m]\end{tabular} \\" in text
 
 
 def test_every_run_has_a_row_with_every_figure() -> None:
