@@ -42,13 +42,13 @@ FLAGS = (
 EVIL = "<img src=x onerror=console.error('struck')>$\\frac{$%{x}"
 WORDS = """
 <script>
-// Words of titles, numbers and names before bars that go over more than one line.
-const CELLS = "th, td.number, .bars td:first-child";
+// Words of titles, numbers, keys and names before bars that go over more than one line.
+const CELLS = "th, td.number, .bars td:first-child, td.short:last-child";
 const brokenWords = () => Array.from(document.querySelectorAll(CELLS))
   .flatMap((cell) => {
     const walker = document.createTreeWalker(cell, NodeFilter.SHOW_TEXT), found = [];
     for (let node = walker.nextNode(); node; node = walker.nextNode())
-      for (const word of node.data.matchAll(/\\S{1,16}(?!\\S)/g)) {
+      for (const word of node.data.matchAll(/\\S{1,32}(?!\\S)/g)) {
         if (word.index && /\\S/.test(node.data[word.index - 1])) continue;
         const range = document.createRange();
         range.setStart(node, word.index); range.setEnd(node, word.index + word[0].length);
