@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -54,6 +55,22 @@ def test_a_failure_is_told(template: Template) -> None:
     _, errors = process.communicate(60.0)
     assert (process.returncode, errors) == (2, "slarm: no such file: /no/such.bag\n")
     process.send_signal(signal.SIGKILL)  # nobody is there any more
+
+
+def test_a_template_that_nobody_needs_is_gone_at_once(tmp_path: Path) -> None:
+    """It does not take down what it imported: that lasts seconds."""
+    mark = tmp_path / "taken down"
+    ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    code = (
+        f"import atexit, pathlib, socket; atexit.register(pathlib.Path({str(mark)!r}).touch)\n"
+        "from slarm_graph.app.template import _serve\n"
+        f"_serve(socket.socket(fileno={theirs.fileno()}))"
+    )
+    with theirs:
+        process = subprocess.Popen([sys.executable, "-c", code], pass_fds=[theirs.fileno()])
+    ours.close()
+    assert process.wait(120) == 0
+    assert not mark.exists()
 
 
 def test_a_killed_run_ends_alone(tmp_path: Path, template: Template) -> None:

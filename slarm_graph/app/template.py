@@ -174,7 +174,7 @@ def _begun() -> tuple[subprocess.Popen[bytes], socket.socket]:
     return process, ours
 
 
-def _serve(line: socket.socket) -> None:
+def _serve(line: socket.socket) -> NoReturn:
     """Fork a run for every message until nobody is there to send more."""
     for name in _MODULES:
         importlib.import_module(name)
@@ -182,7 +182,7 @@ def _serve(line: socket.socket) -> None:
     while True:
         message, ends, _, _ = socket.recv_fds(line, _MOST_BYTES, 3)
         if not message:
-            return
+            os._exit(0)  # taking down all that is imported lasts seconds, in which nobody is served
         if os.fork() == 0:
             line.close()
             _watch(json.loads(message), *ends)
@@ -200,7 +200,8 @@ def _watch(words: list[str], stdin: int, stderr: int, tell: int) -> NoReturn:
     os.close(stdin)
     os.write(tell, b"%d " % pid)
     _, status = os.waitpid(pid, 0)
-    os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
+    with contextlib.suppress(BrokenPipeError):  # nobody is there any more
+        os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
     os._exit(0)
 
 
