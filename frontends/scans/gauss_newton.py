@@ -133,33 +133,59 @@ def _normal_equations(
     h, g = np.zeros((3, 3)), np.zeros(3)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, inliers = 0.0, 0
-    precision = 1.0 / (lattice.sigma * lattice.sigma)
     for i in range(len(points)):
-        px, py = points[i, 0], points[i, 1]
-        x = pose[0] + c * px - s * py
-        y = pose[1] + s * px + c * py
-        value, gx, gy = interpolate(lattice, x, y)
+        jx, jy, value, weight = slope(lattice, points, tangents, i, pose, c, s)
         if value <= 0.0:
             continue
         total += value
         if value > 0.5:
             inliers += 1
-        jx = c * gx + s * gy
-        jy = -s * gx + c * gy
-        along = jx * tangents[i, 0] + jy * tangents[i, 1]
-        jx -= along * tangents[i, 0]
-        jy -= along * tangents[i, 1]
-        jt = px * jy - py * jx
+        jt = points[i, 0] * jy - points[i, 1] * jx
         if long_steps:
             weight = 1.0 / (2.0 * max(1.0 - value, 0.0) + _FLOOR)
-        else:
-            weight = value * precision / (gx * gx + gy * gy + _FLAT * _FLAT * precision)
         g[0] += jx
         g[1] += jy
         g[2] += jt
         add_square3(h, jx, jy, jt, weight)
     mirror3(h)
     return h, g, total / max(len(points), 1), inliers
+
+
+@njit(cache=True, nogil=True, inline="always")
+def slope(
+    lattice: Lattice, points: Floats, tangents: Floats, i: int, pose: Floats, c: float, s: float
+) -> tuple[float, float, float, float]:
+    """Slope of the likelihood at a point, across its wall, and what it weighs in the curvature.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    points, tangents : (K, 2) float64
+    i : int
+        Which of them.
+    pose : (3,) float64
+    c, s : float
+        Cosine and sine of its heading.
+
+    Returns
+    -------
+    slope_x, slope_y : float
+        In the body frame [1/m].
+    value : float
+        Likelihood, 0 to 1.
+    weight : float
+        Of the squared slope in the information.
+    """
+    px, py = points[i, 0], points[i, 1]
+    x = pose[0] + c * px - s * py
+    y = pose[1] + s * px + c * py
+    value, gx, gy = interpolate(lattice, x, y)
+    jx = c * gx + s * gy
+    jy = -s * gx + c * gy
+    along = jx * tangents[i, 0] + jy * tangents[i, 1]
+    precision = 1.0 / (lattice.sigma * lattice.sigma)
+    weight = max(value, 0.0) * precision / (gx * gx + gy * gy + _FLAT * _FLAT * precision)
+    return jx - along * tangents[i, 0], jy - along * tangents[i, 1], value, weight
 
 
 @njit(cache=True, nogil=True)

@@ -179,13 +179,19 @@ def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float
 @njit(cache=True, nogil=True)
 def mean_at(lattice: Lattice, points: Floats, pose: Floats) -> float:
     """As `mean_likelihood`, for compiled callers."""
+    return likelihoods(lattice, points, pose).sum() / max(len(points), 1)
+
+
+@njit(cache=True, nogil=True)
+def likelihoods(lattice: Lattice, points: Floats, pose: Floats) -> Floats:
+    """Likelihood (K,), 0 to 1, of every point (K, 2) [m] in the frame of a pose (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    total = 0.0
+    found = np.empty(len(points))
     for i in range(len(points)):
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        total += interpolate(lattice, x, y)[0]
-    return total / max(len(points), 1)
+        found[i] = interpolate(lattice, x, y)[0]
+    return found
 
 
 @njit(cache=True, nogil=True, inline="always")
