@@ -179,7 +179,7 @@ def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float
 @njit(cache=True, nogil=True)
 def mean_at(lattice: Lattice, points: Floats, pose: Floats) -> float:
     """As `mean_likelihood`, for compiled callers."""
-    return likelihoods(lattice, points, pose).sum() / max(len(points), 1)
+    return float(likelihoods(lattice, points, pose).sum()) / max(len(points), 1)
 
 
 @njit(cache=True, nogil=True)

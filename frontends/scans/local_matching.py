@@ -98,7 +98,7 @@ class LocalMatcher:
         grid, prediction = local_map.grid, outlook.predictions[0]
         if grid is None or len(points) < self._config.min_points:
             return [unmatched(prediction, outlook)]
-        first = self._refine(points, local_map, outlook.base, _loosened(prediction))
+        first = self._refine(points, local_map, outlook, _loosened(prediction))
         is_usual = self._is_usual(first, points, local_map, outlook)
         if is_usual and alone:
             return [first]
@@ -144,11 +144,11 @@ class LocalMatcher:
         evidence = pieces(points) / len(points)
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
-            leaning = self._refine(points, local_map, base, prediction, evidence=evidence)
+            leaning = self._refine(points, local_map, outlook, prediction, evidence=evidence)
             if not is_same(leaning, first):
                 found.append(leaning)
             if prediction is not predictions[0]:
-                found.append(self._refine(points, local_map, base, _loosened(prediction)))
+                found.append(self._refine(points, local_map, outlook, _loosened(prediction)))
         places = [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
         places += [unmatched(p, outlook) for p in predictions]
         best = max(places, key=lambda p: p.log_posterior)
@@ -159,10 +159,10 @@ class LocalMatcher:
         for prediction in predictions:
             start = _best_in_window(few, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
-            found.append(self._refine(points, local_map, base, loose, start))
+            found.append(self._refine(points, local_map, outlook, loose, start))
             below = min(below, self._below(found[-1], points, local_map))
         if all_round and below > _LOST:
-            found += self._all_round(points, few, local_map, base, predictions[0])
+            found += self._all_round(points, few, local_map, outlook)
         places += [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
         return distinct(places)
 
@@ -170,21 +170,21 @@ class LocalMatcher:
         self,
         points: Floats,
         local_map: LocalMap,
-        base: Floats,
+        outlook: Outlook,
         prediction: Prediction,
         start: Floats = _FROM_PREDICTION,
         evidence: float = 1.0,
     ) -> Place:
         """Refine from the prediction, or from another start (3,) leaning on the prediction."""
         if self._refine_by is not None:
-            return self._refine_by(points, base, prediction, start, evidence)
+            return self._refine_by(points, outlook.base, prediction, start, evidence)
         grid = local_map.grid
         assert grid is not None
         trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
         pose, covariance, score, inliers, used, _, _ = refine_motion(
             grid.lattice,
             points,
-            base,
+            outlook.base,
             prediction.motion,
             prediction.covariance,
             start,
@@ -192,7 +192,7 @@ class LocalMatcher:
             self._config.max_iterations,
         )
         information = invert3(covariance) - invert3(prediction.covariance)
-        information = along_the_weakest(information / evidence, grid, points, pose)
+        information = along_the_weakest(information / evidence, grid, points, pose, outlook)
         left = of_misfit(self._share_of_usual(points, pose, local_map))
         return Place(pose, left * information, score, inliers, used)
 
@@ -207,11 +207,10 @@ class LocalMatcher:
         points: Floats,
         few: Floats,
         local_map: LocalMap,
-        base: Floats,
-        prediction: Prediction,
+        outlook: Outlook,
     ) -> list[Place]:
         """Look all round where the robot should be, and where it last was."""
-        grid, motion = local_map.grid, prediction.motion
+        grid, base, motion = local_map.grid, outlook.base, outlook.predictions[0].motion
         assert grid is not None
         expected = compose3(base, motion)
         is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
@@ -228,7 +227,7 @@ class LocalMatcher:
             if hit is not None:
                 anywhere = Prediction(motion, _ANYWHERE)
                 start = hit.grid_from_robot.as_array()
-                found.append(self._refine(points, local_map, base, anywhere, start))
+                found.append(self._refine(points, local_map, outlook, anywhere, start))
         return found
 
 

@@ -18,7 +18,8 @@ from numba import njit
 
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, likelihoods
-from slarm_graph.frontends.scans.small_pose import compose3
+from slarm_graph.frontends.scans.places import Outlook
+from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 
@@ -40,19 +41,22 @@ _APART_M = 0.3
 """Neighbouring returns farther from each other are of two things: half a person's width."""
 _SMALL_M = 0.8
 """What is no wider may walk: a person is 0.5 m wide, and a stride is long."""
-_WALKS_M = 0.125
-"""Standard deviation of where a small thing now is: at 1.4 m/s it is 0.56 m away after the 0.4 s in
-which a robot of 0.6 m/s comes to the next keyframe; one of twenty walks."""
+_WALKERS = 0.05
+"""Share of small things that walk: people among table legs, door frames and pillars."""
+_WALKED_M = 0.56
+"""How far one has come since it was seen last: at 1.4 m/s in the 0.4 s in which a robot of 0.6 m/s
+drives to the next keyframe."""
 
 
 def along_the_weakest(
-    information: Floats, grid: LikelihoodGrid, points: Floats, pose: Floats
+    information: Floats, grid: LikelihoodGrid, points: Floats, pose: Floats, outlook: Outlook
 ) -> Floats:
     """Lower an information along the weakest direction to what is sure of it.
 
     That is no more than what the likelihood falls off by there, where the fall-off along the
-    strongest direction says what the information of that direction is worth; and of the one small
-    thing that says most no more than its place is worth if it may walk.
+    strongest direction says what the information of that direction is worth. Of it, what one small
+    thing says counts as little as that thing may have walked, which is the more probable the less
+    it agrees with where the robot is expected.
 
     Parameters
     ----------
@@ -63,12 +67,18 @@ def along_the_weakest(
         In the robot's frame [m].
     pose : (3,) float64
         Of the match on the grid [m, m, rad].
+    outlook : Outlook
+        What was expected before.
 
     Returns
     -------
     (3, 3) float64
     """
-    return _lowered(information, grid.lattice, points, pose)
+    motion = between3(outlook.base, pose)
+    aways = np.array([motion - p.motion for p in outlook.predictions])
+    covariances = np.array([p.covariance for p in outlook.predictions])
+    chances = np.array([p.probability for p in outlook.predictions])
+    return _lowered(information, grid.lattice, points, pose, aways, covariances, chances)
 
 
 def of_misfit(share: float) -> float:
@@ -77,23 +87,71 @@ def of_misfit(share: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _lowered(information: Floats, lattice: Lattice, points: Floats, pose: Floats) -> Floats:
+def _lowered(
+    information: Floats,
+    lattice: Lattice,
+    points: Floats,
+    pose: Floats,
+    aways: Floats,
+    covariances: Floats,
+    chances: Floats,
+) -> Floats:
     strengths, axes = np.linalg.eigh(np.ascontiguousarray(information[:2, :2]))
     if strengths[0] <= 0.0:
         return information
     first, last, said = _small_thing(lattice, points, pose, axes[:, 0])
     stands = np.concatenate((points[:first], points[last:]))
-    claimed = (1.0 - said) * strengths[0]
-    weak, strong = _drop(lattice, stands, pose, axes[:, 0]), _drop(lattice, stands, pose, axes[:, 1])
+    rest = (1.0 - said) * strengths[0]
+    weak = _drop(lattice, stands, pose, axes[:, 0])
+    strong = _drop(lattice, stands, pose, axes[:, 1])
     if strong[0] > 0.0:
         sure = weak[0] if weak[0] > _BY_CHANCE * weak[1] else 0.0
-        claimed = min(claimed, sure / strong[0] * strengths[1])
-    kept = claimed + min(said * strengths[0], 1.0 / _WALKS_M**2)
-    share = min(1.0, max(_LEAST, kept / strengths[0]))
+        rest = min(rest, sure / strong[0] * strengths[1])
+    thing = said * strengths[0]
+    variance = 1.0 / max(rest + thing, _LEAST * strengths[0])
+    walked = (thing * variance * _WALKED_M) ** 2
+    variance += walked * _walks(axes[:, 0], variance, walked, aways, covariances, chances)
+    share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
     shrunk = np.eye(3)
     shrunk[:2, :2] = axes @ np.diag(np.array([math.sqrt(share), 1.0])) @ axes.T
     lowered: Floats = shrunk @ information @ shrunk.T
     return lowered
+
+
+@njit(cache=True, nogil=True)
+def _walks(
+    axis: Floats,
+    variance: float,
+    walked: float,
+    aways: Floats,
+    covariances: Floats,
+    chances: Floats,
+) -> float:
+    """Probability that a thing has walked, by how far its match is from what was expected.
+
+    Parameters
+    ----------
+    axis : (2,) float64
+        Along which it speaks, in the body frame.
+    variance, walked : float
+        Of the match along the axis where the thing stands, and what walking adds [m^2].
+    aways, covariances, chances : (P, 3), (P, 3, 3), (P,) float64
+        Of the match from every prediction, and of these.
+    """
+    stands = walks = 0.0
+    for k in range(len(aways)):
+        away2 = (axis[0] * aways[k, 0] + axis[1] * aways[k, 1]) ** 2
+        spread = variance
+        for r in range(2):
+            for c in range(2):
+                spread += axis[r] * covariances[k, r, c] * axis[c]
+        for extra in (0.0, walked):
+            density = math.exp(-0.5 * away2 / (spread + extra)) / math.sqrt(spread + extra)
+            if extra == 0.0:
+                stands += (1.0 - _WALKERS) * chances[k] * density
+            else:
+                walks += _WALKERS * chances[k] * density
+    return walks / max(stands + walks, 1e-300)
 
 
 @njit(cache=True, nogil=True)
