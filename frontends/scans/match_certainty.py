@@ -107,9 +107,9 @@ def _lowered(
     if strong[0] > 0.0:
         sure = weak[0] if weak[0] > _BY_CHANCE * weak[1] else 0.0
         rest = min(rest, sure / strong[0] * strengths[1])
-    thing = said * strengths[0]
-    variance = 1.0 / max(rest + thing, _LEAST * strengths[0])
-    walked = (thing * variance * _WALKED_M) ** 2
+    variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
+    # What else there is to see does not let it pull the match farther.
+    walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
     variance += walked * _walks(axes[:, 0], variance, walked, aways, covariances, chances)
     share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
     shrunk = np.eye(3)
@@ -156,14 +156,18 @@ def _walks(
 
 @njit(cache=True, nogil=True)
 def _drop(lattice: Lattice, points: Floats, pose: Floats, axis: Floats) -> tuple[float, float]:
-    """What the mean likelihood falls off by to the nearer side along an axis, and its noise."""
+    """What the mean likelihood falls off by to the nearer side along an axis, and its noise.
+
+    The noise is that of points that fit better there: where nothing falls off, as many fit worse.
+    """
     here = likelihoods(lattice, points, pose)
     least, noise = np.inf, 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _AWAY_M * axis[0], sign * _AWAY_M * axis[1], 0.0])
         lost = here - likelihoods(lattice, points, compose3(pose, shift))
         if lost.mean() < least:
-            least, noise = lost.mean(), lost.std() / math.sqrt(len(lost))
+            least = lost.mean()
+            noise = math.sqrt(2.0 * (np.minimum(lost, 0.0) ** 2).mean() / len(lost))
     return least, noise
 
 
