@@ -183,6 +183,8 @@ def test_an_interrupt_is_heard_where_a_shell_had_them_ignored(tmp_path: Path) ->
     folder = tmp_path / "c" / "paper_room_odometry_0"
     while not (folder / "log.txt").exists() and process.poll() is None:
         time.sleep(0.05)
+    # In the moment in which its log is opened, a run does not yet write down how it ends.
+    time.sleep(2.0)
     process.send_signal(signal.SIGINT)
     try:
         _, said = process.communicate(timeout=30)
