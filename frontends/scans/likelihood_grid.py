@@ -173,13 +173,7 @@ def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
 
 def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float:
     """Mean likelihood, 0 to 1, of points (K, 2) [m] in the frame of a pose (3,) on the grid."""
-    return mean_at(grid.lattice, points, pose)
-
-
-@njit(cache=True, nogil=True)
-def mean_at(lattice: Lattice, points: Floats, pose: Floats) -> float:
-    """As `mean_likelihood`, for compiled callers."""
-    return float(likelihoods(lattice, points, pose).sum()) / max(len(points), 1)
+    return float(likelihoods(grid.lattice, points, pose).sum()) / max(len(points), 1)
 
 
 @njit(cache=True, nogil=True)

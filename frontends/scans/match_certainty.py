@@ -109,11 +109,12 @@ def _lowered(
     first, last, said = _small_thing(lattice, points, pose, axes[:, 0])
     stands = np.concatenate((points[:first], points[last:]))
     rest = (1.0 - said) * strengths[0]
-    weak = _drop(lattice, stands, pose, axes[:, 0])
-    strong = _drop(lattice, stands, pose, axes[:, 1])
-    if strong[0] > 0.0:
-        sure = weak[0] if weak[0] > _BY_CHANCE * weak[1] else 0.0
-        rest = min(rest, sure / strong[0] * strengths[1])
+    here = likelihoods(lattice, stands, pose)
+    weak, noise = _drop(here, lattice, stands, pose, axes[:, 0])
+    strong, _ = _drop(here, lattice, stands, pose, axes[:, 1])
+    if strong > 0.0:
+        sure = weak if weak > _BY_CHANCE * noise else 0.0
+        rest = min(rest, sure / strong * strengths[1])
     variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
     # What else there is to see does not let it pull the match farther.
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
@@ -152,22 +153,25 @@ def _walks(
         for r in range(2):
             for c in range(2):
                 spread += axis[r] * covariances[k, r, c] * axis[c]
-        for extra in (0.0, walked):
-            density = math.exp(-0.5 * away2 / (spread + extra)) / math.sqrt(spread + extra)
-            if extra == 0.0:
-                stands += (1.0 - _WALKERS) * chances[k] * density
-            else:
-                walks += _WALKERS * chances[k] * density
+        stands += (1.0 - _WALKERS) * chances[k] * _density(away2, spread)
+        walks += _WALKERS * chances[k] * _density(away2, spread + walked)
     return walks / max(stands + walks, 1e-300)
 
 
 @njit(cache=True, nogil=True)
-def _drop(lattice: Lattice, points: Floats, pose: Floats, axis: Floats) -> tuple[float, float]:
+def _density(squared: float, variance: float) -> float:
+    """Normal density of a squared deviation, up to a constant."""
+    return math.exp(-0.5 * squared / variance) / math.sqrt(variance)
+
+
+@njit(cache=True, nogil=True)
+def _drop(
+    here: Floats, lattice: Lattice, points: Floats, pose: Floats, axis: Floats
+) -> tuple[float, float]:
     """What the mean likelihood falls off by to the nearer side along an axis, and its noise.
 
     The noise is that of points that fit better there: where nothing falls off, as many fit worse.
     """
-    here = likelihoods(lattice, points, pose)
     least, noise = np.inf, 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _AWAY_M * axis[0], sign * _AWAY_M * axis[1], 0.0])
