@@ -15,8 +15,8 @@ from slarm_graph.geometry import Floats
 SURPRISING = 30.66
 """Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errs with heavy tails. In
 graphs that no false closure has torn up to 3 % of the true finds lie beyond (a hall seen 8 m deep),
-of the false ones up to 1 % within. With half a hall is 0.34 m in place of 0.09 and edmonton 0.21
-in place of 0.16, with double a ward 0.12 in place of 0.38; eight others move by 15 % at most."""
+of the false ones up to 1 % within. With half a hall is 0.34 m in place of 0.09, with double a
+ward 0.12 in place of 0.38; eight others move by 15 % at most."""
 SIGMAS = math.sqrt(SURPRISING)
 """Standard deviations within which old places are looked for."""
 

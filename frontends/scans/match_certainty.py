@@ -29,7 +29,7 @@ roughness. Half of it makes intel.bag 6 % better and fr079 the same."""
 _BY_CHANCE = 2.33
 """Standard deviations of noise that 1 % of the falls exceed where there is none: of rough walls
 some points fit less a step further on, others more. With 1.0 three simulated buildings are 0.29,
-0.07 and 0.09 in place of 0.42, 0.03 and 0.04, intel without odometry is 0.07."""
+0.07 and 0.09 in place of 0.42, 0.03 and 0.04."""
 _LEAST = 1e-3
 """Share of information that is left at least: 30 times the noise."""
 _MISFIT = 10.0
@@ -47,9 +47,9 @@ _SMALL_M = 0.8
 """What is no wider may walk: a person is 0.5 m wide, and a stride is long."""
 _WALKERS = 0.05
 """Share of small things that walk: people among table legs, door frames and pillars. With 0.02
-intel without odometry is 0.05 m in place of 5.9 (it is lost either way), three simulated buildings
-are 0.20, 0.03 and 0.10 in place of 0.42, 0.03 and 0.04, but a bare corridor without anybody is 7 %
-too short in place of 3: there the last returns of its walls walk along."""
+three simulated buildings are 0.20, 0.03 and 0.10 m in place of 0.42, 0.03 and 0.04, but a bare
+corridor without anybody is 7 % too short in place of 3: there the last returns of its walls walk
+along."""
 _WALKED_M = 0.56
 """How far one has come since it was seen last: at 1.4 m/s in the 0.4 s in which a robot of 0.6 m/s
 drives to the next keyframe."""

@@ -39,7 +39,7 @@ either axis, from where refinement on the fine grid alone ends beside the place.
 _SPEAKS_FOR_NAT = -5.0
 """Evidence against a placement from which it is believed [nat]: odds of 150 to 1 for it, by what
 either place's walls and free space say of the other. From -1 to -5 nothing moves by more than 1 %;
-with -10 fewer true finds of sparse recordings pass (edmonton 0.45 m in place of 0.21)."""
+with -10 fewer true finds of sparse recordings pass."""
 _MOST_GRIDS = 24
 """Regions kept prepared: the neighbours of a place are asked for one after the other. Half of these
 are prepared again in a tenth more cases, double in a quarter fewer."""

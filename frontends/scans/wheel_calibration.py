@@ -44,7 +44,7 @@ _NOTHING = 1e6
 _LEAST_PATH = 9.0
 """Variance of a step along a path, over the guessed one, that is believed at least: three times the
 noise, since what wheels do over many steps depends on floors and loads to come. A third of it makes
-intel.bag 16 % worse and edmonton 23 % better, a ninth 21 % and 18 %."""
+intel.bag 16 % worse, a ninth 21 %."""
 _LEAST_STEP = 0.01
 """Share of odometry's guessed variance that is believed at least: a tenth of its noise."""
 _MOST_MATCH = 1000.0
