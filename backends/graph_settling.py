@@ -16,8 +16,8 @@ from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
 
 _SLIP_SIGMAS = 2.0
-"""Scale of the Cauchy kernel on steps: half of it makes mit-csail hard_1_of_2 8 % better, double 2 %
-worse; plain recordings stay, edmonton moves less than by 2 mm of noise in its ranges."""
+"""Scale of the Cauchy kernel on steps: half of it makes mit-csail hard_1_of_2 8 % better, double
+2 % worse; plain recordings stay, edmonton moves less than by 2 mm of noise in its ranges."""
 _BELIEVED = 0.5
 """Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
 _CONTRADICTION = 16.27
