@@ -60,10 +60,13 @@ class _State:
     measurements: list[Measurement] = field(default_factory=list)
     stamps_ns: list[int] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
+    lags: list[Floats] = field(default_factory=list)
     updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
     turned_rad: float = 0.0
-    unmatched: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    begun: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    doubt: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    doubted: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     brought_back: str = ""
 
@@ -124,6 +127,7 @@ class GmappingBackend:
         state.stamps_ns.append(reading.stamp_ns)
         state.revise(scan.revised)
         state.local.append(scan.local_from_robot.as_array())
+        state.lags.append(scan.lag_covariance)
         if not state.updates:
             state.first_points = self._points(scan, reading.scan.robot_from_laser)
             state.filter.start(state.first_points)
@@ -203,7 +207,8 @@ class GmappingBackend:
         floor = motion_covariance(self._config.motion, 0.0, 0.0) + cell
         weights = normalised(known.log_weights)
         spread = spread_covariances(paths, paths[:, known.best()], weights, floor)
-        return fill_covariances(spread, np.array(self._state.updates), poses)
+        filled = fill_covariances(spread, np.array(self._state.updates), poses)
+        return filled + np.array(self._state.lags)
 
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""
@@ -222,13 +227,19 @@ class GmappingBackend:
             step.result()
 
     def _travel(self, scan: TrackedScan) -> None:
-        """Add up the motion since the last update, and the frontend's doubt where it has any."""
+        """Add up the motion since the last update, and note the frontend's doubt.
+
+        A match settles what was unsure before it; where the local map is begun anew, the step to it
+        stays as unsure as it was.
+        """
         state = self._state
         state.path_m += math.hypot(scan.motion.x, scan.motion.y)
         state.turned_rad += abs(scan.motion.theta)
-        sigma = np.sqrt(np.diag(scan.motion_covariance)).tolist()
-        if not scan.match or max(sigma[:2]) > _SURE_M or sigma[2] > _SURE_RAD:
-            state.unmatched = state.unmatched + scan.motion_covariance
+        sigma = np.sqrt(np.diag(scan.local_covariance)).tolist()
+        is_sure = scan.match and max(sigma[:2]) <= _SURE_M and sigma[2] <= _SURE_RAD
+        state.doubt = np.zeros((3, 3)) if is_sure else scan.local_covariance
+        if scan.is_keyframe and not scan.match:
+            state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
 
     def _is_due(self, scan: TrackedScan) -> bool:
         state = self._state
@@ -244,16 +255,18 @@ class GmappingBackend:
         """Sum up what has happened since the last update, and begin anew."""
         state = self._state
         covariance = motion_covariance(self._config.motion, state.path_m, state.turned_rad)
+        unsure = state.doubted + state.begun + state.doubt
         measurement = Measurement(
             self._points(scan, robot_from_laser),
             between(state.local[state.updates[-1]], state.local[-1]),
-            covariance + state.unmatched,
-            bool(state.unmatched.any()),
+            covariance + unsure,
+            bool(unsure.any()),
             state.path_m,
             state.turned_rad,
         )
         state.updates.append(len(state.stamps_ns) - 1)
-        state.path_m, state.turned_rad, state.unmatched = 0.0, 0.0, np.zeros((3, 3))
+        state.path_m, state.turned_rad = 0.0, 0.0
+        state.begun, state.doubted = np.zeros((3, 3)), state.doubt
         return measurement
 
     def _points(self, scan: TrackedScan, robot_from_laser: Pose2) -> Floats:

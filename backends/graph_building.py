@@ -54,6 +54,8 @@ class ClosedGraph:
         `map_from_robot` at every scan.
     closures : Table
         Every closure met, accepted or not, with the weight it ended with.
+    lag_covariances : (S, 3, 3) float64
+        Of every scan's pose at its stamp, seen from where the graph has it.
     notices : tuple of str
         What could not be brought together.
     """
@@ -62,6 +64,7 @@ class ClosedGraph:
     scans: NDArray[np.int64]
     poses: Floats
     closures: Table
+    lag_covariances: Floats
     notices: tuple[str, ...] = ()
 
 
@@ -84,8 +87,8 @@ class GraphBuilder:
         self._graph = SubmapGraph(settings)
         self._stamps_ns: list[int] = []
         self._local: list[Pose2] = []
+        self._lags: list[Floats] = []
         self._has_odometry = False
-        self._unmatched = np.zeros((3, 3))
         self._wheels: WheelMotion | None = None
 
     def take(self, tracked: TrackedScan) -> None:
@@ -94,10 +97,9 @@ class GraphBuilder:
         if tracked.revised:
             self._local[-len(tracked.revised) :] = map(Pose2.from_array, tracked.revised)
         self._local.append(tracked.local_from_robot)
+        self._lags.append(tracked.lag_covariance)
         self._has_odometry |= tracked.odom_from_robot is not None
         self._wheels = joined(self._wheels, tracked.wheels)
-        if not tracked.match:
-            self._unmatched = self._unmatched + tracked.motion_covariance
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
 
@@ -141,19 +143,19 @@ class GraphBuilder:
         poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals))
-        return ClosedGraph(settled, graph.node_scans(), poses, table, told)
+        return ClosedGraph(settled, graph.node_scans(), poses, table, np.array(self._lags), told)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
-        matched = tracked.match.covariance if tracked.match else np.zeros((3, 3))
         keyframe = Keyframe(
             len(self._stamps_ns) - 1,
             tracked.points_m,
             tracked.local_from_robot,
-            self._unmatched + matched,
+            tracked.local_covariance,
             view_center(tracked.points_m),
             self._wheels,
+            tracked.lag_covariance,
         )
-        self._unmatched, self._wheels = np.zeros((3, 3)), _STOOD
+        self._wheels = _STOOD
         self._graph.add(keyframe)
         keyframes, submaps = self._graph.keyframes, self._graph.submaps
         closures = self._closer.confirm(keyframes, submaps)

@@ -69,6 +69,8 @@ class PoseGraphBackend:
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
         covariances = path_covariances(closed.graph, closed.scans, closed.poses)
         told = (*closed.notices, *covariance_notices(closed.graph, covariances))
+        if covariances is not None:
+            covariances = covariances + closed.lag_covariances
         return SlamResult(trajectory, covariances, closed.graph, (closed.closures,), told)
 
     def snapshot(self) -> State:

@@ -32,8 +32,8 @@ def square(*closures: Pose2) -> ClosedGraph:
         Constraint(0, 4, seen, covariance, ConstraintKind.LOOP_CLOSURE) for seen in closures
     )
     scans = np.array([0, 2, 4, 6, 8])
-    poses = np.repeat(corners, 2, axis=0)[:9]
-    return ClosedGraph(PoseGraph(corners, (step, *loops)), scans, poses, Table("c", (), ()))
+    poses, none = np.repeat(corners, 2, axis=0)[:9], np.zeros((9, 3, 3))
+    return ClosedGraph(PoseGraph(corners, (step, *loops)), scans, poses, Table("c", (), ()), none)
 
 
 @pytest.mark.parametrize(

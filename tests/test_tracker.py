@@ -139,7 +139,7 @@ def test_pose_errors_are_as_large_as_the_covariance_says() -> None:
             between(truth[:-1], truth[1:]), np.array([t.motion.as_array() for t in tracked])
         )
         error[:, 2] = wrap_angles(error[:, 2])
-        covariance = np.array([t.motion_covariance for t in tracked])
+        covariance = np.array([t.local_covariance for t in tracked])
         nees += list(np.einsum("ni,nij,nj->n", error, np.linalg.inv(covariance), error) / 3.0)
     assert 0.5 < np.mean(nees) < 2.0
 
@@ -159,7 +159,7 @@ def test_odometry_holds_the_way_along_a_bare_corridor() -> None:
     travelled_m = float(np.ptp(source.truth().poses[:, 0]))
     assert position_errors_m(tracked, source.truth().poses)[-1] < 0.03 * travelled_m
     # In the middle, far from both ends, the match itself knows nothing of the way along.
-    sigma = np.sqrt(np.diag(tracked[len(tracked) // 2].motion_covariance))
+    sigma = np.sqrt(np.diag(tracked[len(tracked) // 2].local_covariance))
     assert sigma[0] > 3.0 * sigma[1]
 
 

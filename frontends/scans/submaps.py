@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
@@ -46,6 +46,8 @@ class Keyframe:
         Middle of what it sees nearby, in the robot's frame [m].
     wheels : WheelMotion or None
         Motion since the keyframe before by odometry alone; None where there is none.
+    lag_covariance : (3, 3) float64
+        Of where odometry was read, seen from where the points lie as they were matched.
     """
 
     scan: int
@@ -54,6 +56,7 @@ class Keyframe:
     covariance: Floats
     view_center_m: Floats
     wheels: WheelMotion | None = None
+    lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 def view_center(points: Floats) -> Floats:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -53,8 +53,9 @@ class TrackedScan:
         Lidar odometry: drifts, never jumps.
     motion : Pose2
         Previous scan's robot frame from this one's.
-    motion_covariance : (3, 3) float64
-        Of `motion`, in this scan's body frame.
+    local_covariance : (3, 3) float64
+        Of `local_from_robot` on the present local map, in the body frame: that of the match, and
+        while nothing is matched what has come to it since.
     match : MatchResult
         Falsy with a reason when the scan was not matched and the prediction was kept.
     odom_from_robot : Pose2 or None
@@ -66,18 +67,22 @@ class TrackedScan:
     revised : tuple of R (3,) float64
         `local_from_robot` of the R scans before, as they are believed now: none as a rule, some
         where this scan has decided for another story of where the robot went.
+    lag_covariance : (3, 3) float64
+        Of where the robot was at the stamp, seen from where `points_m` lie as they were matched: a
+        sweep is matched in its middle. Every scan's own, it does not add up along a way.
     """
 
     stamp_ns: int
     points_m: Floats
     local_from_robot: Pose2
     motion: Pose2
-    motion_covariance: Floats
+    local_covariance: Floats
     match: MatchResult
     odom_from_robot: Pose2 | None
     is_keyframe: bool
     wheels: WheelMotion | None = None
     revised: tuple[Floats, ...] = ()
+    lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 class ScanTracker:
@@ -169,20 +174,19 @@ class ScanTracker:
         self, reading: Reading, points: Floats, rate: Floats | None, middle: float
     ) -> TrackedScan:
         best, scan = self._stories[0], reading.scan
-        pose, covariance = Pose2.from_array(best.pose), best.covariance
+        pose, lag = Pose2.from_array(best.pose), np.zeros((3, 3))
         if rate is not None:
             back = Pose2.from_array(-rate * scan.time_increment_s * middle)
             pose = pose @ back
             points = back.inverse().transform(points_for_matching(scan, self._config, rate, middle))
-            lag_s = middle * scan.time_increment_s
-            covariance = covariance + best.motion.lag_covariance(lag_s)
+            lag = best.motion.lag_covariance(middle * scan.time_increment_s)
         told = pose.as_array()
         before = self._revised[-1] if self._revised else self._before
         self._before = told
         place = best.place
         match = MatchResult(
             pose,
-            covariance,
+            best.covariance,
             place.score if place else 0.0,
             place.inliers if place else 0,
             place.iterations if place else 0,
@@ -193,12 +197,13 @@ class ScanTracker:
             points,
             pose,
             Pose2.from_array(between3(told if before is None else before, told)),
-            covariance,
+            best.covariance,
             match,
             reading.odom_from_robot,
             self._keep(points, pose, place),
             best.motion.wheel_motion(),
             self._revised,
+            lag,
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:

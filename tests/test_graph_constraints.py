@@ -1,0 +1,132 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How sure steps of the graph and the filter are: in sweeps, and after scans that fit nowhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.gmapping import GmappingBackend
+from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.backends.graph_constraints import matched_step, wheels_step
+from slarm_graph.backends.proposal import Measurement
+from slarm_graph.config import (
+    FrontendConfig,
+    GmappingConfig,
+    LidarConfig,
+    PoseGraphConfig,
+    SimulationConfig,
+)
+from slarm_graph.constraint import ConstraintKind
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.submaps import Keyframe
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import Reading
+
+
+def drive(lidar: LidarConfig) -> list[Reading]:
+    room, config = load_world("paper_room"), SimulationConfig(lidar=lidar)
+    return list(SourceFromWorld(room, config, seed=0, script=waypoints(ROUTE)))
+
+
+ROUTE = np.array([[-3.0, -2.8], [4.4, -2.0], [4.4, 2.0]])
+LAG = np.diag([0.04, 0.02, 0.1]) ** 2
+
+
+def keyframe(k: int, lag: Floats) -> Keyframe:
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3))
+    covariance = np.diag([1e-5, 1e-5, 1e-6])
+    return Keyframe(k, np.zeros((0, 2)), Pose2(0.5 * k), covariance, np.zeros(2), wheels, lag)
+
+
+def test_the_middle_of_sweeps_is_as_sure_as_their_matches() -> None:
+    swept, still = ([keyframe(k, lag) for k in range(5)] for lag in (LAG, np.zeros((3, 3))))
+    np.testing.assert_array_equal(
+        matched_step(1, swept).covariance, matched_step(1, still).covariance
+    )
+
+
+def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
+    swept, still = ([keyframe(k, lag) for k in range(5)] for lag in (LAG, np.zeros((3, 3))))
+    lagging, exact = wheels_step(1, swept), wheels_step(1, still)
+    assert lagging is not None and exact is not None
+    more = lagging.covariance - exact.covariance
+    # Two metres on, what the heading is off at the first end has become a step to the side.
+    np.testing.assert_allclose(
+        np.diag(more), [2 * 0.04**2, 2 * 0.02**2 + (2 * 0.1) ** 2, 2 * 0.1**2]
+    )
+
+
+def step_sigmas(readings: Iterable[Reading]) -> Floats:
+    """Median standard deviations (3,) of the matched steps of the graph."""
+    tracker, builder = (
+        ScanTracker(FrontendConfig()),
+        GraphBuilder(PoseGraphConfig(), FrontendConfig()),
+    )
+    for reading in readings:
+        builder.take(tracker.track(reading))
+    edges = builder.closed().graph.constraints
+    steps = [e.covariance for e in edges if e.kind is ConstraintKind.ODOMETRY]
+    return np.sqrt(np.median([np.diag(s) for s in steps], axis=0))
+
+
+@pytest.fixture(scope="module")
+def lap() -> list[Reading]:
+    return drive(LidarConfig())
+
+
+def test_steps_of_a_sweeping_laser_are_as_sure_as_of_one_that_does_not(lap: list[Reading]) -> None:
+    swept = drive(LidarConfig(sweep_s=0.1))
+    assert np.all(step_sigmas(swept) < 2.0 * step_sigmas(lap))
+
+
+def broken_off(readings: list[Reading]) -> list[Reading]:
+    """Every tenth scan breaks off seven times after its first return, as with a loose cable."""
+    out: list[Reading] = []
+    for i, reading in enumerate(readings):
+        out.append(reading)
+        few = np.full_like(reading.scan.ranges_m, np.inf)
+        few[0] = reading.scan.ranges_m[0]
+        for k in range(7 if i % 10 == 0 else 0):
+            stamp_ns = reading.stamp_ns + (k + 1) * 10**7
+            out.append(
+                replace(reading, stamp_ns=stamp_ns, scan=replace(reading.scan, ranges_m=few))
+            )
+    return out
+
+
+def test_a_match_settles_what_was_unsure_before_it(lap: list[Reading]) -> None:
+    assert np.all(step_sigmas(broken_off(lap)) < 2.0 * step_sigmas(lap))
+
+
+def test_the_filter_is_not_lost_where_the_frontend_has_matched_again(lap: list[Reading]) -> None:
+    told = filtered(broken_off(lap))
+    assert len(told) > 5
+    assert not any(m.is_lost for m in told)
+
+
+def test_the_filter_is_told_of_a_step_without_a_match(lap: list[Reading]) -> None:
+    """For a second the laser shows a place of its own, to which no match leads."""
+    rng = np.random.default_rng(0)
+    elsewhere = rng.uniform(1.0, 8.0, len(lap[0].scan.ranges_m)).astype(np.float32)
+    astray = [
+        replace(r, scan=replace(r.scan, ranges_m=elsewhere)) if 40 <= i < 50 else r
+        for i, r in enumerate(lap)
+    ]
+    assert any(m.is_lost for m in filtered(astray))
+
+
+def filtered(readings: list[Reading]) -> list[Measurement]:
+    """What the particles were told of a drive."""
+    settings = GmappingConfig(particles=2)
+    backend = GmappingBackend(settings, FrontendConfig(), np.random.default_rng(0))
+    for reading in readings:
+        backend.update(reading)
+    return backend._state.measurements
