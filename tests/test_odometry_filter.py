@@ -12,7 +12,7 @@ import pytest
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 
 SURE = np.diag([1e-6, 1e-6, 1e-6])
 FORWARD = Pose2(0.1, 0.0, 0.02)
@@ -51,22 +51,42 @@ def test_systematic_errors_are_found(errors: tuple[float, float, float]) -> None
     np.testing.assert_allclose(wheels.errors, errors, atol=0.01)
 
 
+def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floats, ...]:
+    """Variances (3,) found of matches, of single steps and of steps along a path.
+
+    Of matches of 4 mm and 4 mrad by their points alone, in steps of 0.1 m; the truth are standard
+    deviations (3,) of every step, of every match, and of every reading of odometry.
+    """
+    rng = np.random.default_rng(1)
+    wheels, found = WheelCalibration(), []
+    guess = np.array([0.009, 0.007, 0.009]) ** 2  # the floor, and what 0.1 m adds to it
+    match, reading = np.zeros(3), np.zeros(3)
+    for _ in range(3000):
+        now, read = of_match * rng.standard_normal(3), of_reading * rng.standard_normal(3)
+        told = np.array([0.1, 0.0, 0.0]) + read - reading
+        moved = np.array([0.1, 0.0, 0.0]) + of_step * rng.standard_normal(3) + now - match
+        match, reading = now, read
+        wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
+        one = wheels.excess * guess, wheels.path_excess * guess
+        found.append((wheels.match_excess * 0.004**2, *one))
+    return tuple(np.mean(found[500:], axis=0))
+
+
 def test_noise_of_odometry_and_of_matches_are_told_apart() -> None:
     """Odometry's error stays in the path, a match's is taken back by the next one."""
-    rng = np.random.default_rng(1)
-    of_step, of_match = 0.006, 0.012
-    wheels, before, found = WheelCalibration(), 0.0, []
-    guess = WheelCalibration().excess * 0.009**2  # 0.004 m and 5 % of 0.1 m
-    for _ in range(3000):
-        told = np.array([0.1, 0.0, 0.0])
-        now = of_match * rng.standard_normal()
-        moved = told + np.array([of_step * rng.standard_normal() + now - before, 0.0, 0.0])
-        before = now
-        wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
-        found.append((wheels.match_excess[0] * 0.004**2, wheels.excess[0] * guess[0]))
-    matches, steps = np.mean(found[500:], axis=0)
-    assert matches == pytest.approx(of_match**2, rel=0.3)
-    assert steps == pytest.approx(of_step**2, rel=0.5)
+    matches, steps, _ = learned(np.full(3, 0.006), np.full(3, 0.012), np.zeros(3))
+    np.testing.assert_allclose(matches, 0.012**2, rtol=0.3)
+    assert steps[0] == pytest.approx(0.006**2, rel=0.5)
+
+
+def test_readings_of_odometry_are_not_held_against_matches() -> None:
+    """Stamps that are off shift odometry along the way, and the next reading takes that back."""
+    none = np.zeros(3)
+    matches, steps, path = learned(np.full(3, 0.001), none, np.array([0.02, 0.0, 0.0]))
+    np.testing.assert_allclose(matches, 0.004**2, rtol=0.1)
+    # A step is between two readings; along a path they cancel.
+    assert steps[0] == pytest.approx(2.0 * 0.02**2, rel=0.3)
+    assert path[0] < 0.2 * steps[0]
 
 
 def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFilter:

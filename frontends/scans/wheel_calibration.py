@@ -7,9 +7,12 @@ Systematic errors are three numbers: the scale of the way, the scale of turns, a
 Errors in Mobile Robots", IEEE T-RA 12(6), 1996. They are a Gaussian state, measured by every match.
 
 What is left between odometry and matches is noise of both. They are told apart by its correlation
-in time: an error of odometry stays in the path, an error of a match is taken back by the next one
+in time: an error of driving stays in the path, an error of a match is taken back by the next one
 (covariance matching: Mehra, "On the Identification of Variances and Adaptive Kalman Filtering",
-IEEE T-AC 15(2), 1970).
+IEEE T-AC 15(2), 1970). So is an error of reading odometry: stamps that are off shift it along the
+way, whole ticks and degrees are rounded. Matches are wrong in all directions in proportion to what
+their points say, readings only where the robot moves: what all three axes have in common is the
+matches'.
 """
 
 from __future__ import annotations
@@ -49,6 +52,9 @@ _LEAST_STEP = 0.01
 """Share of odometry's guessed variance that is believed at least: a tenth of its noise."""
 _MOST_MATCH = 1000.0
 """Most of what a match's variance may be more than by its points alone: 30 times its noise."""
+_LEAST_OF_THREE = 0.78
+"""What the least of three equal ratios comes out as on average, each learned from `_MOST_STEPS`
+with a standard deviation of a quarter (by simulation)."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
@@ -154,14 +160,15 @@ class WheelCalibration:
         self._product = self._product + rate * (miss * last - self._product)
         self._guess = self._guess + rate * (guess - self._guess)
         self._claim = self._claim + rate * (claimed - self._claim)
-        of_match = np.clip(-self._product, self._claim, 0.5 * self._square)
-        of_match = np.minimum(np.maximum(of_match, self._claim), _MOST_MATCH * self._claim)
+        ratio = np.minimum(-self._product, 0.5 * self._square) / self._claim
+        self._add_up(miss, np.clip(ratio, 1.0, _MOST_MATCH) * self._claim, tells)
+        in_common = float(np.clip(ratio.min() / _LEAST_OF_THREE, 1.0, _MOST_MATCH))
+        self.match_excess = np.full(3, in_common)
+        of_match = self.match_excess * self._claim
         of_step = np.maximum(self._square - 2.0 * of_match, _LEAST_STEP * self._guess)
-        self._add_up(miss, of_match, tells)
-        self.match_excess = of_match / self._claim
         self.excess = of_step / self._guess
 
-    def _add_up(self, miss: Floats, of_match: Floats, tells: NDArray[np.bool_]) -> None:
+    def _add_up(self, miss: Floats, taken_back: Floats, tells: NDArray[np.bool_]) -> None:
         """Learn how the misses of many steps add up (Allan, Proc. IEEE 54(2), 1966)."""
         self._sum, self._summed = self._sum + miss, self._summed + 1
         if self._summed < _PATH_STEPS:
@@ -169,7 +176,7 @@ class WheelCalibration:
         self._sums = min(self._sums + 1.0, _MOST_STEPS / _PATH_STEPS)
         self._sum_square = self._sum_square + tells * (self._sum**2 - self._sum_square) / self._sums
         self._sum, self._summed = np.zeros(3), 0
-        of_step = (self._sum_square - 2.0 * of_match) / _PATH_STEPS
+        of_step = (self._sum_square - 2.0 * taken_back) / _PATH_STEPS
         self.path_excess = np.maximum(of_step / self._guess, _LEAST_STEP)
 
     def _learn_errors(self, effect: Floats, miss: Floats, noise: Floats) -> None:
