@@ -8,31 +8,27 @@ import json
 import logging
 import os
 import resource
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import slarm_graph
 from slarm_graph.app.allocation import return_freed
+from slarm_graph.app.ending import begun, ended
 from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.progress import Progress
+from slarm_graph.app.provenance import Facts, git_revision, versions
 from slarm_graph.errors import BadInput, RunFailed
 
 _log = logging.getLogger(__name__)
 
-Facts = dict[str, object]
-
 RECORD = "run.json"
 CHECKPOINT = "checkpoint"
+_RUNNING = "running"
 _LINK, _LINK_TEXT = "latest", "latest.txt"
-_VERSIONS = ("slarm-graph", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags")
 _MB = 1024.0
 """Kilobytes of a megabyte, as Linux counts memory; macOS counts bytes."""
 
@@ -66,9 +62,10 @@ class RunFolder:
         self._started_s = time.monotonic()
         self._cpu_started_s = time.process_time()
         self._facts.setdefault("started", datetime.now().astimezone().isoformat(timespec="seconds"))
+        begun(self)  # before it says `running`, so that nobody leaves it at that
         self.note(
-            status="running",
-            versions=_versions(),
+            status=_RUNNING,
+            versions=versions(),
             git_revision=git_revision(),
             argv=list(sys.argv),
         )
@@ -126,6 +123,19 @@ class RunFolder:
             "stage_peak_mb": dict(self._peaks_mb),
         }
         self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
+        if self._facts["status"] != _RUNNING:
+            ended(self)
+
+    def end_early(self, why: str, *, by_user: bool) -> None:
+        """Record why it ended early: `failed`, or `partial` where there is more to be had of it."""
+        more = by_user or (self.path / "trajectory.tum").is_file()
+        self.note(status="partial" if more else "failed", problem=why)
+
+    def how_to_go_on(self, why: str) -> Iterator[str]:
+        """Say why it is not whole, where what there is of it lies, and how to go on."""
+        yield f"{why}; partial results are in {self.path}"
+        if (self.path / CHECKPOINT).is_dir():
+            yield f"go on with: slarm run --resume {self.path}"
 
     def record(self) -> Mapping[str, object]:
         """Return what is known of the run, as in `run.json`."""
@@ -253,27 +263,3 @@ def _seconds(facts: Facts, key: str) -> float:
 def _peak_memory_mb() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
     return peak / _MB if sys.platform == "darwin" else peak
-
-
-def _versions() -> Facts:
-    found: Facts = {"python": sys.version.split()[0]}
-    for name in _VERSIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
-
-
-@cache
-def git_revision() -> str | None:
-    """Return the revision of the checkout this code runs from, marked when files differ."""
-    here = Path(slarm_graph.__file__).resolve().parent
-    if not (here.parent / ".git").exists():
-        return None
-    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() or None
