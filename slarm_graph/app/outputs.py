@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
+from slarm_graph.app.allocation import return_freed
 from slarm_graph.app.map_images import save_map
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
@@ -112,6 +113,7 @@ def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -
             f" values (--set radio.csv_most_lines={lines} writes it)"
         )
     for name, write in forms:
+        return_freed()  # what one form, or its library, has loaded is not needed for the next
         with folder.replacing(name) as temporary:
             write(temporary, radio)
 
