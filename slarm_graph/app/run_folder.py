@@ -41,7 +41,7 @@ class RunFolder:
     path : Path
         An existing folder.
     earlier : mapping, optional
-        The record of the interrupted run that is being resumed here.
+        What its record begins with, such as that of an interrupted run that is resumed here.
     claim : FolderClaim, optional
         On the folder, where it was claimed before.
     """
@@ -142,8 +142,12 @@ class RunFolder:
         return dict(self._facts)
 
 
-def create_run_folder(out: Path, name: str | None = None, *, overwrite: bool = False) -> RunFolder:
+def create_run_folder(
+    out: Path, name: str | None = None, *, overwrite: bool = False, kind: str = "run"
+) -> RunFolder:
     """Make `OUT/<date_time>[_NN]`, or `OUT/NAME`, and point `OUT/latest` to it.
+
+    What kind of work it holds is in its record from the first moment on (`was_begun`).
 
     Raises
     ------
@@ -157,7 +161,7 @@ def create_run_folder(out: Path, name: str | None = None, *, overwrite: bool = F
         claim = FolderClaim(path)
         if name is not None:
             _make_room(path, overwrite=overwrite)
-        folder = RunFolder(path, claim=claim)
+        folder = RunFolder(path, {"kind": kind}, claim=claim)
         _point_to(out, path.name)
     except OSError as error:
         raise BadInput(
@@ -180,6 +184,11 @@ def open_run_folder(path: Path) -> RunFolder:
     if record.get("status") == "ok":
         raise BadInput(f"{path}: this run is finished; there is nothing to resume")
     return RunFolder(path, record, claim=claim)
+
+
+def was_begun(path: Path, kind: str) -> bool:
+    """Whether a folder holds work of this kind, done or not."""
+    return (path / RECORD).is_file() and read_record(path).get("kind") == kind
 
 
 def read_record(path: Path) -> Mapping[str, object]:
