@@ -17,6 +17,9 @@ _BAND_CELLS = 2_000_000
 """Cells of a band: some layers of it fit into a processor's cache. Recovery of a site of 50 million
 cells takes 12.9, 12.1 and 12.0 s at half of it, it and double, and the same memory within 1 MB."""
 
+_PAGE_CELLS = 4096
+"""Cells of a mask in a page of memory: pages of zeros that nobody writes take none."""
+
 
 class Band(NamedTuple):
     """Rows of a grid.
@@ -66,6 +69,8 @@ def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -
     whole = np.zeros(shape, dtype=np.bool_)
     for band in bands(shape, halo):
         mask = part(band.around)[band.inner]
-        if mask.any():
-            whole[band.rows] = mask
+        for first in range(0, shape[1], _PAGE_CELLS):
+            cols = slice(first, first + _PAGE_CELLS)
+            if mask[:, cols].any():
+                whole[band.rows, cols] = mask[:, cols]
     return whole
