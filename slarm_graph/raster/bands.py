@@ -55,7 +55,13 @@ def bands(
         set_aside(*aside)
 
 
-def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -> Mask:
+def by_bands(
+    shape: tuple[int, int],
+    halo: int,
+    part: Callable[[slice], Mask],
+    *,
+    aside: Sequence[NDArray[np.generic]] = (),
+) -> Mask:
     """Put a mask (rows, cols) together from what a function says of bands.
 
     Parameters
@@ -65,9 +71,11 @@ def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -
         How many rows beyond a band the function has to see.
     part : function of rows
         Returns its mask for these rows of the grid; only those well inside are used.
+    aside : sequence of layers
+        What may leave the memory after every band, as in `bands`.
     """
     whole = np.zeros(shape, dtype=np.bool_)
-    for band in bands(shape, halo):
+    for band in bands(shape, halo, aside=aside):
         mask = part(band.around)[band.inner]
         for first in range(0, shape[1], _PAGE_CELLS):
             cols = slice(first, first + _PAGE_CELLS)
