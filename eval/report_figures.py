@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.eval.page import Figure, plain, png_uri, single
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, OccupancyGrid
+from slarm_graph.raster.bands import bands
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.world import Solid
 
@@ -56,20 +57,26 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
 
     An occupied cell stays visible however much coarser the picture is.
     """
-    image = np.full(grid.geometry.shape, _UNKNOWN, dtype=np.uint8)
-    image[grid.free] = _FREE
-    image[grid.occupied] = _OCCUPIED
-    set_aside(grid.probability)
-    step = max(1, math.ceil(math.sqrt(image.size / _MAX_MAP_PIXELS)))
-    rows, cols = (-(-n // step) * step for n in image.shape)
-    padded = np.full((rows, cols), _UNKNOWN, dtype=np.uint8)
-    padded[: image.shape[0], : image.shape[1]] = image
-    coarse = padded.reshape(rows // step, step, cols // step, step).min(axis=(1, 3))
     g = grid.geometry
-    shown = GridGeometry(
-        g.origin_x_m, g.origin_y_m, g.resolution_m * step, rows // step, cols // step
-    )
-    return _sharp_uri(coarse), shown
+    step = max(1, math.ceil(math.sqrt(g.rows * g.cols / _MAX_MAP_PIXELS)))
+    rows, cols = (-(-n // step) for n in g.shape)
+    picture = np.empty((rows, cols), dtype=np.uint8)
+    for band in bands((rows, cols * step * step)):
+        fine = slice(band.rows.start * step, min(band.rows.stop * step, g.rows))
+        picture[band.rows] = _darkest(grid.in_rows(fine), step)
+        set_aside(grid.probability)
+    shown = GridGeometry(g.origin_x_m, g.origin_y_m, g.resolution_m * step, rows, cols)
+    return _sharp_uri(picture), shown
+
+
+def _darkest(grid: OccupancyGrid, step: int) -> NDArray[np.uint8]:
+    """Return the darkest shade of every block of cells; beyond the grid is unknown."""
+    rows, cols = (-(-n // step) for n in grid.geometry.shape)
+    image = np.full((rows * step, cols * step), _UNKNOWN, dtype=np.uint8)
+    inner = image[: grid.geometry.rows, : grid.geometry.cols]
+    inner[grid.free] = _FREE
+    inner[grid.occupied] = _OCCUPIED
+    return np.asarray(image.reshape(rows, step, cols, step).min(axis=(1, 3)))
 
 
 def _sharp_uri(cells: NDArray[np.uint8]) -> str:

@@ -25,7 +25,8 @@ from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.app.outcomes import Process, carry_out
 from slarm_graph.app.template import PROGRAM, Template
-from slarm_graph.app.trials import Trial, TrialSource
+from slarm_graph.app.trials import KEYS, Trial, TrialSource
+from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
@@ -129,6 +130,23 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     links = re.findall(r'href="([^"]+/report.html)"', page)
     assert len(links) == 2
     assert all((tmp_path / "c" / link).is_file() for link in links)
+
+
+def test_what_was_begun_goes_on_though_no_run_had_begun(tmp_path: Path) -> None:
+    """A comparison is killed right after its folder was made."""
+    comparison_folder.open_comparison(tmp_path, "c")
+    bag = room_bag(tmp_path / "good.bag", 8)
+    assert run("compare", bag, "--backends", "odometry", "--out", tmp_path, "--name", "c") == 0
+
+
+def test_keys_of_a_comparison_at_work_are_not_taken_away(tmp_path: Path) -> None:
+    at_work = comparison_folder.open_comparison(tmp_path, "c")
+    key = at_work.path / KEYS / "good_odometry_0"
+    key.parent.mkdir()
+    key.write_text("key")
+    with pytest.raises(BadInput, match="another process is at work"):
+        comparison_folder.open_comparison(tmp_path, "c", overwrite=True)
+    assert key.is_file()
 
 
 def test_a_path_without_a_map_is_drawn_and_compared(tmp_path: Path) -> None:

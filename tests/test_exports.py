@@ -31,6 +31,7 @@ from slarm_graph.app.outputs import save_radio, save_trajectory
 from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.config import RadioConfig
 from slarm_graph.files.coverage import write_coverage
+from slarm_graph.files.maps import masks_of
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.geographic import as_geographic
@@ -53,7 +54,7 @@ def folder(tmp_path: Path) -> Path:
     cells[10:14, 20:25] = 1.0
     geometry = GridGeometry(-2.0, -1.5, 0.1, 30, 40)
     grid = OccupancyGrid(geometry, cells)
-    save_map(made, "map", geometry, grid.occupied, grid.free)
+    save_map(made, "map", geometry, masks_of(grid))
     with made.replacing("coverage.npz") as temporary:
         write_coverage(temporary, as_geographic(grid))
     loss = np.where(grid.free, 60.0 + geometry.centers()[..., 0], np.nan).astype(np.float32)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import csv
+import tracemalloc
 from dataclasses import replace
 
 import cv2
@@ -128,3 +129,41 @@ def test_picture_is_a_picture(radio, tmp_path):
     image = cv2.imread(str(tmp_path / "r.png"))
     assert min(image.shape[:2]) > 400
     assert len(np.unique(image.reshape(-1, 3), axis=0)) > 100
+
+
+@pytest.fixture
+def large():
+    """A site of a million cells, all with a value."""
+    shape = (1000, 1000)
+    return RadioMap(
+        geometry=GridGeometry(0.0, 0.0, 0.05, *shape),
+        access_points=(AccessPoint("a", 1.0, 1.0, 2.5),),
+        path_loss_db=np.linspace(50, 90, 10**6, dtype=np.float32).reshape(1, *shape),
+        line_of_sight=np.ones((1, *shape), dtype=np.bool_),
+        antenna_height_m=0.4,
+        scenario="InF-DL",
+        rician_factor_db=6.5,
+        height_source="default",
+    )
+
+
+@pytest.mark.parametrize(
+    ("write", "bytes_per_cell"), [(write_radio_csv, 25), (write_radio_png, 40)]
+)
+def test_writing_takes_little_memory(large, tmp_path, write, bytes_per_cell):
+    """Text: a mask, the cells' numbers; a picture: some layers of 4 bytes, no colours as floats."""
+    write(
+        tmp_path / "first",
+        replace(
+            large,
+            path_loss_db=large.path_loss_db[:, :9, :9],
+            line_of_sight=large.line_of_sight[:, :9, :9],
+            geometry=GridGeometry(0, 0, 0.05, 9, 9),
+        ),
+    )
+    tracemalloc.start()
+    try:
+        write(tmp_path / "file", large)
+        assert tracemalloc.get_traced_memory()[1] < bytes_per_cell * 10**6
+    finally:
+        tracemalloc.stop()

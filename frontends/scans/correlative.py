@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numba import njit
@@ -22,6 +23,9 @@ from slarm_graph.geometry import Floats, Pose2
 
 _STACK = 256
 """Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
+
+_NONE = cast(int, np.int64(0))
+"""To count from, as a value: for a literal numba compiles a kernel anew."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +79,7 @@ def search(
         return None
     window = window_of(pyramid, near, center, pyramid.step_rad, reach_m, reach_rad)
     floor = math.floor(min_score * FULL * len(near))
-    best, visited = _branch_and_bound(pyramid.cells, pyramid.layout, window, floor)
+    best, visited = _branch_and_bound(pyramid, window, floor)
     k, i, j, total = best.tolist()
     if total <= floor:
         return None
@@ -129,22 +133,33 @@ def _score_offsets(
                 sums[3] += cells[start + row1 * cols + col1]
 
 
-@njit(cache=True, nogil=True)
-def _branch_and_bound(
-    cells: Bytes, layout: Integers, window: Window, floor: int
-) -> tuple[Integers, int]:
+def _branch_and_bound(pyramid: SearchPyramid, window: Window, floor: int) -> tuple[Integers, int]:
     """Depth first, best bound first; returns the best (4,) and how many blocks were scored.
 
     The best are its angle and offset steps and its sum, which is `floor` where none is better.
     """
-    best = np.array([0, 0, 0, floor], dtype=np.int64)
+    cells, layout = pyramid.cells, pyramid.layout
     level = _top_level(layout, window)
     roots, visited = _roots(cells, layout, window, level, floor)
-    for r in np.argsort(-roots[:, 3], kind="mergesort"):
+    roots = roots[np.argsort(-roots[:, 3], kind="stable")]
+    best = np.array([0, 0, 0, floor], dtype=np.int64)
+    return best, visited + _descend_all(cells, layout, window, roots, level, best)
+
+
+@njit(cache=True, nogil=True)
+def _descend_all(
+    cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
+) -> int:
+    """Improve on the `best` (4,) by what is in blocks, the best first; returns how many it scored.
+
+    Sorting lies outside: numba's own sort takes longer to compile than all of the search.
+    """
+    visited = 0
+    for r in range(len(roots)):
         if roots[r, 3] <= best[3]:
             break
-        visited += _descend(cells, layout, window, roots[r], level, best)
-    return best, visited
+        visited += _descend(cells, layout, window, roots[r], top, best)
+    return visited
 
 
 @njit(cache=True, nogil=True)
@@ -168,7 +183,7 @@ def _roots(
     scored = 4 * angles * per_angle * per_angle
     roots = np.empty((scored, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count = 0
+    count = _NONE
     for a in range(angles):
         k = -turns + a * size
         for q in range(per_angle):
@@ -187,7 +202,8 @@ def _descend(
     stack = np.empty((_STACK, 5), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    stack[0, :4] = root
+    for field in range(4):
+        stack[0, field] = root[field]
     stack[0, 4] = top
     depth, visited = 1, 0
     while depth > 0:
@@ -196,10 +212,11 @@ def _descend(
         if bound <= best[3]:
             continue
         if level == 0:
-            best[:] = stack[depth, :4]
+            for field in range(4):
+                best[field] = stack[depth, field]
             continue
         half = 1 << (level - 1)
-        found = 0
+        found = _NONE
         for side in range(2):
             k_child = k + side * half
             if k_child > window.turns:
@@ -207,11 +224,26 @@ def _descend(
             _score_offsets(cells, layout, level - 1, window, k_child, i, j, sums)
             visited += 4
             found = _admit(children, found, sums, best[3], k_child, i, j, half, window.reach)
-        for child in np.argsort(children[:found, 3], kind="mergesort"):
-            stack[depth, :4] = children[child]
-            stack[depth, 4] = level - 1
-            depth += 1
+        depth = _push(stack, depth, children, found, level - 1)
     return visited
+
+
+@njit(cache=True, nogil=True)
+def _push(stack: Integers, depth: int, children: Integers, found: int, level: int) -> int:
+    """Put children on the stack, the one with the highest bound on top; returns the new depth.
+
+    Of equal ones the later is above: the order of a stable sort, here by insertion.
+    """
+    for child in range(found):
+        at = depth + child
+        while at > depth and stack[at - 1, 3] > children[child, 3]:
+            for field in range(5):
+                stack[at, field] = stack[at - 1, field]
+            at -= 1
+        for field in range(4):
+            stack[at, field] = children[child, field]
+        stack[at, 4] = level
+    return depth + found
 
 
 @njit(cache=True, nogil=True)

@@ -56,7 +56,7 @@ def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float
     """Measure how well a scan (K, 2) fits elsewhere around a pose (3,)."""
     few = points[:: max(1, len(points) // _CHANCE_POINTS)]
     around = np.array([compose3(center, away) for away in _ELSEWHERE])
-    fits = _fits(few, around, local_map, usual)
+    fits = _fits(np.ascontiguousarray(few), around, local_map, usual)
     return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE))
 
 

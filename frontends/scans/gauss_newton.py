@@ -16,6 +16,7 @@ direction the gradient shows: true also on the ridge itself, where the first one
 from __future__ import annotations
 
 import math
+from typing import cast
 
 import numpy as np
 from numba import njit
@@ -34,6 +35,8 @@ _FLAT = 0.03
 _LONG_STEPS = 6
 """Iterations at most with steps as long as the curvature of the likelihood asks for: six of three
 cells reach a metre."""
+_LONG, _SHORT = cast(bool, np.True_), cast(bool, np.False_)
+"""Of `long_steps`, as values: for a literal numba compiles a kernel anew."""
 _NEAR_SIGMAS, _NEAR_RAD = 0.2, 0.01
 """Steps from which on the pose is near: a fifth of the fall-off, and what moves a return 5 m away
 by a cell of 0.05 m. After them steps are as the residuals say."""
@@ -98,7 +101,7 @@ def refine(
     """
     pose = start.copy()
     used = 0
-    long_steps = True
+    long_steps = _LONG
     tangents = wall_tangents(points)
     for iteration in range(max_iterations):
         used = iteration + 1
@@ -121,7 +124,7 @@ def refine(
             long_steps = not is_near and used < _LONG_STEPS
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
-    h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, False)
+    h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, _SHORT)
     return pose, h * point_information, score, inliers, used
 
 

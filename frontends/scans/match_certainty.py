@@ -85,7 +85,10 @@ def along_the_weakest(
     aways = np.array([motion - p.motion for p in outlook.predictions])
     covariances = np.array([p.covariance for p in outlook.predictions])
     chances = np.array([p.probability for p in outlook.predictions])
-    return _lowered(information, grid.lattice, points, pose, aways, covariances, chances)
+    steps_rad = _beam_steps_rad(points)
+    beams_rad = float(np.median(steps_rad)) if len(steps_rad) else math.nan
+    seen = (grid.lattice, points, beams_rad, pose)
+    return _lowered(information, *seen, aways, covariances, chances)
 
 
 def of_misfit(share: float) -> float:
@@ -98,6 +101,7 @@ def _lowered(
     information: Floats,
     lattice: Lattice,
     points: Floats,
+    beams_rad: float,
     pose: Floats,
     aways: Floats,
     covariances: Floats,
@@ -106,7 +110,7 @@ def _lowered(
     strengths, axes = np.linalg.eigh(np.ascontiguousarray(information[:2, :2]))
     if strengths[0] <= 0.0:
         return information
-    first, last, said = _small_thing(lattice, points, pose, axes[:, 0])
+    first, last, said = _small_thing(lattice, points, beams_rad, pose, axes[:, 0])
     stands = np.concatenate((points[:first], points[last:]))
     rest = (1.0 - said) * strengths[0]
     here = likelihoods(lattice, stands, pose)
@@ -120,8 +124,14 @@ def _lowered(
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
     variance += walked * _walks(axes[:, 0], variance, walked, aways, covariances, chances)
     share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
-    shrunk = np.eye(3)
-    shrunk[:2, :2] = axes @ np.diag(np.array([math.sqrt(share), 1.0])) @ axes.T
+    kept = np.zeros((2, 2))
+    kept[0, 0], kept[1, 1] = math.sqrt(share), 1.0
+    turned = axes @ kept @ axes.T
+    shrunk = np.zeros((3, 3))
+    shrunk[2, 2] = 1.0
+    for row in range(2):
+        for col in range(2):
+            shrunk[row, col] = turned[row, col]
     lowered: Floats = shrunk @ information @ shrunk.T
     return lowered
 
@@ -184,7 +194,7 @@ def _drop(
 
 @njit(cache=True, nogil=True)
 def _small_thing(
-    lattice: Lattice, points: Floats, pose: Floats, axis: Floats
+    lattice: Lattice, points: Floats, beams_rad: float, pose: Floats, axis: Floats
 ) -> tuple[int, int, float]:
     """Of the small things in a scan the one that says most along an axis (2,) of the body frame.
 
@@ -195,7 +205,7 @@ def _small_thing(
     share : float
         Of the information along the axis.
     """
-    tangents, beams_rad = wall_tangents(points), _beams_apart_rad(points)
+    tangents = wall_tangents(points)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, most, thing = 0.0, 0.0, (0, 0)
     first, told, wide = 0, 0.0, 0.0
@@ -213,11 +223,15 @@ def _small_thing(
 
 
 @njit(cache=True, nogil=True)
-def _beams_apart_rad(points: Floats) -> float:
-    """Usual angle between neighbouring returns (K, 2) [rad]; where some are missing it is wider."""
+def _beam_steps_rad(points: Floats) -> Floats:
+    """Angles (K - 1,) between neighbouring returns (K, 2) [rad]; where some are missing, wider.
+
+    The usual one is their median, which numba takes seconds to compile.
+    """
     bearings = np.arctan2(points[:, 1], points[:, 0])
     steps = np.abs(bearings[1:] - bearings[:-1])
-    return float(np.median(np.minimum(steps, 2.0 * math.pi - steps)))
+    rad: Floats = np.minimum(steps, 2.0 * math.pi - steps)
+    return rad
 
 
 @njit(cache=True, nogil=True)

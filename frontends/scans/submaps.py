@@ -153,6 +153,8 @@ def _segments(points: Floats, offsets: NDArray[np.int64], poses: Floats, max_gap
     count = 0
     for k in range(len(poses)):
         part = scan_segments(points[offsets[k] : offsets[k + 1]], poses[k], max_gap)
-        out[count : count + len(part)] = part
-        count += len(part)
+        for i in range(len(part)):
+            for end in range(4):
+                out[count, end] = part[i, end]
+            count += 1
     return out[:count]

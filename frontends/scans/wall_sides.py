@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.wall_tangents import BACK, ON
 from slarm_graph.geometry import Floats
 
 _CELL_M, _REACH_CELLS = 0.05, 2
@@ -92,7 +93,7 @@ def _surfaces(points: Floats, pose: Floats) -> Floats:
     count = 0
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
-        a, b = _end(points, i, -1), _end(points, i, 1)
+        a, b = _end(points, i, BACK), _end(points, i, ON)
         dx, dy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
         # Twice the area of viewer, a, b: its sign says on which side of the chord the viewer is.
         area = points[a, 0] * points[b, 1] - points[a, 1] * points[b, 0]

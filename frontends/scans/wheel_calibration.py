@@ -203,7 +203,6 @@ def _noise(increment: Floats) -> Floats:
     return noise
 
 
-@njit(cache=True, nogil=True)
 def _updated(
     errors: Floats, covariance: Floats, effect: Floats, miss: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:

@@ -15,10 +15,18 @@ from functools import cache
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from slarm_graph import __version__, parts
 from slarm_graph.app.allocation import spare_memory
-from slarm_graph.app.ending import BAD_INPUT, FAILED, INTERRUPTED, OK, end_on_signals
+from slarm_graph.app.ending import (
+    BAD_INPUT,
+    FAILED,
+    INTERRUPTED,
+    OK,
+    end_on_signals,
+    end_what_is_under_way,
+)
 from slarm_graph.app.options import POINT_OPTIONS
 from slarm_graph.app.tied import die_with_starter
 from slarm_graph.errors import BadInput, RunFailed
@@ -42,11 +50,27 @@ def root(
     """Take the options that every command has."""
 
 
+class _Interrupted(Exception):
+    """Ctrl-C or a termination, which typer would turn into an exit code like any other."""
+
+
+class _Commands(TyperGroup):
+    """All commands; an interrupt in one reaches `main`."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Carry a command out."""
+        try:
+            return super().invoke(ctx)
+        except KeyboardInterrupt as error:
+            raise _Interrupted from error
+
+
 @cache
 def app() -> typer.Typer:
     """Put all commands together, those of other packages last."""
     made = typer.Typer(
         name="slarm",
+        cls=_Commands,
         help="Simultaneous localization and radio mapping: a recording or a simulated world goes"
         " in; a trajectory, a geographic map, a radio map and a report come out.",
         epilog="Start with:  slarm demo   or   slarm run your.bag --ap X Y Z",
@@ -94,17 +118,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
         end_on_signals()
     try:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
-    except (KeyboardInterrupt, typer.Abort):
-        return _tell(["interrupted"], INTERRUPTED, debug)
-    except BadInput as error:
-        return _tell(error.args, BAD_INPUT, debug)
-    except RunFailed as error:
-        return _tell([str(error)], FAILED, debug)
+    except (_Interrupted, KeyboardInterrupt, typer.Abort):
+        lines = end_what_is_under_way("interrupted", by_user=True)
+        return _tell([*lines, "interrupted"], INTERRUPTED, debug)
     except Exception as error:
-        if hasattr(error, "format_message"):  # a usage error of typer's
-            return _tell([error.format_message()], BAD_INPUT, debug)
-        return _tell([f"{type(error).__name__}: {error}"], FAILED, debug)
+        list(end_what_is_under_way(str(error), by_user=False))
+        return _tell(*_problems(error), debug)
     return code if isinstance(code, int) else OK
+
+
+def _problems(error: Exception) -> tuple[Sequence[object], int]:
+    """Return what to tell of an error, and the exit code."""
+    if isinstance(error, BadInput):
+        return error.args, BAD_INPUT
+    if isinstance(error, RunFailed):
+        return [str(error)], FAILED
+    if hasattr(error, "format_message"):  # a usage error of typer's
+        return [error.format_message()], BAD_INPUT
+    return [f"{type(error).__name__}: {error}"], FAILED
 
 
 def _tell(problems: Sequence[object], code: int, debug: bool) -> int:

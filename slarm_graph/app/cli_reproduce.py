@@ -67,11 +67,11 @@ def reproduce_command(
 
 def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
     """Open the folder of that name where something was made in it, or make one."""
-    from slarm_graph.app.run_folder import create_run_folder, open_run_folder
+    from slarm_graph.app.run_folder import create_run_folder, open_run_folder, was_begun
 
-    if not overwrite and name is not None and (out / name / "runs").is_dir():
+    if not overwrite and name is not None and was_begun(out / name, "reproduction"):
         return open_run_folder(out / name)
-    return create_run_folder(out, name, overwrite=overwrite)
+    return create_run_folder(out, name, overwrite=overwrite, kind="reproduction")
 
 
 def _shown(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:

@@ -233,9 +233,7 @@ def _finish(run: Run, folder: RunFolder) -> int:
     _show(run, folder)
     if not run.log.problem:
         return 0
-    from slarm_graph.app.execution import partial_lines
-
-    for line in partial_lines(folder.path, run.log.problem):
+    for line in folder.how_to_go_on(run.log.problem):
         print(f"slarm: {line}", file=sys.stderr)
     return INTERRUPTED if run.log.interrupted else FAILED
 

@@ -9,8 +9,9 @@ import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.outputs import csv_text
-from slarm_graph.app.run_folder import RECORD, RunFolder, create_run_folder, read_record
+from slarm_graph.app.run_folder import RunFolder, create_run_folder, read_record, was_begun
 from slarm_graph.app.trials import KEYS
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
@@ -30,6 +31,7 @@ from slarm_graph.files.trajectories import read_trajectory
 Key = tuple[str, str, int]
 """Source, variant and seed of a run."""
 
+_KIND = "comparison"
 _MAX_PICTURES = 8
 """Radio maps on the page; each takes some 50 kB."""
 _MAX_VIEWS = 8
@@ -44,11 +46,13 @@ def open_comparison(out: Path, name: str | None, *, overwrite: bool = False) -> 
     With `overwrite` it is begun anew.
     """
     path = out / name if name else None
-    if overwrite and path is not None:
-        shutil.rmtree(path / KEYS, ignore_errors=True)
-    if path is not None and (path / KEYS).is_dir() and (path / RECORD).is_file():
-        return RunFolder(path, read_record(path))
-    return create_run_folder(out, name, overwrite=overwrite)
+    if path is not None and was_begun(path, _KIND) and not overwrite:
+        claim = FolderClaim(path)
+        return RunFolder(path, read_record(path), claim=claim)
+    folder = create_run_folder(out, name, overwrite=overwrite, kind=_KIND)
+    if overwrite:  # nobody else is at work there any more
+        shutil.rmtree(folder.path / KEYS, ignore_errors=True)
+    return folder
 
 
 def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> list[TextTable]:

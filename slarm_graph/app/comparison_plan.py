@@ -13,7 +13,7 @@ from pathlib import Path
 import slarm_graph
 from slarm_graph import parts
 from slarm_graph.app.known_truth import known_truth, one_per_source
-from slarm_graph.app.run_folder import git_revision
+from slarm_graph.app.provenance import git_revision
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.errors import BadInput
 from slarm_graph.files.config_text import config_yaml

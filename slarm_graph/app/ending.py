@@ -19,7 +19,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import TYPE_CHECKING, Final, NoReturn
+from typing import TYPE_CHECKING, Final, NoReturn, Protocol
+from weakref import WeakSet
 
 if TYPE_CHECKING:
     from slarm_graph.config import LimitsConfig
@@ -39,6 +40,39 @@ _MB: Final = 1e6
 LastWords = Callable[[str], None]
 """Records and tells why the process ends now."""
 _last_words: list[LastWords] = []
+
+
+class Recorded(Protocol):
+    """Work whose record says that it is under way until it says how it ended."""
+
+    def end_early(self, why: str, *, by_user: bool) -> None:
+        """Record that it ended before its end."""
+        ...
+
+    def how_to_go_on(self, why: str) -> Iterator[str]:
+        """Say why it is not whole, and how to go on."""
+        ...
+
+
+_under_way: WeakSet[Recorded] = WeakSet()
+
+
+def begun(work: Recorded) -> None:
+    """Let work be recorded as ended when the program ends, whatever it is doing then."""
+    _under_way.add(work)
+
+
+def ended(work: Recorded) -> None:
+    """Take note that work is recorded as ended."""
+    _under_way.discard(work)
+
+
+def end_what_is_under_way(why: str, *, by_user: bool) -> Iterator[str]:
+    """Record that it ended before its end; what a user did it to is told how to go on."""
+    for work in list(_under_way):
+        work.end_early(why, by_user=by_user)
+        if by_user:
+            yield from work.how_to_go_on(why)
 
 
 def end_on_signals() -> None:

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from pathlib import Path
 
 from slarm_graph.app.checkpoint import remove_checkpoint
 from slarm_graph.app.ending import last_words
@@ -18,7 +17,7 @@ from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import ExploreJob, Job, Run
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Progress
-from slarm_graph.app.run_folder import CHECKPOINT, RunFolder
+from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.config import RunConfig
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.inputs import input_facts
@@ -85,16 +84,9 @@ def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
 
 def _record_end(folder: RunFolder, why: str) -> None:
     """Record and tell that the process ends now."""
-    folder.note(status="partial", problem=why)
-    for line in partial_lines(folder.path, why):
+    folder.end_early(why, by_user=True)
+    for line in folder.how_to_go_on(why):
         print(f"slarm: {line}", file=sys.stderr)
-
-
-def partial_lines(path: Path, why: str) -> Iterator[str]:
-    """Say why a run is not whole, where what there is of it lies, and how to go on."""
-    yield f"{why}; partial results are in {path}"
-    if (path / CHECKPOINT).is_dir():
-        yield f"go on with: slarm run --resume {path}"
 
 
 @contextmanager
@@ -103,14 +95,13 @@ def early_end_noted(folder: RunFolder) -> Iterator[None]:
     try:
         yield
     except KeyboardInterrupt:
-        folder.note(status="partial", problem="interrupted")
-        for line in partial_lines(folder.path, "interrupted"):
+        folder.end_early("interrupted", by_user=True)
+        for line in folder.how_to_go_on("interrupted"):
             _log.warning(line)
         raise
     except Exception as error:
-        there = (folder.path / "trajectory.tum").is_file()
         _log.error("%s", error, exc_info=error)
-        folder.note(status="partial" if there else "failed", problem=str(error))
+        folder.end_early(str(error), by_user=False)
         raise
 
 

@@ -19,7 +19,7 @@ from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.plane_of_motion import level
-from slarm_graph.files.maps import read_map
+from slarm_graph.files.maps import masks_of, read_map
 from slarm_graph.files.trajectories import read_spatial, trajectory_file
 from slarm_graph.geometry import Pose2
 
@@ -95,7 +95,7 @@ def measure(external: External, folder: Path, trials: Sequence[Trial]) -> Outcom
     save_trajectory(run, "trajectory", trajectory)
     if external.map_file is not None:
         grid = read_map(external.map_file)
-        save_map(run, "map", grid.geometry, grid.occupied, grid.free)
+        save_map(run, "map", grid.geometry, masks_of(grid))
     run.write_text("metrics.json", metrics_json(metrics))
     run.write_text("metrics.csv", metrics_csv(metrics))
     run.note(status="ok", external=str(external.trajectory.resolve()))

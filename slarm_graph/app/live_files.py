@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import time
 
-from slarm_graph.app.map_images import save_map
+from slarm_graph.app.map_images import of_layers, save_map
 from slarm_graph.app.outputs import save_readings, save_trajectory
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.exploration.closed_loop import ClosedLoop
@@ -43,5 +43,5 @@ class LiveFiles:
         if len(self._log):
             save_trajectory(self._folder, "trajectory", self._loop.believed)
         live = self._loop.live
-        save_map(self._folder, "map", live.driving_geometry, live.occupied, live.free)
+        save_map(self._folder, "map", live.driving_geometry, of_layers(live.occupied, live.free))
         self._written_s = time.monotonic()

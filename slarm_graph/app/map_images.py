@@ -12,7 +12,7 @@ import numpy as np
 
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.config.maps import LargeImage
-from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
+from slarm_graph.files.maps import Masks, map_yaml, write_trinary
 from slarm_graph.grid import GridGeometry, Mask
 
 _log = logging.getLogger(__name__)
@@ -25,8 +25,7 @@ def save_map(
     folder: RunFolder,
     name: str,
     geometry: GridGeometry,
-    occupied: Mask,
-    free: Mask,
+    masks: Masks,
     large: LargeImage = "whole",
 ) -> None:
     """Write `<name>.pgm` and `<name>.yaml`, map_server's trinary form.
@@ -36,37 +35,42 @@ def save_map(
     folder : RunFolder
     name : str
     geometry : GridGeometry
-    occupied, free : (rows, cols) bool
+    masks : function of rows
+        Returns the cells of some rows that are occupied, and those that are free.
     large : str
         What to do where a side is longer than many programs read: write it `whole` and tell;
         `split` it, into `<name>_ROW_COLUMN.pgm` that each have their place in the map; or write
         it `coarse`, in cells that are occupied where any of theirs is, and free where all are.
     """
     if max(geometry.shape) <= MOST_IMAGE_CELLS:
-        _save(folder, name, geometry, occupied, free)
+        _save(folder, name, geometry, masks)
         return
     step = math.ceil(max(geometry.shape) / MOST_IMAGE_CELLS)
     size = f"{name}.pgm has {geometry.cols} x {geometry.rows} cells"
     if large == "split":
         _log.warning(f"{size}, and is split: {name}_0_0.pgm ...")
         for tile, rows, cols in _tiles(geometry):
-            here = (rows, cols)
-            part = geometry.part(rows, cols)
-            _save(folder, f"{name}_{tile}", part, occupied[here], free[here])
+            _save(folder, f"{name}_{tile}", geometry.part(rows, cols), _window(masks, rows, cols))
     elif large == "coarse":
         _log.warning(f"{size}; it is written in cells of {geometry.resolution_m * step:g} m")
-        _save(folder, name, *_coarser(geometry, occupied, free, step))
+        _save(folder, name, *_coarser(geometry, masks, step))
     else:
         _log.warning(
             f"{size}, and many programs read at most {MOST_IMAGE_CELLS} a side; --set"
             " mapping.large_image=split or =coarse, or mapping.resolution_m="
             f"{geometry.resolution_m * step:g} make them fewer"
         )
-        _save(folder, name, geometry, occupied, free)
+        _save(folder, name, geometry, masks)
 
 
-def _save(folder: RunFolder, name: str, geometry: GridGeometry, occupied: Mask, free: Mask) -> None:
-    folder.write_bytes(f"{name}.pgm", pgm_bytes(trinary_image(occupied, free)))
+def of_layers(occupied: Mask, free: Mask) -> Masks:
+    """Return what is occupied and free of some rows of two layers (rows, cols)."""
+    return lambda rows: (occupied[rows], free[rows])
+
+
+def _save(folder: RunFolder, name: str, geometry: GridGeometry, masks: Masks) -> None:
+    with folder.replacing(f"{name}.pgm") as temporary:
+        write_trinary(temporary, geometry.shape, masks)
     folder.write_text(f"{name}.yaml", map_yaml(f"{name}.pgm", geometry))
 
 
@@ -80,15 +84,30 @@ def _tiles(geometry: GridGeometry) -> Iterator[tuple[str, slice, slice]]:
             yield f"{row}_{col}", rows, cols
 
 
-def _coarser(
-    geometry: GridGeometry, occupied: Mask, free: Mask, step: int
-) -> tuple[GridGeometry, Mask, Mask]:
+def _window(masks: Masks, rows: slice, cols: slice) -> Masks:
+    """Cut a part out of a map."""
+
+    def part(some: slice) -> tuple[Mask, Mask]:
+        """Look up some of its rows."""
+        occupied, free = masks(slice(rows.start + some.start, rows.start + some.stop))
+        return occupied[:, cols], free[:, cols]
+
+    return part
+
+
+def _coarser(geometry: GridGeometry, masks: Masks, step: int) -> tuple[GridGeometry, Masks]:
     """Take so many cells a side together."""
     rows, cols = (math.ceil(n / step) for n in geometry.shape)
     coarse = GridGeometry(
         geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m * step, rows, cols
     )
-    return coarse, ~_all(~occupied, step), _all(free, step)
+
+    def part(some: slice) -> tuple[Mask, Mask]:
+        """Take the cells of some of its rows together."""
+        occupied, free = masks(slice(some.start * step, min(some.stop * step, geometry.rows)))
+        return ~_all(~occupied, step), _all(free, step)
+
+    return coarse, part
 
 
 def _all(mask: Mask, step: int) -> Mask:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.access_points import RadioMap
+from slarm_graph.app.allocation import return_freed
 from slarm_graph.app.map_images import save_map
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult, Table
@@ -22,13 +23,14 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
+from slarm_graph.files.maps import masks_of
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.files.trajectory_covariances import (
     TrajectoryCovariance,
     write_trajectory_covariance,
 )
 from slarm_graph.geographic import CellState, GeographicMap
-from slarm_graph.grid import OccupancyGrid
+from slarm_graph.grid import Mask, OccupancyGrid
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
 from slarm_graph.trajectory import Trajectory
@@ -60,7 +62,7 @@ def save_slam(
         known = TrajectoryCovariance(slam.trajectory.stamps_ns, slam.covariances)
         with folder.replacing("trajectory_covariance.npz") as temporary:
             write_trajectory_covariance(temporary, known)
-    save_map(folder, "map", grid.geometry, grid.occupied, grid.free, large)
+    save_map(folder, "map", grid.geometry, masks_of(grid), large)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:
             write_g2o(temporary, slam.pose_graph)
@@ -82,9 +84,14 @@ def save_geographic(
     In the map every cell known to be without an obstacle is free, reachable or not; the states
     of the cells are in `coverage.npz`.
     """
-    states = geographic.states
-    free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-    save_map(folder, "geographic_map", geographic.geometry, geographic.obstacle, free, large)
+
+    def masks(rows: slice) -> tuple[Mask, Mask]:
+        """Obstacles of some rows, and what is without."""
+        states = geographic.states[rows]
+        free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
+        return states == CellState.OBSTACLE, free
+
+    save_map(folder, "geographic_map", geographic.geometry, masks, large)
     with folder.replacing("coverage.npz") as temporary:
         write_coverage(temporary, geographic)
 
@@ -112,6 +119,7 @@ def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -
             f" values (--set radio.csv_most_lines={lines} writes it)"
         )
     for name, write in forms:
+        return_freed()  # what one form, or its library, has loaded is not needed for the next
         with folder.replacing(name) as temporary:
             write(temporary, radio)
 

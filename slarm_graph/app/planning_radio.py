@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.map_images import save_map
+from slarm_graph.app.map_images import of_layers, save_map
 from slarm_graph.app.measuring import measured_map, save_measured
 from slarm_graph.app.outputs import csv_text, save_radio
 from slarm_graph.app.run_folder import RunFolder
@@ -156,7 +156,8 @@ def save_connections(
     with np.errstate(invalid="ignore"):
         covered = signal.cells & (signal.best_level_dbm() >= threshold_dbm)
     # As a map_server map: free where connected, occupied where not; nav2 takes it as a layer.
-    save_map(folder, "connectivity", signal.geometry, signal.cells & ~covered, covered)
+    layers = of_layers(signal.cells & ~covered, covered)
+    save_map(folder, "connectivity", signal.geometry, layers)
     return made
 
 

@@ -8,31 +8,27 @@ import json
 import logging
 import os
 import resource
-import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime
-from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-import slarm_graph
 from slarm_graph.app.allocation import return_freed
+from slarm_graph.app.ending import begun, ended
 from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.progress import Progress
+from slarm_graph.app.provenance import Facts, git_revision, versions
 from slarm_graph.errors import BadInput, RunFailed
 
 _log = logging.getLogger(__name__)
 
-Facts = dict[str, object]
-
 RECORD = "run.json"
 CHECKPOINT = "checkpoint"
+_RUNNING = "running"
 _LINK, _LINK_TEXT = "latest", "latest.txt"
-_VERSIONS = ("slarm-graph", "numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags")
 _MB = 1024.0
 """Kilobytes of a megabyte, as Linux counts memory; macOS counts bytes."""
 
@@ -45,7 +41,7 @@ class RunFolder:
     path : Path
         An existing folder.
     earlier : mapping, optional
-        The record of the interrupted run that is being resumed here.
+        What its record begins with, such as that of an interrupted run that is resumed here.
     claim : FolderClaim, optional
         On the folder, where it was claimed before.
     """
@@ -66,9 +62,10 @@ class RunFolder:
         self._started_s = time.monotonic()
         self._cpu_started_s = time.process_time()
         self._facts.setdefault("started", datetime.now().astimezone().isoformat(timespec="seconds"))
+        begun(self)  # before it says `running`, so that nobody leaves it at that
         self.note(
-            status="running",
-            versions=_versions(),
+            status=_RUNNING,
+            versions=versions(),
             git_revision=git_revision(),
             argv=list(sys.argv),
         )
@@ -126,14 +123,31 @@ class RunFolder:
             "stage_peak_mb": dict(self._peaks_mb),
         }
         self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
+        if self._facts["status"] != _RUNNING:
+            ended(self)
+
+    def end_early(self, why: str, *, by_user: bool) -> None:
+        """Record why it ended early: `failed`, or `partial` where there is more to be had of it."""
+        more = by_user or (self.path / "trajectory.tum").is_file()
+        self.note(status="partial" if more else "failed", problem=why)
+
+    def how_to_go_on(self, why: str) -> Iterator[str]:
+        """Say why it is not whole, where what there is of it lies, and how to go on."""
+        yield f"{why}; partial results are in {self.path}"
+        if (self.path / CHECKPOINT).is_dir():
+            yield f"go on with: slarm run --resume {self.path}"
 
     def record(self) -> Mapping[str, object]:
         """Return what is known of the run, as in `run.json`."""
         return dict(self._facts)
 
 
-def create_run_folder(out: Path, name: str | None = None, *, overwrite: bool = False) -> RunFolder:
+def create_run_folder(
+    out: Path, name: str | None = None, *, overwrite: bool = False, kind: str = "run"
+) -> RunFolder:
     """Make `OUT/<date_time>[_NN]`, or `OUT/NAME`, and point `OUT/latest` to it.
+
+    What kind of work it holds is in its record from the first moment on (`was_begun`).
 
     Raises
     ------
@@ -147,7 +161,7 @@ def create_run_folder(out: Path, name: str | None = None, *, overwrite: bool = F
         claim = FolderClaim(path)
         if name is not None:
             _make_room(path, overwrite=overwrite)
-        folder = RunFolder(path, claim=claim)
+        folder = RunFolder(path, {"kind": kind}, claim=claim)
         _point_to(out, path.name)
     except OSError as error:
         raise BadInput(
@@ -170,6 +184,11 @@ def open_run_folder(path: Path) -> RunFolder:
     if record.get("status") == "ok":
         raise BadInput(f"{path}: this run is finished; there is nothing to resume")
     return RunFolder(path, record, claim=claim)
+
+
+def was_begun(path: Path, kind: str) -> bool:
+    """Whether a folder holds work of this kind, done or not."""
+    return (path / RECORD).is_file() and read_record(path).get("kind") == kind
 
 
 def read_record(path: Path) -> Mapping[str, object]:
@@ -253,27 +272,3 @@ def _seconds(facts: Facts, key: str) -> float:
 def _peak_memory_mb() -> float:
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / _MB
     return peak / _MB if sys.platform == "darwin" else peak
-
-
-def _versions() -> Facts:
-    found: Facts = {"python": sys.version.split()[0]}
-    for name in _VERSIONS:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
-            found[name] = None
-    return found
-
-
-@cache
-def git_revision() -> str | None:
-    """Return the revision of the checkout this code runs from, marked when files differ."""
-    here = Path(slarm_graph.__file__).resolve().parent
-    if not (here.parent / ".git").exists():
-        return None
-    command = ["git", "-C", str(here), "describe", "--always", "--dirty", "--abbrev=40"]
-    try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=10, check=False)
-    except (OSError, subprocess.TimeoutExpired):
-        return None
-    return done.stdout.strip() or None

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import logging
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -19,9 +20,13 @@ from slarm_graph.files.images import Image, read_image
 from slarm_graph.files.yaml_text import number, read_yaml
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.raster.bands import bands
+from slarm_graph.raster.layers import set_aside
 
 _log = logging.getLogger(__name__)
 
+Masks = Callable[[slice], tuple[Mask, Mask]]
+"""Of some rows of a map the cells that are occupied, and those that are free."""
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
@@ -49,6 +54,14 @@ def trinary_image(occupied: Mask, free: Mask) -> NDArray[np.uint8]:
     image[free] = FREE
     image[occupied] = OCCUPIED
     return np.ascontiguousarray(image[::-1])
+
+
+def write_trinary(path: Path, shape: tuple[int, int], masks: Masks) -> None:
+    """Write a map (rows, cols) as binary PGM (P5), in bands of rows, as whole it takes memory."""
+    with path.open("wb") as file:
+        file.write(b"P5\n%d %d\n255\n" % shape[::-1])
+        for band in reversed(list(bands(shape))):
+            file.write(trinary_image(*masks(band.rows)).tobytes())
 
 
 def pgm_bytes(image: NDArray[np.uint8]) -> bytes:
@@ -80,6 +93,19 @@ def map_yaml(image_name: str, geometry: GridGeometry) -> str:
     )
 
 
+def masks_of(grid: OccupancyGrid) -> Masks:
+    """Return what is occupied and free of some rows of a grid, which then leaves the memory."""
+
+    def masks(rows: slice) -> tuple[Mask, Mask]:
+        """Look it up."""
+        part = grid.in_rows(rows)
+        found = part.occupied, part.free
+        set_aside(grid.probability)
+        return found
+
+    return masks
+
+
 def write_map(path: Path, grid: OccupancyGrid) -> None:
     """Write `<name>.yaml` and beside it `<name>.pgm`, map_server's trinary form.
 
@@ -90,7 +116,7 @@ def write_map(path: Path, grid: OccupancyGrid) -> None:
     grid : OccupancyGrid
     """
     image = path.with_suffix(".pgm")
-    image.write_bytes(pgm_bytes(trinary_image(grid.occupied, grid.free)))
+    write_trinary(image, grid.geometry.shape, masks_of(grid))
     path.write_text(map_yaml(image.name, grid.geometry), encoding="utf-8")
 
 

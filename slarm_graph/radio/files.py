@@ -99,11 +99,13 @@ def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
     line = f'"{quoted}",%.4f,%.4f,%.4f,%.4f,%.4f,%d\n'
     for band in bands(radio.geometry.shape):
         loss_db = radio.path_loss_db[index, band.rows]
-        cells = np.argwhere(np.isfinite(loss_db))
-        centers = radio.geometry.center_of(cells + np.array([band.rows.start, 0]))
-        values = loss_db[cells[:, 0], cells[:, 1]].astype(np.float64)
-        clear = three_classes(radio, index, band.rows)[cells[:, 0], cells[:, 1]]
-        rows = np.column_stack([centers, values, -values, power_dbm - values, clear])
-        for first in range(0, len(rows), _ROWS_AT_A_TIME):
-            part = rows[first : first + _ROWS_AT_A_TIME]
-            yield (line * len(part)) % tuple(part.ravel().tolist())
+        classes = three_classes(radio, index, band.rows)
+        valued = np.flatnonzero(np.isfinite(loss_db))
+        for first in range(0, len(valued), _ROWS_AT_A_TIME):
+            at = np.unravel_index(valued[first : first + _ROWS_AT_A_TIME], loss_db.shape)
+            centers = radio.geometry.center_of(
+                np.stack(at, axis=1) + np.array([band.rows.start, 0])
+            )
+            values = loss_db[at].astype(np.float64)
+            rows = np.column_stack([centers, values, -values, power_dbm - values, classes[at]])
+            yield (line * len(rows)) % tuple(rows.ravel().tolist())

@@ -93,7 +93,9 @@ def outlines_of_shadows(
                     points[size + k, axis] = eye[axis] + scales[i, 1] * off
             edges = _hull(points[: 2 * size], hull)
             if edges >= 3:
-                hulls[count : count + edges] = hull[:edges]
+                for k in range(edges):
+                    for axis in range(2):
+                        hulls[count + k, axis] = hull[k, axis]
                 count += edges
         hull_starts[i + 1] = count
     return hulls[:count].copy(), hull_starts

@@ -17,6 +17,9 @@ _BAND_CELLS = 2_000_000
 """Cells of a band: some layers of it fit into a processor's cache. Recovery of a site of 50 million
 cells takes 12.9, 12.1 and 12.0 s at half of it, it and double, and the same memory within 1 MB."""
 
+_PAGE_CELLS = 4096
+"""Cells of a mask in a page of memory: pages of zeros that nobody writes take none."""
+
 
 class Band(NamedTuple):
     """Rows of a grid.
@@ -52,7 +55,13 @@ def bands(
         set_aside(*aside)
 
 
-def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -> Mask:
+def by_bands(
+    shape: tuple[int, int],
+    halo: int,
+    part: Callable[[slice], Mask],
+    *,
+    aside: Sequence[NDArray[np.generic]] = (),
+) -> Mask:
     """Put a mask (rows, cols) together from what a function says of bands.
 
     Parameters
@@ -62,10 +71,14 @@ def by_bands(shape: tuple[int, int], halo: int, part: Callable[[slice], Mask]) -
         How many rows beyond a band the function has to see.
     part : function of rows
         Returns its mask for these rows of the grid; only those well inside are used.
+    aside : sequence of layers
+        What may leave the memory after every band, as in `bands`.
     """
     whole = np.zeros(shape, dtype=np.bool_)
-    for band in bands(shape, halo):
+    for band in bands(shape, halo, aside=aside):
         mask = part(band.around)[band.inner]
-        if mask.any():
-            whole[band.rows] = mask
+        for first in range(0, shape[1], _PAGE_CELLS):
+            cols = slice(first, first + _PAGE_CELLS)
+            if mask[:, cols].any():
+                whole[band.rows, cols] = mask[:, cols]
     return whole

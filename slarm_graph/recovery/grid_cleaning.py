@@ -59,11 +59,15 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     radius_cells = config.robot_radius_m / cell_m
     shape, reach = grid.geometry.shape, math.ceil(radius_cells) + 1
     # What is only written where it is true takes no memory elsewhere.
-    held = by_bands(shape, 0, lambda rows: grid.in_rows(rows).occupied)
+    aside = [grid.probability]
+    held = by_bands(shape, 0, lambda rows: grid.in_rows(rows).occupied, aside=aside)
     occupied = larger_than(held, config.speck_cells)
     occupied[visited] = False
     free = by_bands(
-        shape, 0, lambda r: (grid.in_rows(r).free | visited[r] | held[r]) & ~occupied[r]
+        shape,
+        0,
+        lambda r: (grid.in_rows(r).free | visited[r] | held[r]) & ~occupied[r],
+        aside=aside,
     )
     passable = by_bands(
         shape, reach, lambda r: (farther_than(occupied[r], radius_cells) & free[r]) | visited[r]
