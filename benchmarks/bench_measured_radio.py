@@ -38,6 +38,7 @@ from slarm_graph.radio.measured.validate import (
     predict_readings,
 )
 from slarm_graph.radio.path_loss import path_loss_db
+from slarm_graph.radio.propagation.over_map import links_to
 
 ANTENNA_M, FREQUENCY_HZ = 0.3, 2.44e9
 """Of the robot (by eye; the mean's level absorbs it), and of BLE's middle channel."""
@@ -149,7 +150,14 @@ def prediction(mean: Mean, known: Placed, asked: Placed) -> Predicted:
 
     def loss(placed: Placed) -> Floats:
         """Return the expected loss (N,) [dB]."""
-        links = mean.links(placed.points_m)
+        links = links_to(
+            mean.geographic.geometry,
+            mean.geographic.heights_m,
+            ap,
+            placed.points_m,
+            antenna_height_m=mean.antenna_height_m,
+            mount_radius_m=mean.mount_radius_m,
+        )
         return path_loss_db(links.distance_m, ap.frequency_hz, links.line_of_sight, "InH")
 
     power = (known.rss_dbm + loss(known)).mean()

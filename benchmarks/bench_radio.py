@@ -19,6 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
@@ -26,6 +27,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.radio.line_of_sight import line_of_sight_over_cells
+from slarm_graph.radio.propagation.crossings import passages
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover
 from slarm_graph.trajectory import Trajectory
@@ -49,6 +51,9 @@ def main() -> None:
     print(f"{cells} x {cells} cells, one access point\n{header}")
     for name, occupied in scenes(cells).items():
         print(radio_row(name, occupied))
+    print(f"\n{'walls counted':<22}{'the map':>10}{'and moved':>10}{'apart':>10}{'differ':>9}")
+    for name, occupied in scenes(cells).items():
+        print(walls_row(name, occupied))
     print(f"\nrecovery of {cells} x {cells} cells")
     for name, occupied in scenes(cells).items():
         print(f"{name:<22}{recovery_s(occupied):>9.3f}s")
@@ -93,6 +98,28 @@ def radio_row(name: str, occupied: Mask) -> str:
         f"{name:<22}{walk_s:>9.3f}s{shade_s:>9.3f}s{walk_s / shade_s:>7.1f}x"
         f"{all_s:>10.3f}s{differ:>9}"
     )
+
+
+def walls_row(name: str, occupied: Mask) -> str:
+    """Time counting walls to all free cells: on the map, with the map moved, and moved apart."""
+    geometry = GridGeometry(0.0, 0.0, RESOLUTION_M, *occupied.shape)
+    heights_m = np.where(occupied, WALL_M, 0.0)
+    eye_m = np.array([0.4137, 0.5219]) * len(occupied) * RESOLUTION_M
+    points_m = geometry.center_of(np.argwhere(~occupied))
+
+    def count(off_cells: int, shift_m: Floats) -> NDArray[np.int16]:
+        """Counts with both ends of the links shifted."""
+        there = np.array([*(eye_m + shift_m), 2.5])
+        return passages(
+            geometry, heights_m, there, points_m + shift_m, ANTENNA_M, off_cells=off_cells
+        ).counts
+
+    shifts = RESOLUTION_M * np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])
+    one_s, _ = best(lambda: count(0, shifts[0]), 2)
+    moved_s, moved = best(lambda: count(1, shifts[0]), 2)
+    apart_s, apart = best(lambda: np.concatenate([count(0, s) for s in shifts]), 1)
+    differ = int((moved != apart).sum())
+    return f"{name:<22}{one_s:>9.2f}s{moved_s:>9.2f}s{apart_s:>9.2f}s{differ:>9}"
 
 
 def recovery_s(occupied: Mask) -> float:

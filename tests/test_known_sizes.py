@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -61,6 +62,7 @@ WORKSHOP = WorldMap(
     Pose2(-2.0, -1.5, 0.0),
 )
 WORKSHOP_LOOP = [[-2.0, -1.5], [2.5, -1.3], [2.4, 0.6], [-2.2, 0.7]]
+WORKSHOP_ROUND = [[-2.0, -1.5], [2.5, -1.5], [2.4, 1.5], [-2.2, 1.5]]
 
 
 @pytest.mark.parametrize("sigma_m", [0.0, 0.01])
@@ -78,6 +80,24 @@ def test_heights_of_what_is_round_or_stands_at_something(sigma_m):
         height_m = 1.4 if solid.name == "pallet" else solid.height_m
         right = recovered.heights_m[inside] == np.float32(height_m)
         assert right.mean() > 0.9, solid.name
+
+
+@pytest.mark.parametrize("heading_deg", [20.0, 35.0, 62.0])
+@pytest.mark.parametrize("resolution_m", [0.05, 0.1])
+def test_no_cell_at_the_face_of_a_known_thing_is_higher_than_it(heading_deg, resolution_m):
+    """Links pass above the crate; one cell of a wall at its slanted face would stop them."""
+    crate = box("crate", (0.0, 0.0), (1.2, 0.8), 0.6, heading_deg)
+    world = replace(WORKSHOP, solids=(crate,))
+    scans, trajectory = scanned_room(0.01, 0.0, world, WORKSHOP_ROUND)
+    geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
+    config = with_sizes_of(world, RecoveryConfig())
+    recovered = recover_scans(scans, trajectory, MappingConfig(), config, geometry=geometry)
+    centers = geometry.center_of(np.argwhere(recovered.obstacle))
+    here = np.linalg.norm(centers, axis=1) < 1.2
+    assert here.sum() > 0.9 * 1.2 * 0.8 / resolution_m**2
+    heights_m = recovered.heights_m[recovered.obstacle]
+    np.testing.assert_array_equal(heights_m[here], np.float32(0.6))
+    assert np.isinf(heights_m[~here]).all()
 
 
 def test_known_sizes_of_what_touches():

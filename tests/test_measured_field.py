@@ -13,7 +13,7 @@ from slarm_graph.radio.measured.factor import Factor
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
-from slarm_graph.radio.measured.priors import FloorField, drift_precision, matern_correlation
+from slarm_graph.radio.measured.priors import FloorField, drift_precision, field_correlation
 from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 from slarm_graph.radio.measured.validate import _bridge
 
@@ -70,22 +70,32 @@ def test_factor_is_the_dense_inverse():
     np.testing.assert_allclose(factor.solve(np.eye(len(dense))), inverse, atol=1e-9)
 
 
-def test_field_is_matern_in_the_open_and_parted_by_walls():
+def test_field_has_its_correlation_in_the_open_and_is_parted_by_walls():
     wide = GridGeometry(0.0, 0.0, 0.1, 90, 90)
     nodes = make_nodes(wide, np.ones(wide.shape, dtype=bool), 0.2, 10_000)
-    covariance = np.linalg.inv(FloorField(nodes).unit_precision(1.5).matrix.toarray())
+    covariance = np.linalg.inv(FloorField(nodes).unit_precision(2.0).matrix.toarray())
     np.testing.assert_allclose(np.diag(covariance), 1.0, rtol=1e-6)
     middle = nodes.at(np.array([[4.5, 4.5]]))[0]
     away = np.linalg.norm(nodes.centers_m - nodes.centers_m[middle], axis=1)
     near = away < 2.0
     np.testing.assert_allclose(
-        covariance[middle, near], matern_correlation(away[near], 1.5), atol=0.05
+        covariance[middle, near], field_correlation(away[near], 2.0), atol=0.05
     )
     parted = make_nodes(GRID, two_rooms(), 0.2, 10_000)
     covariance = np.linalg.inv(FloorField(parted).unit_precision(1.5).matrix.toarray())
     here, behind, beside = parted.at(np.array([[2.85, 0.5], [3.25, 0.5], [2.45, 0.5]]))
-    assert covariance[here, beside] > 0.8
+    assert covariance[here, beside] > field_correlation(np.array(0.4), 1.5)
     assert covariance[here, behind] < 0.02
+
+
+def test_field_is_nearly_as_rough_as_shadowing_of_exponential_correlation():
+    """A smooth field is off by 0.04, and has lost a third of what that loses over 0.2 m."""
+    away_m = np.arange(0.02, 8.0, 0.01)
+    off = field_correlation(away_m, 4.0) - np.exp(-away_m / 2.0)
+    assert np.sqrt((off**2).mean()) < 0.02
+    lost, wanted = 1.0 - field_correlation(np.array(0.2), 4.0), 1.0 - np.exp(-0.1)
+    assert 0.5 * wanted < lost < wanted
+    assert field_correlation(np.array([0.0, 4.0]), 4.0) == pytest.approx([1.0, 0.14], abs=0.002)
 
 
 def test_drift_is_an_ornstein_uhlenbeck_process():

@@ -15,6 +15,7 @@ from slarm_graph.config import MeasuredConfig, RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
+from slarm_graph.radio.measured.blocks import blocks_of
 from slarm_graph.radio.measured.files import (
     LAYERS,
     read_measured_npz,
@@ -23,10 +24,12 @@ from slarm_graph.radio.measured.files import (
     write_measured_netcdf,
     write_measured_npz,
 )
-from slarm_graph.radio.measured.fuse import fuse
+from slarm_graph.radio.measured.fuse import _problem, floor_of, fuse
 from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.pictures import write_measured_png
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.priors import FloorField
+from slarm_graph.radio.measured.readings import Placed, Receiver
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 60, 90)
 AP = AccessPoint("ap", 1.5, 1.2, 2.4)
@@ -102,11 +105,68 @@ def test_doubt_of_a_links_walls_is_that_of_walls_a_cell_off():
     for rows, cols in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
         heights = np.roll(geographic.heights_m, (rows, cols), axis=(0, 1))
         moved = replace(geographic, heights_m=heights)
-        counts.append(Mean(moved, AP, 0.5, 0.25).links(points).crossings)
+        counts.append(Mean(moved, AP, 0.5, 0.25).passages(points).counts[0])
     design, doubt_db2 = Mean(geographic, AP, 0.5, 0.25).with_doubt(points)
     np.testing.assert_allclose(design[:, 2], -np.mean(counts, axis=0))
     np.testing.assert_allclose(doubt_db2, 25.0 * np.var(counts, axis=0))
     assert 0.02 < (doubt_db2 > 0.0).mean() < 0.4
+
+
+def with_block():
+    """The floor and a block of 1.2 m, and a pillar no deeper than a wall."""
+    geographic = floor()
+    heights = geographic.heights_m.copy()
+    heights[36:48, 60:72] = heights[10:16, 20:26] = np.inf
+    states = np.where(heights > 0.0, CellState.OBSTACLE, geographic.states).astype(np.uint8)
+    return replace(geographic, heights_m=heights, states=states)
+
+
+def test_blocks_are_what_is_deeper_than_any_wall():
+    found = blocks_of(with_block())
+    assert found.count == 1
+    inside = np.zeros(GRID.shape, dtype=np.int16)
+    inside[39:45, 63:69] = 1
+    np.testing.assert_array_equal(found.insides, inside)
+    assert blocks_of(floor()).count == 0
+
+
+def test_a_link_is_through_a_block_whose_inside_it_passes():
+    mean = Mean(with_block(), AP, 0.5, 0.25, blocks_of(with_block()))
+    points = np.array([[8.5, 5.4], [8.5, 3.0], [5.8, 5.2]])
+    design = mean.of_map(points)
+    np.testing.assert_array_equal(design[:, 3], [-1.0, 0.0, 0.0])
+    np.testing.assert_array_equal(design[:, :3], replace(mean, blocks=None).of_map(points))
+
+
+def test_a_hollow_block_leaves_the_loss_of_a_wall_in_its_interval():
+    """Its two walls are one on the map, which without a term of its own makes it 6.6 dB."""
+    rng, geographic = np.random.default_rng(8), with_block()
+    points = drive(rng, 1500)
+    points = points[geographic.heights_m[tuple(GRID.cell_of(points).T)] == 0.0]
+    mean = Mean(geographic, AP, 0.5, 0.25, blocks_of(geographic), faces_off_cells=0)
+    rss = mean.of_map(points) @ [LEVEL, EXPONENT, WALL, WALL] + 2.0 * rng.normal(size=len(points))
+    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    assert abs(made.fitted[0].wall_db - WALL) < 0.3
+    assert abs(made.fitted[0].wall_db - WALL) < 1.96 * made.fitted[0].sd[2]
+
+
+def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
+    """Oracle: dense covariance of readings with an error in common, and what their mean says."""
+    nodes = make_nodes(GRID, floor_of(floor()), 0.4, 10_000)
+    centers = nodes.centers_m[[3, 3, 3, 40, 40, 90]]
+    shared = nodes.shared(centers)
+    np.testing.assert_array_equal(shared, [3, 3, 3, 2, 2, 1])
+    noise, doubt = 4.0, 9.0
+    for count in (1, 2, 3):
+        together = noise * np.eye(count) + doubt * np.ones((count, count))
+        says = np.ones(count) @ np.linalg.solve(together, np.ones(count))
+        alone = noise + doubt * shared[shared == count][0]
+        assert says == pytest.approx(count / alone)
+    mean, here = Mean(floor(), AP, 0.5, 0.25), drive(np.random.default_rng(1), 400)
+    found = _problem(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
+    doubt_db2 = mean.with_doubt(here)[1]
+    assert doubt_db2.max() > 0.0
+    np.testing.assert_allclose(found.doubt_db2, doubt_db2 * nodes.shared(here))
 
 
 @pytest.mark.parametrize("off", [(1, 0), (0, -1)])
@@ -115,7 +175,7 @@ def test_walls_a_cell_off_do_not_make_their_loss_less(off):
     rng, geographic = np.random.default_rng(8), floor()
     points = drive(rng, 1500)
     moved = replace(geographic, heights_m=np.roll(geographic.heights_m, off, axis=(0, 1)))
-    rss = true_level(moved, points, faces_off_cells=0.0) + 2.0 * rng.normal(size=len(points))
+    rss = true_level(moved, points, faces_off_cells=0) + 2.0 * rng.normal(size=len(points))
     made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
     assert abs(made.fitted[0].wall_db - WALL) < 1.0
     assert made.fitted[0].sd[2] < 0.5

@@ -18,7 +18,8 @@ from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, wa
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.log import heard_with
-from slarm_graph.radio.propagation.crossings import solids_passed, wall_crossings
+from slarm_graph.radio.propagation.crossings import wall_crossings
+from slarm_graph.radio.propagation.solids_passed import solids_passed
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import Solid, WorldMap

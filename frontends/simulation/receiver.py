@@ -17,8 +17,8 @@ from scipy.ndimage import map_coordinates
 from slarm_graph.config import SignalConfig
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.radio.fading import channel_coefficients
-from slarm_graph.radio.propagation.crossings import solids_passed
 from slarm_graph.radio.propagation.models import decades_of_distance, friis_loss_at_1_m_db
+from slarm_graph.radio.propagation.solids_passed import solids_passed
 from slarm_graph.readings import Signal
 from slarm_graph.world import WorldMap
 

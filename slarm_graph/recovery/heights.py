@@ -18,9 +18,11 @@ from slarm_graph.recovery.obstacle_candidates import candidates_on
 from slarm_graph.recovery.obstacles import Strip
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
+from slarm_graph.world import Solid
 
 _LONGEST_M = 10.0
 """What stands before a wall is looked for up to this length: ten metres of shelves are one."""
+_PRIOR = "prior (standards, by class of plan)"
 
 
 def certain_height_m(config: RecoveryConfig) -> float | None:
@@ -30,6 +32,15 @@ def certain_height_m(config: RecoveryConfig) -> float | None:
     # Where the sizes of what stands around are known, what has none of them is a wall.
     certain = config.unknown_heights == "infinite" or config.known_sizes
     return math.inf if certain else None
+
+
+def height_source(blocks: Sequence[Solid], strips: Sequence[Solid], config: RecoveryConfig) -> str:
+    """Say where the heights of a map came from, given its blocks of known size and other walls."""
+    source = "default"
+    if config.default_height_m is None:
+        certain = certain_height_m(config) is not None or not strips
+        source = "infinite" if certain else _PRIOR
+    return f"matched sizes ({len(blocks)} obstacles), else {source}" if blocks else source
 
 
 def uncertain_heights(

@@ -24,16 +24,22 @@ from slarm_graph.mapping import end_points_m, render
 from slarm_graph.raster.bands import bands, by_bands
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
-from slarm_graph.raster.layers import new_layer, set_aside
+from slarm_graph.raster.layers import set_aside
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.readings import LaserScan
 from slarm_graph.recovery.cell_classes import changed_cells, cut_off, expanded, whole_cells_m
+from slarm_graph.recovery.cell_heights import cell_heights
 from slarm_graph.recovery.coverage import footprint_cells, observed_cells, visited_cells
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     cleaned,
 )
-from slarm_graph.recovery.heights import certain_height_m, uncertain_heights, with_medians
+from slarm_graph.recovery.heights import (
+    certain_height_m,
+    height_source,
+    uncertain_heights,
+    with_medians,
+)
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
 from slarm_graph.recovery.returns import gathered, returns_of_cells
@@ -52,7 +58,6 @@ _NEAR_HALO, _THIN_HALO = 3, 5
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 """A face is known to about a centimetre (walls are fitted to within millimetres, poses to
 centimetres), and to a tenth of a cell where cells are finer."""
-_PRIOR = "prior (standards, by class of plan)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +104,8 @@ def recover(
     del shape, laid
     states[expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
     states[cut_off(states, visited)] = CellState.ENCLOSED
-    heights_m, source = _heights(blocks, strips, target, states, config)
+    heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config))
+    source = height_source(blocks, strips, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     footprint[footprint & (states == CellState.OBSTACLE)] = False
     seen = grid.on(target)
@@ -287,32 +293,3 @@ def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -
         here[occupied[rows] | laid.solids.any(rows)] = CellState.OBSTACLE
         here[region[rows]] = CellState.ACCESSIBLE
     return states
-
-
-def _heights(
-    blocks: list[Solid],
-    strips: list[Solid],
-    target: GridGeometry,
-    states: np.ndarray,
-    config: RecoveryConfig,
-) -> tuple[np.ndarray, str]:
-    """Top of every obstacle cell (rows, cols) float32 [m], and where the heights came from."""
-    height_m, source = certain_height_m(config), "default"
-    if config.default_height_m is None:
-        source = "infinite" if height_m is not None or not strips else _PRIOR
-    heights_m = new_layer(target.shape, np.float32)
-    plans_of: dict[float, list[Floats]] = {}
-    for strip in strips if height_m is None else ():
-        plans_of.setdefault(strip.height_m, []).append(strip.corners_m)
-    levels = [(m, Polygons.on(target, plans)) for m, plans in sorted(plans_of.items())]
-    laid = [(block.height_m, Polygons.on(target, [block.corners_m])) for block in blocks]
-    for band in bands(target.shape, aside=[heights_m]):
-        here, obstacle = heights_m[band.rows], states[band.rows] == CellState.OBSTACLE
-        here[obstacle] = height_m or math.inf
-        for median_m, plans in levels:
-            here[plans.any(band.rows) & obstacle] = median_m
-        for block_m, plan in laid:
-            here[plan.odd(band.rows) & obstacle] = block_m
-    if blocks:
-        source = f"matched sizes ({len(blocks)} obstacles), else {source}"
-    return heights_m, source

@@ -17,7 +17,7 @@ from slarm_graph.radio.measured.priors import (
     FloorField,
     Precision,
     drift_precision,
-    matern_correlation,
+    field_correlation,
 )
 from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 
@@ -122,7 +122,9 @@ class Problem:
         How steep the mean is at the readings [dB/m].
     receiver : Receiver
     doubt_db2 : (N,) float64
-        Variance of the mean at the readings, which no coefficient takes up [dB^2].
+        Variance of the mean at the readings, which no coefficient takes up, times the readings
+        that share it [dB^2]: n of them with one error in common say as much of their mean as n
+        with independent ones n times as large.
     """
 
     floor: FloorField
@@ -168,7 +170,7 @@ class Problem:
         sd_m = self.placed.position_sd_m
         if sd_m is None:
             return np.asarray(variance)
-        lost = 2.0 * hyper.field_sd_db**2 * (1.0 - matern_correlation(sd_m, hyper.range_m))
+        lost = 2.0 * hyper.field_sd_db**2 * (1.0 - field_correlation(sd_m, hyper.range_m))
         return np.asarray(variance + lost + (self.mean_slope_db_m * sd_m) ** 2)
 
 

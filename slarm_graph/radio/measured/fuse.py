@@ -17,9 +17,10 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.radio.measured.blocks import blocks_of
 from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.locate import locate
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
 from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
 from slarm_graph.radio.measured.priors import FloorField
@@ -94,7 +95,7 @@ def fuse(
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    floors = FloorField(nodes), FloorField(coarse)
+    floors, blocks = (FloorField(nodes), FloorField(coarse)), blocks_of(geographic)
     done, notices = {}, []
     for name, placed in readings.items():
         heard = int(placed.heard.sum())
@@ -102,7 +103,9 @@ def fuse(
             notices.append(f"{name} was heard {heard} times; {config.least_readings} make a map")
             continue
         heartbeat(f"measured map of {name}, {len(placed)} readings")
-        mean = Mean(geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m)
+        mean = Mean(
+            geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
+        )
         spread, hyper = (0.0, 0.0, 0.0), None
         if mean.access_point is None and config.locate:
             found = locate(floors[1], mean, placed, config)
@@ -139,7 +142,9 @@ def fit_access_point(
     heard = placed.only(placed.heard)
     if hyper is None:
         part = heard.only(_pieces(heard.times_s, config.search_readings))
-        hyper = fit_field(_problem(coarse, mean, part, Receiver())).hyper
+        # What single blocks take is a column each: four times the search's time, for the same.
+        alike = replace(mean, blocks=None)
+        hyper = fit_field(_problem(coarse, alike, part, Receiver())).hyper
     if placed.heard.all() and config.saturation_dbm is None:
         return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, Receiver(), hyper))
     first = _fitted(fine, mean, heard, Receiver(), hyper)
@@ -150,6 +155,7 @@ def fit_access_point(
 def _problem(floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver) -> Problem:
     design, doubt_db2 = mean.of_readings_with_doubt(placed)
     slope = mean.slope_db_m(placed.points_m)
+    doubt_db2 *= floor.nodes.shared(placed.points_m)
     return Problem(floor, placed, design, mean.coefficients(placed), slope, receiver, doubt_db2)
 
 
@@ -252,7 +258,8 @@ def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> A
 
 
 def _terms(one: FittedAccessPoint) -> FittedTerms:
-    hyper, posterior, terms = one.fit.hyper, one.fit.posterior, one.mean.terms
+    hyper, posterior = one.fit.hyper, one.fit.posterior
+    terms = min(one.mean.terms, len(MAP_TERMS))
     values, spread = np.full(3, np.nan), np.full(3, np.nan)
     values[:terms] = posterior.beta[:terms]
     spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]

@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The mean of the field: a multi-wall propagation model that is linear in what is fitted.
 
-    rss = level at 1 m - n 10 log10(d) - wall loss * walls + the reading's own terms
+    rss = level at 1 m - n 10 log10(d) - wall loss * walls - what blocks take beyond a wall
+          + the reading's own terms
 
 The reading's own terms are the pattern of the robot's antenna about its body, and the offset of
 each further class of readings; they belong to how it was heard, not to the map.
@@ -10,19 +11,18 @@ each further class of readings; they belong to how it was heard, not to the map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.blocks import Blocks
 from slarm_graph.radio.measured.posterior import Coefficients
 from slarm_graph.radio.measured.readings import Placed
-from slarm_graph.radio.propagation.crossings import Counts
-from slarm_graph.radio.propagation.links import Links
+from slarm_graph.radio.propagation.crossings import Passages, passages
 from slarm_graph.radio.propagation.models import decades_of_distance
-from slarm_graph.radio.propagation.over_map import links_to
 
 MAP_TERMS = ("level_at_1_m_dbm", "exponent", "wall_db")
 """What is fitted of the map itself."""
@@ -31,7 +31,11 @@ _PRIOR = ((-40.0, 25.0), (2.0, 0.7), (5.0, 4.0))
 """Mean and standard deviation of the map's terms: 0 dBm and Friis's first metre at 2.4 GHz, widely;
 exponents of 1.6 to 3.5 indoors (Rappaport, Table 4.2); walls of 3 to 7 dB (COST 231)."""
 
-_FACES_OFF_CELLS = 1.0
+_BLOCK_SD_DB = 3.5
+"""Of what the inside of a block takes: nobody has seen whether it is solid or has a wall on either
+side of nothing. One more wall of the prior's 5 dB in half of them is 3.5 dB about none."""
+
+_FACES_OFF_CELLS = 1
 """How far faces of walls on a map are off: they are rounded to cells, and recovered to about one.
 Half makes wall losses 0.6 dB less on the world dead_ends, double 0.2 dB more; without it they are
 2.1 dB too low there."""
@@ -59,7 +63,9 @@ class Mean:
         None where its position is unknown: the mean is then a level alone.
     antenna_height_m, mount_radius_m : float
         As in `RadioConfig`.
-    faces_off_cells : float
+    blocks : Blocks, optional
+        Obstacles of which only the faces are seen; without them they are as other walls.
+    faces_off_cells : int
         How far faces of walls on the map are off; 0 takes them for certain.
     """
 
@@ -67,23 +73,28 @@ class Mean:
     access_point: AccessPoint | None
     antenna_height_m: float
     mount_radius_m: float
-    faces_off_cells: float = _FACES_OFF_CELLS
+    blocks: Blocks | None = None
+    faces_off_cells: int = _FACES_OFF_CELLS
 
     @property
     def terms(self) -> int:
         """Number of the map's own coefficients."""
-        return len(MAP_TERMS) if self.access_point is not None else 1
+        if self.access_point is None:
+            return 1
+        return len(MAP_TERMS) + (self.blocks.count if self.blocks is not None else 0)
 
-    def links(self, points_m: Floats) -> Links:
-        """Return the links to points (N, 2) [m]."""
+    def passages(self, points_m: Floats) -> Passages:
+        """Return what links to points (N, 2) [m] pass."""
         assert self.access_point is not None
-        return links_to(
+        return passages(
             self.geographic.geometry,
             self.geographic.heights_m,
-            self.access_point,
+            self.access_point.position_m(),
             points_m,
-            antenna_height_m=self.antenna_height_m,
+            self.antenna_height_m,
             mount_radius_m=self.mount_radius_m,
+            off_cells=self.faces_off_cells,
+            insides=None if self.blocks is None else self.blocks.insides,
         )
 
     def of_map(self, points_m: Floats) -> Floats:
@@ -99,22 +110,11 @@ class Mean:
         level = np.ones((len(points_m), 1))
         if self.access_point is None:
             return level, np.zeros(len(points_m))
-        links = self.links(points_m)
-        counts = np.array([links.crossings, *self._counts_off(points_m)], dtype=np.float64)
-        design = [level, -decades_of_distance(links.distance_m), -counts.mean(axis=0)]
-        return np.column_stack(design), _PRIOR[2][0] ** 2 * counts.var(axis=0)
-
-    def _counts_off(self, points_m: Floats) -> list[Counts]:
-        """Walls that links pass, the map's faces being off along either axis either way."""
-        if not self.faces_off_cells:
-            return []
-        ap, counts = self.access_point, []
-        assert ap is not None
-        off_m = self.faces_off_cells * self.geographic.geometry.resolution_m
-        for off in np.array([(off_m, 0.0), (-off_m, 0.0), (0.0, off_m), (0.0, -off_m)]):
-            moved = replace(ap, x_m=ap.x_m + off[0], y_m=ap.y_m + off[1])
-            counts.append(replace(self, access_point=moved).links(points_m + off).crossings)
-        return counts
+        passed = self.passages(points_m)
+        walls = passed.counts.mean(axis=0)
+        distance_m = self._distance_m(points_m)
+        design = [level, -decades_of_distance(distance_m), -walls, -passed.through.astype(float)]
+        return np.column_stack(design), _PRIOR[2][0] ** 2 * passed.counts.var(axis=0)
 
     def of_readings(self, placed: Placed) -> Floats:
         """Return the design (N, p) of readings: the map's terms, then their own."""
@@ -139,7 +139,8 @@ class Mean:
         own = self._own(placed.only(np.arange(0))).shape[1]
         classes = placed.classes - 1
         sds = [_CLASS_SD_DB] * classes + [_PATTERN_SD_DB] * (own - classes)
-        prior = [*_PRIOR[: self.terms], *((0.0, sd) for sd in sds)]
+        blocks = [(0.0, _BLOCK_SD_DB)] * (self.terms - len(MAP_TERMS))
+        prior = [*_PRIOR[: self.terms], *blocks, *((0.0, sd) for sd in sds)]
         middle, spread = np.array(prior, dtype=np.float64).T
         return Coefficients(middle, spread)
 
@@ -147,7 +148,12 @@ class Mean:
         """Return how steep the expected level is at points (N, 2) [dB/m], by the prior's n."""
         if self.access_point is None:
             return np.zeros(len(points_m))
+        distance_m = np.maximum(self._distance_m(points_m), 1e-2)
+        return np.asarray(_PRIOR[1][0] * _DB_PER_DECADE_TO_SLOPE / distance_m)
+
+    def _distance_m(self, points_m: Floats) -> Floats:
+        """Length (N,) of the links [m]."""
+        assert self.access_point is not None
         *plan_m, z_m = self.access_point.position_m()
         flat_m = np.linalg.norm(points_m - plan_m, axis=1)
-        distance_m = np.maximum(np.hypot(flat_m, z_m - self.antenna_height_m), 1e-2)
-        return np.asarray(_PRIOR[1][0] * _DB_PER_DECADE_TO_SLOPE / distance_m)
+        return np.asarray(np.hypot(flat_m, z_m - self.antenna_height_m))

@@ -53,6 +53,11 @@ class Nodes:
             found[index] = away.argmin(axis=1)
         return found
 
+    def shared(self, points_m: Floats) -> NDArray[np.int64]:
+        """Return how many (N,) of points (N, 2) [m] lie in the same node."""
+        own = self.at(points_m)
+        return np.asarray(np.bincount(own, minlength=len(self))[own])
+
     def weights(self, points_m: Floats) -> sparse.csr_array:
         """Return how much of each node's value (N, M) is that of points (N, 2) [m]; rows add to 1.
 

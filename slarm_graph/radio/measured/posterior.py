@@ -75,7 +75,7 @@ class Posterior:
     def coefficient_variance(self, design: Floats, explained: Floats) -> Floats:
         """Return the variance (N,) that unknown coefficients add [dB^2]."""
         open_part = design - explained
-        return np.asarray(np.einsum("ij,jk,ik->i", open_part, self.beta_covariance, open_part))
+        return np.asarray(((open_part @ self.beta_covariance) * open_part).sum(axis=1))
 
 
 class Conditioned:

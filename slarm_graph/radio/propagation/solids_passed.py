@@ -1,0 +1,89 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How many walls stand between an access point and an antenna, by the plans of solids."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from slarm_graph.convex import convex_plans
+from slarm_graph.geometry import Floats
+from slarm_graph.polygons import counter_clockwise
+from slarm_graph.radio.propagation.crossings import Counts
+from slarm_graph.world import Solid
+
+_TOUCH_M = 1e-3
+"""Solids that are this near touch: worlds are written to the millimetre."""
+
+
+def solids_passed(
+    solids: Sequence[Solid],
+    access_point_m: ArrayLike,
+    points_m: ArrayLike,
+    antenna_height_m: float,
+    *,
+    mount_radius_m: float = 0.0,
+) -> Counts:
+    """Count the walls and obstacles that the straight segment to each antenna passes.
+
+    Solids that touch along it are one, as a wall's pieces at a corner, however many they are; what
+    it passes above does not count.
+
+    Parameters
+    ----------
+    solids : sequence of Solid
+    access_point_m : (3,)
+        x, y in the world, z above the floor [m].
+    points_m : (N, 2)
+        Antennas in plan [m].
+    antenna_height_m : float
+        Of all antennas.
+    mount_radius_m : float
+        What the segment has left this near to the access point, in plan, carries it and does not
+        count.
+
+    Returns
+    -------
+    (N,) int16
+    """
+    x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    length_m = np.hypot(*(ends - [x, y]).T)
+    plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
+    runs_m = []
+    for solid, pieces in zip(solids, plans, strict=True):
+        for piece in pieces:
+            enter, leave = _inside(np.array([x, y]), ends, piece)
+            lowest = z + (antenna_height_m - z) * (leave if antenna_height_m < z else enter)
+            passed = (leave > enter) & (lowest < solid.height_m)
+            passed &= leave * length_m > mount_radius_m
+            if passed.any():
+                runs_m.append(np.where(passed, [enter * length_m, leave * length_m], np.inf))
+    return _separate(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
+
+
+def _separate(runs_m: Floats) -> Counts:
+    """Count (N,) the runs (K, 2, N) that are left when those that touch are one; inf: no run."""
+    runs_m = np.take_along_axis(runs_m, runs_m[:, :1].argsort(axis=0), axis=0)
+    reached_m = np.maximum.accumulate(np.where(np.isinf(runs_m[:, 1]), -np.inf, runs_m[:, 1]))
+    begins = np.isfinite(runs_m[:, 0])
+    begins[1:] &= runs_m[1:, 0] > reached_m[:-1] + _TOUCH_M
+    return np.asarray(begins.sum(axis=0), dtype=np.int16)
+
+
+def _inside(start: Floats, ends: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """Shares (N,) of segments at which they enter and leave a convex polygon (Cyrus and Beck)."""
+    way = ends - start
+    enter, leave = np.zeros(len(ends)), np.ones(len(ends))
+    for corner, edge in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
+        inward = np.array([-edge[1], edge[0]])
+        depth, rate = (start - corner) @ inward, way @ inward
+        with np.errstate(divide="ignore", invalid="ignore"):
+            at = -depth / rate
+        enter = np.where(rate > 0.0, np.maximum(enter, at), enter)
+        leave = np.where(rate < 0.0, np.minimum(leave, at), leave)
+        leave = np.where((rate == 0.0) & (depth <= 0.0), -1.0, leave)
+    return enter, leave
