@@ -30,6 +30,8 @@ _CHANCE_POINTS = 60
 """Returns looked up at places where a scan does not belong: the mean needs no more."""
 _LEAST_CHANCE = 0.08
 """Spread of the fit at such places at least: that of 30 independent pieces."""
+_LEAST_SHARE = 0.01
+"""Share of pieces, of all or none of which the logarithm would be without end."""
 _ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
 """Poses around the expected one: the window that is searched."""
 
@@ -42,14 +44,27 @@ class ChanceFit:
     ----------
     mean, sigma : float
         Of the fit at poses all over the window around what is expected.
+    count : float
+        Independent pieces of surroundings that the scan shows.
     """
 
     mean: float
     sigma: float
+    count: float = math.inf
 
     def log_density(self, fits: float) -> float:
-        """Log density of a fit at such a place, relative to the most frequent one."""
-        return -0.5 * (max(0.0, fits - self.mean) / self.sigma) ** 2
+        """Log density of a fit at such a place, relative to the most frequent one.
+
+        No lower than the Chernoff bound has it for so many pieces, each of which agrees by chance:
+        where a crowd leaves three or four things to see, they fit somewhere.
+        """
+        if fits <= self.mean:
+            return 0.0
+        by_chance = min(max(self.mean, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
+        agree = min(max(fits, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
+        against = (1.0 - agree) * math.log((1.0 - agree) / (1.0 - by_chance))
+        bound = -self.count * (agree * math.log(agree / by_chance) + against)
+        return max(-0.5 * ((fits - self.mean) / self.sigma) ** 2, min(bound, 0.0))
 
 
 def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> ChanceFit:
@@ -57,7 +72,8 @@ def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float
     few = points[:: max(1, len(points) // _CHANCE_POINTS)]
     around = np.array([compose3(center, away) for away in _ELSEWHERE])
     fits = _fits(np.ascontiguousarray(few), around, local_map, usual)
-    return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE))
+    sigma = max(float(fits.std()), _LEAST_CHANCE)
+    return ChanceFit(float(fits.mean()), sigma, pieces(points))
 
 
 def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> float:
