@@ -160,7 +160,7 @@ def _count(
         row, row_step, row_next, row_every = first_crossing(eye[1], dy)
         carried = mount_cells / max(math.hypot(dx, dy), 1e-12)
         rise, entered = end_height - eye_height, 0.0
-        left_at[:] = -1.0
+        left_at.fill(-1.0)
         gap = _GAP_CELLS / max(math.hypot(dx, dy), 1e-12)
         while entered < 1.0:
             left = min(col_next, row_next, 1.0)
