@@ -110,8 +110,8 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     return found
 
 
-def left_open(one: Constraint, other: Constraint) -> Floats:
-    """Covariance (3, 3) of a step told twice: by both together, or with room for either.
+def left_open(one: Constraint, other: Constraint) -> Constraint:
+    """A step told twice: what both together say, or the first with room for either.
 
     Of stories that contradict each other at least one is not as sure as it says, so that their own
     covariances do not tell which: odds are even, and the spread is that around the first.
@@ -120,9 +120,11 @@ def left_open(one: Constraint, other: Constraint) -> Floats:
     apart[2] = wrap_angles(apart[2])
     both = one.covariance + other.covariance
     if squared_sigmas(apart, both) > _CONTRADICTION:
-        return np.asarray(0.5 * (both + np.outer(apart, apart)))
-    fused = one.covariance - one.covariance @ np.linalg.solve(both, one.covariance)
-    return np.asarray(0.5 * (fused + fused.T))
+        return replace(one, covariance=np.asarray(0.5 * (both + np.outer(apart, apart))))
+    gain = np.linalg.solve(both, one.covariance).T
+    fused = one.covariance - gain @ one.covariance
+    mean = one.i_from_j @ Pose2.from_array(gain @ apart)
+    return replace(one, i_from_j=mean, covariance=np.asarray(0.5 * (fused + fused.T)))
 
 
 def _either(one: Constraint, other: Constraint) -> Constraint:

@@ -267,12 +267,12 @@ class SubmapGraph:
             return
         node, way = len(self._nodes), self.keyframes[self._firsts[-2] : k + 1]
         edge, wheels = matched_step(node, way), wheels_step(node, way)
-        self._nodes.append(compose(self._nodes[-1], edge.i_from_j.as_array()))
         known = edge
         if wheels is not None:
             self._edges.append(wheels)
-            known = replace(edge, covariance=left_open(edge, wheels))
+            known = left_open(edge, wheels)
         self._edges.append(edge)
+        self._nodes.append(compose(self._nodes[-1], known.i_from_j.as_array()))
         self._reach.add(known)
         carry = self.keyframes[k].local_from_robot.adjoint()
         self._drift.append(self._drift[-1] + carry @ known.covariance @ carry.T)

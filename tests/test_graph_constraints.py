@@ -14,6 +14,7 @@ from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.graph_constraints import matched_step, wheels_step
 from slarm_graph.backends.proposal import Measurement
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import (
     FrontendConfig,
     GmappingConfig,
@@ -62,6 +63,19 @@ def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
     np.testing.assert_allclose(
         np.diag(more), [2 * 0.04**2, 2 * 0.02**2 + (2 * 0.1) ** 2, 2 * 0.1**2]
     )
+
+
+def test_a_node_begins_where_matches_and_odometry_together_have_it() -> None:
+    """Matches fell short by 0.1 m a step, and know it: old places are looked for farther on."""
+    graph = SubmapGraph(PoseGraphConfig())
+    for k in range(8):
+        vague = replace(keyframe(k, np.zeros((3, 3))), local_from_robot=Pose2(0.4 * k))
+        graph.add(replace(vague, covariance=np.diag([1e-2, 1e-5, 1e-6])))
+    poses = graph.poses()
+    assert len(poses) == 2
+    steps = graph.node_scans()[1]
+    assert poses[1, 0] == pytest.approx(0.5 * steps, abs=0.01)
+    assert graph.sigmas_between(0, 1)[0] < 0.03
 
 
 def step_sigmas(readings: Iterable[Reading]) -> Floats:

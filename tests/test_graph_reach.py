@@ -77,17 +77,24 @@ def test_of_parallel_constraints_the_surest_counts() -> None:
 
 @pytest.mark.parametrize("apart_m", [0.02, 0.9])
 def test_two_stories_of_a_step_join_or_leave_room_for_both(apart_m: float) -> None:
-    """In information form where they agree; where not, the other is within two sigmas."""
+    """Where they agree, what pulls it balances; where not, the other is within two sigmas."""
     one = Constraint(
         0, 1, Pose2(1.0, 0.0, 0.1), np.diag([0.04, 0.02, 0.01]) ** 2, ConstraintKind.ODOMETRY
     )
     there = one.i_from_j @ Pose2(apart_m, 0.0, 0.0)
     other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.WHEELS)
-    covariance = left_open(one, other)
+    known = left_open(one, other)
+    covariance = known.covariance
     if apart_m < 0.1:
         information = np.linalg.inv(one.covariance) + np.linalg.inv(other.covariance)
         assert np.allclose(covariance, np.linalg.inv(information))
+        pulls = [
+            np.linalg.solve(c.covariance, known.i_from_j.between(c.i_from_j).as_array())
+            for c in (one, other)
+        ]
+        assert np.allclose(sum(pulls), 0.0, atol=1e-9)
         return
+    assert known.i_from_j == one.i_from_j
     miss = one.i_from_j.between(other.i_from_j).as_array()
     assert miss @ np.linalg.solve(covariance, miss) < 4.0
 
