@@ -46,13 +46,17 @@ def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
         From the node before to this one, both included.
     """
     before, last = keyframes[0].local_from_robot, keyframes[-1].local_from_robot
-    total = np.zeros((3, 3))
+    matches, floor = np.zeros((3, 3)), np.zeros((3, 3))
     for keyframe in keyframes[1:]:
-        own = _ADDS_UP * keyframe.covariance + _ODOMETRY_FLOOR
-        total += _carried(own, keyframe.local_from_robot.between(last))
+        onwards = keyframe.local_from_robot.between(last)
+        matches += _carried(_ADDS_UP * keyframe.covariance, onwards)
+        floor += _carried(_ODOMETRY_FLOOR, onwards)
+    total = matches + floor
     least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(total)))
-    covariance = _symmetric(total * np.outer(least, least))
-    return Constraint(node - 1, node, before.between(last), covariance, ConstraintKind.ODOMETRY)
+    within = np.outer(least, least)
+    covariance, shared = _symmetric(total * within), _symmetric(matches * within)
+    step = before.between(last)
+    return Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY, shared)
 
 
 def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:

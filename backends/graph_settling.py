@@ -139,13 +139,18 @@ def _either(one: Constraint, other: Constraint) -> Constraint:
     mean = one.i_from_j @ Pose2.from_array(share * apart)
     within = (1.0 - share) * one.covariance + share * other.covariance
     spread = within + share * (1.0 - share) * np.outer(apart, apart)
-    return replace(one, i_from_j=mean, covariance=spread)
+    return replace(one, i_from_j=mean, covariance=spread, shared=spread)
 
 
 def _eased(constraints: Sequence[Constraint], weights: Floats) -> tuple[Constraint, ...]:
     """Widen the covariances of odometry by the weight it was given; leave closures alone."""
     limited = np.maximum(weights, _MIN_WEIGHT).tolist()
     return tuple(
-        c if c.kind is ConstraintKind.LOOP_CLOSURE else replace(c, covariance=c.covariance / weight)
+        c if c.kind is ConstraintKind.LOOP_CLOSURE else _widened(c, 1.0 / weight)
         for c, weight in zip(constraints, limited, strict=True)
     )
+
+
+def _widened(constraint: Constraint, factor: float) -> Constraint:
+    shared = None if constraint.shared is None else constraint.shared * factor
+    return replace(constraint, covariance=constraint.covariance * factor, shared=shared)

@@ -103,33 +103,63 @@ def covariance_notices(graph: PoseGraph, found: Floats | None) -> tuple[str, ...
 
 
 def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
-    """Factorise the graph's information once and solve for what belongs to each node.
+    """Return what a graph says of each node, and of each with the next.
 
     None for a graph of one node, of more than `_MOST_NODES`, with two nodes in a row that no
     measured step joins, or with information that is singular in double precision.
     """
-    count = len(graph.poses)
     steps = _steps(graph)
-    if not 2 <= count <= _MOST_NODES or steps is None:
+    every = np.arange(len(graph.poses))
+    pairs = np.concatenate([every, every[:-1]]), np.concatenate([every, every[1:]])
+    found = None if steps is None else joint_covariances(graph, *pairs)
+    if steps is None or found is None:
+        return None
+    return NodeCovariances(_symmetric(found[every]), found[len(every) :], steps)
+
+
+def joint_covariances(
+    graph: PoseGraph, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> Floats | None:
+    """Covariances of pairs of nodes: the graph's information is factorised once.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+        Pose 0 is certain.
+    rows, columns : (K,) int64
+        Nodes.
+
+    Returns
+    -------
+    (K, 3, 3) float64 or None
+        Each node in its own body frame; None for a graph of one node, of more than `_MOST_NODES`,
+        or with information that is singular in double precision.
+    """
+    count = len(graph.poses)
+    if not 2 <= count <= _MOST_NODES:
         return None
     try:
         solver = splu(_information(graph).tocsc())
     except RuntimeError:
         return None
-    own, cross = np.zeros((count, 3, 3)), np.zeros((count - 1, 3, 3))
+    pairs = np.zeros((len(rows), 3, 3))
     size = 3 * (count - 1)
     for first in range(1, count, _AT_ONCE):
         nodes = np.arange(first, min(first + _AT_ONCE, count))
         unit = np.zeros((size, 3 * len(nodes)))
-        columns = np.arange(3 * len(nodes))
-        unit[3 * (first - 1) + columns, columns] = 1.0
+        places = np.arange(3 * len(nodes))
+        unit[3 * (first - 1) + places, places] = 1.0
         found = solver.solve(unit).reshape(count - 1, 3, len(nodes), 3)
-        own[nodes] = found[nodes - 1, :, nodes - first]
-        after_first = nodes[nodes > 1]
-        cross[after_first - 1] = found[after_first - 2, :, after_first - first]
-    if not (np.isfinite(own).all() and (np.diagonal(own, 0, 1, 2) >= 0.0).all()):
-        return None
-    return NodeCovariances(_symmetric(own), cross, steps)
+        if not (np.isfinite(found).all() and (_own(found, nodes) >= 0.0).all()):
+            return None
+        here = np.flatnonzero((columns >= first) & (columns <= nodes[-1]) & (rows > 0))
+        pairs[here] = found[rows[here] - 1, :, columns[here] - first]
+    return pairs
+
+
+def _own(found: Floats, nodes: NDArray[np.int64]) -> Floats:
+    """Variances (3, N) of nodes in the columns that were solved for them."""
+    return np.diagonal(found[nodes - 1, :, nodes - nodes[0]], axis1=1, axis2=2)
 
 
 def _steps(graph: PoseGraph) -> Floats | None:

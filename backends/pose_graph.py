@@ -11,6 +11,7 @@ from numpy.random import Generator
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.path_covariance import covariance_notices, path_covariances
+from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2
@@ -66,12 +67,13 @@ class PoseGraphBackend:
         if self._builder.is_empty:
             return SlamResult(self._builder.unmatched(), notices=(_ODOMETRY_ALONE,))
         closed = self._builder.closed()
-        trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
-        covariances = path_covariances(closed.graph, closed.scans, closed.poses)
-        told = (*closed.notices, *covariance_notices(closed.graph, covariances))
+        graph = calibrated(closed.graph)
+        covariances = path_covariances(graph, closed.scans, closed.poses)
+        told = (*closed.notices, *covariance_notices(graph, covariances))
         if covariances is not None:
             covariances = covariances + closed.lag_covariances
-        return SlamResult(trajectory, covariances, closed.graph, (closed.closures,), told)
+        trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
+        return SlamResult(trajectory, covariances, graph, (closed.closures,), told)
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

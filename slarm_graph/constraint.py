@@ -64,6 +64,9 @@ class Constraint:
     covariance : (3, 3) float64
         Of (x, y, theta) in the body frame of j [m^2, m rad, rad^2].
     kind : ConstraintKind
+    shared : (3, 3) float64, optional
+        The part of `covariance` that errors make which neighbouring constraints share, so that no
+        residual tells of them; None for none.
     """
 
     i: int
@@ -71,6 +74,7 @@ class Constraint:
     i_from_j: Pose2
     covariance: Floats
     kind: ConstraintKind
+    shared: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)
