@@ -37,7 +37,8 @@ _GIVE_UP = 5
 """Scans in a row that fit nowhere after which a map is begun anew: half a second at 10 Hz, in which
 somebody may have passed close by."""
 _DECIDE_WITHIN_M = 2.0
-"""Way after which the best story is believed: beyond, the map no longer shows what is seen."""
+"""Way after which the best story is believed: beyond, the map no longer shows what is seen. It is
+that which all stories agree on, lest a jump be believed since it is far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,8 +150,7 @@ class ScanTracker:
         changed = any(map(_differ, best.trail[:-1], self._trail))
         self._revised = tuple(best.trail[:-1]) if changed else ()
         self._unplaced = 0 if best.place else self._unplaced + 1
-        step = between3(best.trail[-2], best.trail[-1]) if len(best.trail) > 1 else np.zeros(3)
-        self._undecided_m += math.hypot(step[0], step[1])
+        self._undecided_m += min(map(_last_step_m, self._stories))
         if is_decided(self._stories) or self._undecided_m > _DECIDE_WITHIN_M:
             self._settle()
         self._trail = list(best.trail)
@@ -232,6 +232,14 @@ class ScanTracker:
                 return False
         self._map.add(points, pose)
         return True
+
+
+def _last_step_m(story: Story) -> float:
+    """Way between a story's last two poses; 0 where it has just begun."""
+    if len(story.trail) < 2:
+        return 0.0
+    step = between3(story.trail[-2], story.trail[-1])
+    return math.hypot(step[0], step[1])
 
 
 def _differ(a: Floats, b: Floats) -> bool:
