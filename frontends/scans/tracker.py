@@ -36,7 +36,7 @@ and twice that 4 m away."""
 _GIVE_UP = 5
 """Scans in a row that fit nowhere after which a map is begun anew: half a second at 10 Hz, in which
 somebody may have passed close by."""
-_DECIDE_WITHIN_M = 2.0
+_DECIDE_WITHIN_M = 1.0
 """Way after which the best story is believed: beyond, the map no longer shows what is seen. It is
 that which all stories agree on, lest a jump be believed since it is far."""
 

@@ -10,9 +10,9 @@ What is left between odometry and matches is noise of both. They are told apart 
 in time: an error of driving stays in the path, an error of a match is taken back by the next one
 (covariance matching: Mehra, "On the Identification of Variances and Adaptive Kalman Filtering",
 IEEE T-AC 15(2), 1970). So is an error of reading odometry: stamps that are off shift it along the
-way, whole ticks and degrees are rounded. Matches are wrong in all directions in proportion to what
-their points say, readings only where the robot moves: what all three axes have in common is the
-matches'.
+way and the turn, whole ticks and degrees are rounded. Matches are wrong in all directions in
+proportion to what their points say; to the side, where wheels do not move, odometry has no reading
+to get wrong, and what is taken back there is the matches'.
 """
 
 from __future__ import annotations
@@ -52,9 +52,8 @@ _LEAST_STEP = 0.01
 """Share of odometry's guessed variance that is believed at least: a tenth of its noise."""
 _MOST_MATCH = 1000.0
 """Most of what a match's variance may be more than by its points alone: 30 times its noise."""
-_LEAST_OF_THREE = 0.78
-"""What the least of three equal ratios comes out as on average, each learned from `_MOST_STEPS`
-with a standard deviation of a quarter (by simulation)."""
+_ASIDE = 1
+"""The axis in which wheels do not move."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
@@ -162,8 +161,7 @@ class WheelCalibration:
         self._claim = self._claim + rate * (claimed - self._claim)
         ratio = np.minimum(-self._product, 0.5 * self._square) / self._claim
         self._add_up(miss, np.clip(ratio, 1.0, _MOST_MATCH) * self._claim, tells)
-        in_common = float(np.clip(ratio.min() / _LEAST_OF_THREE, 1.0, _MOST_MATCH))
-        self.match_excess = np.full(3, in_common)
+        self.match_excess = np.full(3, np.clip(ratio[_ASIDE], 1.0, _MOST_MATCH))
         of_match = self.match_excess * self._claim
         of_step = np.maximum(self._square - 2.0 * of_match, _LEAST_STEP * self._guess)
         self.excess = of_step / self._guess
