@@ -89,6 +89,14 @@ def test_readings_of_odometry_are_not_held_against_matches() -> None:
     assert path[0] < 0.2 * steps[0]
 
 
+def test_headings_that_match_well_do_not_vouch_for_places() -> None:
+    """In a crowd matches are pulled to the side, while walls hold the heading."""
+    of_match = np.array([0.012, 0.012, 0.002])
+    matches, steps, _ = learned(np.full(3, 0.001), of_match, np.zeros(3))
+    np.testing.assert_allclose(matches[:2], 0.012**2, rtol=0.3)
+    assert (steps[:2] < 0.006**2).all()
+
+
 def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFilter:
     """Feed a filter equal steps of odometry and of matched motion, 0.1 s apart."""
     odometry = OdometryFilter()

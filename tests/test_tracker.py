@@ -257,3 +257,26 @@ def test_a_scan_that_decides_for_another_story_revises_the_one_before(
     assert tracked[3].revised[-1][0] > 0.5
     assert tracked[3].motion.x < 0.5, "from where the scan before is believed to be now"
     assert builder.unmatched().poses[2, 0] > 0.5
+
+
+def test_a_jump_does_not_decide_for_itself(
+    lap: tuple[list[Reading], Floats], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A place three metres off fits better for two scans; then only the way on fits."""
+    now = 0
+
+    def places(_points: Floats, _map: object, outlook: Outlook, **_: object) -> list[Place]:
+        on, jumped = 0.02 * now, outlook.base[0] > 1.5
+        at = {on: 0.0} if now < 2 else {on: -2.0 - 40.0 * jumped, on + 3.0: -40.0 * (now > 3)}
+        return sorted(
+            (Place(np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, w) for x, w in at.items()),
+            key=lambda place: -place.log_posterior,
+        )
+
+    tracker = ScanTracker(FrontendConfig())
+    monkeypatch.setattr(tracker._matcher, "places", places)
+    xs = []
+    for now, reading in enumerate(lap[0][:6]):  # noqa: B007
+        xs.append(tracker.track(replace(reading, odom_from_robot=None)).local_from_robot.x)
+    assert xs[2] > 2.5, "the likelier place was told at first"
+    assert xs[5] < 0.5

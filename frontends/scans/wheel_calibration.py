@@ -55,8 +55,8 @@ _MOST_MATCH = 1000.0
 _ASIDE = 1
 """The axis in which wheels do not move."""
 _ALIKE = 2.0
-"""Ratios of which both may be of the matches alone: each is learned from `_MOST_STEPS` with a standard
-deviation of a quarter (by simulation), so that 93 % of two that are lie within this."""
+"""Factor within which two ratios may both be of the matches alone: each is learned from `_MOST_STEPS`
+with a standard deviation of a quarter (by simulation), so 93 % of two that are lie within it."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
