@@ -63,14 +63,14 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
     """Return the same by odometry alone; None where it was not known throughout.
 
     Odometry is read at a scan's stamp, a sweep is matched in its middle: at either end, and there
-    alone, the way between adds to what odometry is unsure of.
+    alone, the way between adds to what odometry is unsure of, and what reading it was off.
     """
     wheels = functools.reduce(joined, [keyframe.wheels for keyframe in keyframes[1:]])
     if wheels is None:
         return None
     motion = Pose2.from_array(wheels.motion)
-    lag = _carried(keyframes[0].lag_covariance, motion) + keyframes[-1].lag_covariance
-    covariance = wheels.covariance + _ODOMETRY_FLOOR + lag
+    first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
+    covariance = wheels.covariance + _ODOMETRY_FLOOR + _carried(first, motion) + last
     return Constraint(node - 1, node, motion, covariance, ConstraintKind.WHEELS)
 
 

@@ -65,6 +65,17 @@ def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
     )
 
 
+def test_what_readings_of_odometry_are_off_counts_at_both_ends_and_not_between() -> None:
+    reading = np.array([0.05, 0.0, 0.02]) ** 2
+    plain = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3), reading)
+    rough = [replace(k, wheels=wheels) for k in plain]
+    exact, read = wheels_step(1, plain), wheels_step(1, rough)
+    assert exact is not None and read is not None
+    more = read.covariance - exact.covariance
+    np.testing.assert_allclose(np.diag(more), [2 * 0.05**2, (2 * 0.02) ** 2, 2 * 0.02**2])
+
+
 def test_a_node_begins_where_matches_and_odometry_together_have_it() -> None:
     """Matches fell short by 0.1 m a step, and know it: old places are looked for farther on."""
     graph = SubmapGraph(PoseGraphConfig())

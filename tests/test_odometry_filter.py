@@ -52,7 +52,7 @@ def test_systematic_errors_are_found(errors: tuple[float, float, float]) -> None
 
 
 def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floats, ...]:
-    """Variances (3,) found of matches, of single steps and of steps along a path.
+    """Variances (3,) found of matches, single steps, steps along a path, and readings.
 
     Of matches of 4 mm and 4 mrad by their points alone, in steps of 0.1 m; the truth are standard
     deviations (3,) of every step, of every match, and of every reading of odometry.
@@ -68,13 +68,13 @@ def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floa
         match, reading = now, read
         wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
         one = wheels.excess * guess, wheels.path_excess * guess
-        found.append((wheels.match_excess * 0.004**2, *one))
+        found.append((wheels.match_excess * 0.004**2, *one, wheels.reading))
     return tuple(np.mean(found[500:], axis=0))
 
 
 def test_noise_of_odometry_and_of_matches_are_told_apart() -> None:
     """Odometry's error stays in the path, a match's is taken back by the next one."""
-    matches, steps, _ = learned(np.full(3, 0.006), np.full(3, 0.012), np.zeros(3))
+    matches, steps, _, _ = learned(np.full(3, 0.006), np.full(3, 0.012), np.zeros(3))
     np.testing.assert_allclose(matches, 0.012**2, rtol=0.3)
     assert steps[0] == pytest.approx(0.006**2, rel=0.5)
 
@@ -82,17 +82,19 @@ def test_noise_of_odometry_and_of_matches_are_told_apart() -> None:
 def test_readings_of_odometry_are_not_held_against_matches() -> None:
     """Stamps that are off shift odometry along the way, and the next reading takes that back."""
     none = np.zeros(3)
-    matches, steps, path = learned(np.full(3, 0.001), none, np.array([0.02, 0.0, 0.0]))
+    matches, steps, path, reading = learned(np.full(3, 0.001), none, np.array([0.02, 0.0, 0.0]))
     np.testing.assert_allclose(matches, 0.004**2, rtol=0.1)
     # A step is between two readings; along a path they cancel.
     assert steps[0] == pytest.approx(2.0 * 0.02**2, rel=0.3)
     assert path[0] < 0.2 * steps[0]
+    assert reading[0] == pytest.approx(0.02**2, rel=0.3)
+    assert (reading[1:] < 0.001**2).all()
 
 
 def test_headings_that_match_well_do_not_vouch_for_places() -> None:
     """In a crowd matches are pulled to the side, while walls hold the heading."""
     of_match = np.array([0.012, 0.012, 0.002])
-    matches, steps, _ = learned(np.full(3, 0.001), of_match, np.zeros(3))
+    matches, steps, _, _ = learned(np.full(3, 0.001), of_match, np.zeros(3))
     np.testing.assert_allclose(matches[:2], 0.012**2, rtol=0.3)
     assert (steps[:2] < 0.006**2).all()
 

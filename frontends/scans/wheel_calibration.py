@@ -44,10 +44,6 @@ _PATH_STEPS = 10
 """Steps that are added up: longer than an error of a match lasts, shorter than a drive."""
 _NOTHING = 1e6
 """Variance of a measurement that tells nothing [m^2, rad^2]: a kilometre."""
-_LEAST_PATH = 9.0
-"""Variance of a step along a path, over the guessed one, that is believed at least: three times the
-noise, since what wheels do over many steps depends on floors and loads to come. A third of it makes
-intel.bag 16 % worse, a ninth 21 %."""
 _LEAST_STEP = 0.01
 """Share of odometry's guessed variance that is believed at least: a tenth of its noise."""
 _MOST_MATCH = 1000.0
@@ -55,8 +51,8 @@ _MOST_MATCH = 1000.0
 _ASIDE = 1
 """The axis in which wheels do not move."""
 _ALIKE = 2.0
-"""Factor within which two ratios may both be of the matches alone: each is learned from `_MOST_STEPS`
-with a standard deviation of a quarter (by simulation), so 93 % of two that are lie within it."""
+"""Factor within which two ratios may both be of the matches alone: each is learned from
+`_MOST_STEPS` with a standard deviation of a quarter, so 93 % of two that are lie within it."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
@@ -75,6 +71,8 @@ class WheelCalibration:
         """Variance of a match's noise over that which its points alone would have, at least 1."""
         self.path_excess: Floats = np.ones(3)
         """As `excess`, per step of a path of many steps: errors that go on add up."""
+        self.reading: Floats = np.zeros(3)
+        """Variance (3,) of a reading of odometry: what is taken back and is not the matches'."""
         self._sum: Floats = np.zeros(3)
         self._summed = 0
         self._sum_square: Floats = np.zeros(3)
@@ -95,12 +93,11 @@ class WheelCalibration:
 
         Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
         """
-        along = np.maximum(self.path_excess, _LEAST_PATH)
-        return np.diag(np.maximum(along - self.excess, 0.0) * _noise(increment))
+        return np.diag(np.maximum(self.path_excess - self.excess, 0.0) * _noise(increment))
 
     def along_path(self, increment: Floats) -> WheelMotion:
         """Return the motion that an increment (3,) means, as sure as one step of a path is."""
-        return WheelMotion(*self._told(increment, np.maximum(self.path_excess, self.excess)))
+        return WheelMotion(*self._told(increment, self.path_excess), self.reading)
 
     def _told(self, increment: Floats, excess: Floats) -> tuple[Floats, Floats]:
         """Motion (3,) that an increment (3,) means, and its covariance with so much noise."""
@@ -163,11 +160,13 @@ class WheelCalibration:
         self._guess = self._guess + rate * (guess - self._guess)
         self._claim = self._claim + rate * (claimed - self._claim)
         ratio = np.minimum(-self._product, 0.5 * self._square) / self._claim
-        self._add_up(miss, np.clip(ratio, 1.0, _MOST_MATCH) * self._claim, tells)
+        taken_back = np.clip(ratio, 1.0, _MOST_MATCH) * self._claim
+        self._add_up(miss, taken_back, tells)
         alike = (ratio < _ALIKE * ratio[_ASIDE]) & (_ALIKE * ratio > ratio[_ASIDE])
         of_matches = ratio[alike].mean() if alike.any() else 1.0
         self.match_excess = np.full(3, np.clip(of_matches, 1.0, _MOST_MATCH))
         of_match = self.match_excess * self._claim
+        self.reading = np.maximum(taken_back - of_match, 0.0)
         of_step = np.maximum(self._square - 2.0 * of_match, _LEAST_STEP * self._guess)
         self.excess = of_step / self._guess
 

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
 
 from slarm_graph.frontends.scans.small_pose import carried3, compose3
 from slarm_graph.geometry import Floats
@@ -20,15 +22,19 @@ class WheelMotion:
         Pose of the robot now in its frame before [m, m, rad].
     covariance : (3, 3) float64
         Of it, in the body frame now, for errors that add up along a path.
+    reading : (3,) float64
+        Variances of a reading of odometry: at either end, they do not add up.
     """
 
     motion: Floats
     covariance: Floats
+    reading: Floats = field(default_factory=lambda: np.zeros(3))
 
     def then(self, after: WheelMotion) -> WheelMotion:
         """Return this motion and the one that follows as one."""
         motion = compose3(self.motion, after.motion)
-        return WheelMotion(motion, carried3(self.covariance, after.motion) + after.covariance)
+        covariance = carried3(self.covariance, after.motion) + after.covariance
+        return WheelMotion(motion, covariance, after.reading)
 
 
 def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
