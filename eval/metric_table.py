@@ -151,13 +151,9 @@ _BUILT_IN: Final = (
 _SUFFIXES: Final = ("m", "deg", "s", "db", "nat", "mb")
 
 
+@cache
 def kinds() -> Mapping[str, MetricKind]:
     """Return all kinds of metrics by name, those of plug-ins last."""
-    return _kinds()
-
-
-@cache
-def _kinds() -> dict[str, MetricKind]:
     from slarm_graph.eval.metric_parts import parts
 
     added = {kind.name: kind for part in parts() for kind in part.kinds}

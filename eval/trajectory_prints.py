@@ -14,9 +14,9 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 
-from slarm_graph.eval.alignment import Alignment, motions, positions, turned_rad
+from slarm_graph.eval.alignment import Alignment, positions
 from slarm_graph.eval.evaluation import Evaluation
-from slarm_graph.eval.trajectory_accuracy import absolute_errors, drift
+from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad, drift
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
 
@@ -137,12 +137,8 @@ def _errors(evaluations: Evaluations) -> Figure:
     panels = figure.subplots(2, 2, sharey="row")
     for index, (name, found) in enumerate(evaluations.items()):
         pairs, color = found.pairs, _COLORS[index % len(_COLORS)]
-        seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) * 1e-9
-        steps = np.linalg.norm(np.diff(positions(pairs.reference), axis=0), axis=1)
-        metres = np.concatenate([[0.0], np.cumsum(steps)])
-        moved = found.alignment.moved(pairs.estimate)
-        turned = np.degrees(turned_rad(motions(pairs.reference, moved)))
-        for col, along in enumerate((seconds, metres)):
+        turned = np.degrees(absolute_rotations_rad(pairs, found.alignment))
+        for col, along in enumerate((pairs.seconds, pairs.metres)):
             for row, error in enumerate((absolute_errors(pairs, found.alignment), turned)):
                 xy = _thin(np.column_stack([along, error]))
                 label = _plain(name) if (row, col) == (0, 0) else None

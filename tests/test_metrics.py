@@ -107,11 +107,11 @@ def plugged(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     monkeypatch.setattr(parts, "entry_points", lambda group: entries)
     parts._added.cache_clear()
     metric_parts.parts.cache_clear()
-    metric_table._kinds.cache_clear()
+    metric_table.kinds.cache_clear()
     yield
     parts._added.cache_clear()
     metric_parts.parts.cache_clear()
-    metric_table._kinds.cache_clear()
+    metric_table.kinds.cache_clear()
 
 
 @pytest.mark.usefixtures("plugged")

@@ -17,7 +17,6 @@ from slarm_graph.app.cli import main
 from slarm_graph.app.ending import Stop
 from slarm_graph.backend import SlamBackend, silent
 from slarm_graph.config import ExploreConfig, RunConfig, SignalConfig, SimulationConfig
-from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.files.worlds import load_world, world_to_yaml
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
@@ -75,7 +74,7 @@ def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
         return ClosedLoop(
             SimulatedWorld(room, config.simulation, np.random.default_rng(2)),
             fresh(backend),
-            explorers.make(config),
+            parts.make("explorer", config.explore.explorer, config, config.explore.driving),
             config.explore,
             extent_m=room.extent_m(),
             start=room.start,

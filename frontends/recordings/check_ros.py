@@ -19,7 +19,13 @@ from slarm_graph.frontends.recordings.check_motion import (
     read_accelerations,
 )
 from slarm_graph.frontends.recordings.check_scans import check_scans
-from slarm_graph.frontends.recordings.findings import WARNING, Finding, Look, TopicFacts
+from slarm_graph.frontends.recordings.findings import (
+    WARNING,
+    Finding,
+    Look,
+    TopicFacts,
+    topic_facts,
+)
 from slarm_graph.frontends.recordings.frames import usual_frame
 from slarm_graph.frontends.recordings.messages import ODOMETRY, SCAN_TYPES, TF_TYPES, decode
 from slarm_graph.frontends.recordings.packed import Ints, Malformed
@@ -27,7 +33,6 @@ from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
 from slarm_graph.frontends.recordings.scan_units import in_si_units
-from slarm_graph.frontends.recordings.topic_facts import sorted_stamps, topic_facts
 
 
 def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
@@ -59,10 +64,11 @@ def _facts(topic: Topic, messages: RosMessages) -> TopicFacts:
     frame = ""
     if topic.msgtype in SCAN_TYPES and messages.scans.get(topic.name):
         blocks = messages.scans[topic.name]
-        stamps, frame = sorted_stamps(blocks), usual_frame(blocks)
+        stamps = np.concatenate([block.stamp_ns for block in blocks])
+        frame = usual_frame(blocks)
     elif topic.msgtype == ODOMETRY and len(messages.odometry[topic.name]):
         odometry = messages.odometry[topic.name]
-        stamps, frame = np.sort(odometry.stamp_ns), " -> ".join(odometry.edges[0])
+        stamps, frame = odometry.stamp_ns, " -> ".join(odometry.edges[0])
     return topic_facts(topic, stamps, frame)
 
 

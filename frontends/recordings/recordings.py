@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -19,6 +19,8 @@ LONGEST_PAUSE_S = 3600.0
 than in an hour has moved the robot or its odometry meanwhile."""
 LONGEST_OVERLAP_S = 1.0
 """By which parts may overlap: messages are written some moments after they were made."""
+Part = tuple[int, tuple[int, int]]
+"""How many messages of a topic a file has, and its first and last record time [ns]."""
 _SCAN_TYPES = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
 
 
@@ -80,7 +82,7 @@ class Ros1Recording:
         return tuple(notice for file in self._files for notice in file.notices())
 
     def _merged_topics(self) -> tuple[Topic, ...]:
-        found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}
+        found: dict[tuple[str, str], list[Part]] = {}
         for file in self._files:
             counts = file.counts()
             for number, connection in file.connections.items():
@@ -88,10 +90,7 @@ class Ros1Recording:
                 entry = found.setdefault((connection.topic, connection.msgtype), [])
                 if span is not None:
                     entry.append((counts[number], span))
-        return tuple(
-            Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
-            for (name, msgtype), parts in sorted(found.items())
-        )
+        return topics_of(found)
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
         """Yield the messages of the topics in batches, in file order."""
@@ -134,8 +133,16 @@ def related(files: Sequence[tuple[str, tuple[int, int], set[tuple[str, str]]]]) 
             )
 
 
-def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:
-    """Mean rate of (count, (first, last record time [ns])) of several files."""
+def topics_of(files: Mapping[tuple[str, str], Sequence[Part]]) -> tuple[Topic, ...]:
+    """Put the parts of every topic and type together, in the order of their names."""
+    return tuple(
+        Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
+        for (name, msgtype), parts in sorted(files.items())
+    )
+
+
+def rate_hz(parts: Sequence[Part]) -> float:
+    """Mean rate over the time from the first message of all parts to the last."""
     if not parts:
         return 0.0
     span_ns = max(last for _, (_, last) in parts) - min(first for _, (first, _) in parts)

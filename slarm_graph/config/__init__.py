@@ -17,8 +17,7 @@ from slarm_graph.config.driving import (
     SimulationConfig,
     WheelConfig,
 )
-from slarm_graph.config.maps import MappingConfig, RadioConfig, RecoveryConfig
-from slarm_graph.config.measured import MeasuredConfig
+from slarm_graph.config.maps import MappingConfig, MeasuredConfig, RadioConfig, RecoveryConfig
 from slarm_graph.config.particles import (
     GmappingConfig,
     ParticleLikelihoodConfig,

@@ -69,12 +69,8 @@ class Plan:
             self.explorers,
             self.backends,
         )
-        return {
-            _trial(folder, Setting(explorer, backend, delta, speed), seed): Setting(
-                explorer, backend, delta, speed
-            )
-            for seed, delta, speed, explorer, backend in every
-        }
+        settings = ((seed, Setting(e, b, delta, speed)) for seed, delta, speed, e, b in every)
+        return {_trial(folder, setting, seed): setting for seed, setting in settings}
 
 
 QUICK: Final = Plan(resolutions_m=(0.1, 0.25), speeds_m_s=(1.0,), explorers=("ggmr",), seeds=1)

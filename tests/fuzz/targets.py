@@ -29,7 +29,7 @@ from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import load_config
 from slarm_graph.files.coverage import read_coverage, write_coverage
 from slarm_graph.files.g2o import read_g2o
-from slarm_graph.files.maps import pgm_bytes, read_map, trinary_image
+from slarm_graph.files.maps import read_map, trinary_image
 from slarm_graph.files.states import SavedStates, write_states
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world
@@ -163,9 +163,11 @@ def _written(write: Callable[[Path], object], name: str) -> bytes:
 
 def _images() -> tuple[bytes, ...]:
     image = trinary_image(_grid().occupied, _grid().free)
-    encoded = [cv2.imencode(ending, image)[1].tobytes() for ending in (".png", ".bmp", ".jpg")]
+    encoded = [
+        cv2.imencode(ending, image)[1].tobytes() for ending in (".pgm", ".png", ".bmp", ".jpg")
+    ]
     text = b"P2\n9 12\n255\n" + b" ".join(b"%d" % v for v in image.ravel().tolist())
-    return (pgm_bytes(image), text, *encoded)
+    return (*encoded, text)
 
 
 def _backend() -> SlamBackend:
