@@ -16,7 +16,12 @@ from matplotlib.transforms import Affine2D
 
 from slarm_graph.eval.alignment import Alignment, positions
 from slarm_graph.eval.evaluation import Evaluation
-from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad, drift
+from slarm_graph.eval.trajectory_accuracy import (
+    absolute_errors,
+    absolute_rotations_rad,
+    drift,
+    statistics,
+)
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
 
@@ -124,7 +129,7 @@ def _errors_on_paths(evaluations: Evaluations, below: MapBelow | None) -> Figure
         lines.set_clim(0.0, top)
         lines.set_linewidth(1.8)
         axes.add_collection(lines)
-        axes.set_title(f"{_plain(name)}: {_rms(error):.3f} m RMSE", fontsize=8)
+        axes.set_title(f"{_plain(name)}: {statistics(error).rmse:.3f} m RMSE", fontsize=8)
         _as_a_map(axes, moved)
         figure.colorbar(lines, ax=axes, label="position error [m]", shrink=0.8, extend="max")
     for axes in panels[count:]:
@@ -222,7 +227,3 @@ def _as_a_map(axes: Axes, points: Floats) -> None:
     axes.grid(False)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -62,7 +62,7 @@ def drive(*, heals: bool) -> tuple[Exploration, Torn]:
     explorer = parts.make("explorer", CONFIG.explorer, RunConfig(), CONFIG.driving)
     loop = ClosedLoop(world, backend, explorer, CONFIG, extent_m=extent, start=ROOM.start)
     while loop.step():
-        assert loop.readings < 6000
+        assert loop.survey.readings < 6000
     return loop.outcome(), backend
 
 

@@ -14,8 +14,15 @@ from slarm_graph.frontends.recordings.db3_file import Db3File
 from slarm_graph.frontends.recordings.mcap_file import MAGIC as MCAP_MAGIC
 from slarm_graph.frontends.recordings.mcap_file import McapFile
 from slarm_graph.frontends.recordings.packed import Packed, pack
-from slarm_graph.frontends.recordings.recordings import Part, Topic, first_bytes, related, topics_of
-from slarm_graph.frontends.recordings.storage import Key, Storage
+from slarm_graph.frontends.recordings.recordings import (
+    Key,
+    Part,
+    Storage,
+    Topic,
+    first_bytes,
+    related,
+    topics_of,
+)
 from slarm_graph.frontends.recordings.unpacking import (
     ZSTD_MAGIC,
     scratch_folder,

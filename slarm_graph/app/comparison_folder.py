@@ -71,7 +71,7 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
     pictures = _pictures(folder.path, outcomes)
     reports = [o.folder for o in outcomes if _has_page(folder.path, o)]
     content = ComparisonContent(
-        "Backend comparison", lead, outcomes, found, views, pictures, reports
+        "Backend comparison", lead, outcomes, shown, views, pictures, reports
     )
     folder.write_text("report.html", comparison_html(content))
     status = "ok" if good == len(outcomes) else "partial"

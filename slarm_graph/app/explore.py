@@ -12,7 +12,7 @@ import numpy as np
 
 from slarm_graph import backends, parts
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
 from slarm_graph.app.job import Run
@@ -164,7 +164,7 @@ class LiveFiles:
         """Write `odometry.tum`, `scans.csv`, `trajectory.tum` and `map.pgm/.yaml`."""
         save_readings(self._folder, self._log)
         if len(self._log):
-            save_trajectory(self._folder, "trajectory", self._loop.believed)
+            save_trajectory(self._folder, "trajectory", self._loop.survey.believed)
         live = self._loop.live
         save_map(self._folder, "map", live.driving_geometry, of_layers(live.occupied, live.free))
         self._written_s = time.monotonic()
@@ -191,11 +191,9 @@ def _drive(
         log=log,
     )
 
-    def resume(saved: SavedStates) -> None:
-        """Drive to where the checkpoint was written."""
-        loop.restore(saved.states)
-
-    resume_from(folder.path, resume)
+    with saved_states(folder.path) as saved:
+        if saved is not None:
+            loop.restore(saved.states)
     checkpoint = Checkpoint(
         folder, config.checkpoint.every_s, lambda: SavedStates(loop.snapshot(), {})
     )

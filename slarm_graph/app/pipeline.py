@@ -11,7 +11,7 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
@@ -191,13 +191,8 @@ def radio_maps(
 
 def _restored(backend: SlamBackend, folder: RunFolder) -> int:
     """Bring a backend to where a checkpoint was written; return how many readings it has had."""
-    had = 0
-
-    def resume(saved: SavedStates) -> None:
-        """Take the one state that a run has."""
-        nonlocal had
+    with saved_states(folder.path) as saved:
+        if saved is None:
+            return 0
         backend.restore(saved.states["backend"])
-        had = int(saved.facts["readings"])
-
-    resume_from(folder.path, resume)
-    return had
+        return int(saved.facts["readings"])

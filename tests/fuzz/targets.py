@@ -20,7 +20,7 @@ from ros_bags import write_recording
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.app.checkpoint import resume_from
+from slarm_graph.app.checkpoint import saved_states
 from slarm_graph.app.resuming import resumed_job
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig, SourceConfig
@@ -181,7 +181,9 @@ def _checkpoint() -> bytes:
 
 
 def _resume(path: Path) -> None:
-    resume_from(path.parent.parent, lambda saved: _backend().restore(saved.states["backend"]))
+    with saved_states(path.parent.parent) as saved:
+        assert saved is not None
+        _backend().restore(saved.states["backend"])
 
 
 @functools.cache
