@@ -32,23 +32,7 @@ _DASHES = ("-", "--", "-.", ":")
 """So that lines stay apart in grey print, too."""
 _WIDTH_IN, _WIDE_IN = 3.5, 7.16
 """A column and a page of IEEE's journals."""
-_PRINT = {
-    "font.size": 8,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e6ea",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-    "text.parse_math": False,
-    "savefig.bbox": "tight",
-    "savefig.dpi": 300,
-}
-"""Sizes in points: 8 is what IEEE's journals ask of figures; fonts are embedded as text."""
+_STYLE = Path(__file__).with_name("trajectory_prints.mplstyle")
 _DRAWN = 5_000
 """Points of a line; more than a page has dots across only make files large."""
 
@@ -72,7 +56,7 @@ def save_prints(
         Drawn below the paths.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(_PRINT):  # type: ignore[arg-type]
+    with mpl.rc_context(fname=_STYLE):
         figures = {
             "paths": _paths(evaluations, below),
             "error_on_path": _errors_on_paths(evaluations, below),

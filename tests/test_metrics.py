@@ -48,7 +48,7 @@ def literal_names() -> set[str]:
 
 def test_every_metric_of_the_package_is_in_the_table() -> None:
     missing = literal_names() - set(kinds())
-    assert not missing, f"add to eval/metric_table.py: {sorted(missing)}"
+    assert not missing, f"add to eval/metric_kinds.csv: {sorted(missing)}"
 
 
 def test_names_say_their_unit() -> None:

@@ -30,30 +30,7 @@ if TYPE_CHECKING:
 
 Format = Literal["evo", "rpg", "mcap", "geojson"]
 _ENDINGS = {"evo": ".evo.zip", "rpg": ".rpg", "mcap": ".mcap", "geojson": ".geojson"}
-_TEMPLATE = """\
-# A world: what stands where, how high, and where the access points hang. Lengths are in m, angles
-# in deg. Check it:  slarm worlds --check FILE    Drive in it:  slarm explore --world FILE
-name: my_world
-# How high the ceiling is; nothing stands higher.
-ceiling_m: 3.0
-# Corners of the space, in order; the robot stays inside.
-boundary_m: [[0.0, 0.0], [8.0, 0.0], [8.0, 5.0], [0.0, 5.0]]
-# Where the robot starts.
-start: {x_m: 1.0, y_m: 1.0, heading_deg: 0.0}
-# Transmitters; power_dbm and frequency_hz may be left out.
-access_points:
-  - {name: AP1, x_m: 0.5, y_m: 4.5, z_m: 2.5, power_dbm: 20.0, frequency_hz: 3.5e+9}
-# Walls along a line; `closed: true` leads back to its start. Or a hollow rectangle, by center_m and
-# size_m (outside) and heading_deg in place of line_m.
-walls:
-  - {name: partition, line_m: [[4.0, 0.0], [4.0, 3.0]], thickness_m: 0.1, height_m: 3.0}
-# Boxes, filled up to their height.
-boxes:
-  - {name: desk, center_m: [6.0, 1.5], size_m: [1.6, 0.8], heading_deg: 30.0, height_m: 0.75}
-# Anything else, by its corners in order.
-polygons:
-  - {name: pillar, corners_m: [[2.0, 3.5], [2.4, 3.5], [2.2, 3.9]], height_m: 3.0}
-"""
+_TEMPLATE = Path(__file__).with_name("world_template.yaml")
 
 
 def check_command(
@@ -157,7 +134,7 @@ def worlds_command(
     from slarm_graph.files.worlds import load_world, shipped_worlds, world_path
 
     if template:
-        print(_TEMPLATE, end="")
+        print(_TEMPLATE.read_text(encoding="utf-8"), end="")
         return
     if check is not None:
         world = load_world(check)
