@@ -40,7 +40,7 @@ def gain_figure(radio: RadioMap) -> Figure:
     _put_access_points(fig, radio)
     _put_choice(fig, labels, always=1)
     words = "Radio map: gain, line of sight, best access point"
-    return _over_cells(fig, x, y, radio.geometry.resolution_m * (rows.step), words)
+    return _over_cells(fig, x, y, radio.geometry.resolution_m * rows.step, words)
 
 
 def _shown_cells(
