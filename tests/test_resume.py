@@ -82,11 +82,11 @@ def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
 
     left_alone, resumed, states = loop("odometry"), loop("odometry"), None
     while left_alone.step():
-        if left_alone.readings == 120:
+        if left_alone.survey.readings == 120:
             states = left_alone.snapshot()
     assert states is not None
     resumed.restore(states)
-    assert resumed.readings == 120
+    assert resumed.survey.readings == 120
     while resumed.step():
         pass
     expected, found = left_alone.outcome(), resumed.outcome()
