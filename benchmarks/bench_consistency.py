@@ -20,7 +20,6 @@ from pathlib import Path
 import numpy as np
 from planting import FAR_M, KINDS, LOST_SHARE, is_lost, plant
 
-from slarm_graph.app.judging import odometry_poses
 from slarm_graph.config import SimulationConfig, SourceConfig
 from slarm_graph.consistency import contradictions
 from slarm_graph.eval.relations import read_relations, relation_errors
@@ -74,7 +73,7 @@ def _scans_and_poses(recording: Path, trajectory: Path) -> tuple[ReadingLog, Flo
 
 def _judged(recording: str, kind: str, log: ReadingLog, poses: Floats, lost: bool) -> Case:
     trajectory = Trajectory(log.stamps_ns, poses)
-    result = contradictions(log.scans, trajectory, odometry_poses(log))
+    result = contradictions(log.scans, trajectory, log.odometry_poses())
     case = Case(recording, kind, lost, result.verdict)
     print(
         f"  {recording} {kind}: {'lost' if lost else 'held'}, {result.summary()}"[:220], flush=True

@@ -24,15 +24,14 @@ from itertools import product
 from multiprocessing import get_context
 
 import numpy as np
+from known_pose import TruthBackend
 
 from slarm_graph import backends, parts
 from slarm_graph.backend import SlamBackend, silent
 from slarm_graph.config import ExploreConfig, RunConfig
-from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.exploration.live_map import LiveMap, mark_swept
 from slarm_graph.files.worlds import load_world, shipped_worlds
-from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Floats
 from slarm_graph.truth_map import truth_map
@@ -73,7 +72,7 @@ def drive(world_name: str, explorer: str, backend: str, resolution_m: float, see
         if backend == "truth"
         else backends.make(backend, config, for_backend, silent)
     )
-    chosen = explorers.make(config)
+    chosen = parts.make("explorer", explorer, config, config.explore.driving)
     extent_m, start = world.extent_m(), world.start
     loop = ClosedLoop(simulated, slam, chosen, config.explore, extent_m=extent_m, start=start)
     while loop.step():

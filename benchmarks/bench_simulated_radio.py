@@ -19,9 +19,11 @@ import sys
 from dataclasses import dataclass, replace
 
 import numpy as np
+from known_pose import TruthBackend
 
+from slarm_graph import parts
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.handed_over import with_prior
+from slarm_graph.app.explore import with_prior
 from slarm_graph.config import (
     ExploreConfig,
     MeasuredConfig,
@@ -30,11 +32,9 @@ from slarm_graph.config import (
     SignalConfig,
     SimulationConfig,
 )
-from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.exploration.radio_survey import RadioSurveyConfig
 from slarm_graph.files.worlds import load_world, shipped_worlds
-from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.receiver import SignalChannel
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.frontends.simulation.world_recording import tour as tour_script
@@ -110,7 +110,7 @@ def drive(name: str, config: RunConfig) -> Heard:
     loop = ClosedLoop(
         simulated,
         TruthBackend(simulated),
-        explorers.make(config),
+        parts.make("explorer", config.explore.explorer, config, config.explore.driving),
         config.explore,
         extent_m=world.extent_m(),
         start=world.start,

@@ -18,7 +18,7 @@ import numpy as np
 
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.config import FrontendConfig, GmappingConfig, ProposalConfig, SimulationConfig
-from slarm_graph.eval.alignment import fit_rigid
+from slarm_graph.eval.alignment import fit
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.geometry import Floats
@@ -44,7 +44,7 @@ def ate_m(readings: list[Reading], truth: Trajectory, improved: bool, particles:
     for reading in readings:
         backend.update(reading)
     estimated, true = backend.result().trajectory.poses[:, :2], truth.poses[:, :2]
-    errors = fit_rigid(estimated, true).transform(estimated) - true
+    errors = fit(estimated, true).reference_from_estimate.transform(estimated) - true
     return float(np.sqrt(np.square(errors).sum(axis=1).mean()))
 
 

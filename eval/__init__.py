@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Results to numbers and pages: trajectory, map and radio metrics, reports.
 
-The metrics that come along are the table in `slarm_graph.eval.metric_table`; those of others are
+The metrics that come along are the rows of `eval/metric_kinds.csv`; those of others are
 classes with what `slarm_graph.eval.metric_parts.MetricPart` says, built without arguments.
 """
 

@@ -14,7 +14,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
 from slarm_graph.eval.map_accuracy import map_accuracy
-from slarm_graph.eval.trajectory_accuracy import absolute_errors, statistics
+from slarm_graph.eval.trajectory_accuracy import aligned_rmse_m
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.trajectory import Trajectory
@@ -102,7 +102,7 @@ def _pair(a: Estimate, b: Estimate) -> tuple[float, float, float, float]:
         if is_one_drive(a, b):
             ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
             pairs = associate(a.trajectory, b.trajectory)
-            path_m = statistics(absolute_errors(pairs, align(pairs))).rmse
+            path_m = aligned_rmse_m(pairs)
         if a.grid is not None and b.grid is not None:
             motion = a.map_from_grid.inverse() @ b.map_from_grid
             maps = map_accuracy(a.grid, b.grid, reference_from_estimate=motion)

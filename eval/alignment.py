@@ -164,11 +164,6 @@ def _origin(pairs: Pairs) -> Alignment:
     return Alignment(rotation, shift, 1.0, "")
 
 
-def fit_rigid(source: Floats, target: Floats) -> Pose2:
-    """Return `target_from_source`, the least-squares rigid motion between points (N, 2) [m]."""
-    return fit(source, target).reference_from_estimate
-
-
 def fit(
     source: Floats, target: Floats, *, scaled: bool = False, about_vertical: bool = False
 ) -> Alignment:

@@ -63,6 +63,22 @@ class Pairs:
     note: str
     warning: str
 
+    @property
+    def seconds(self) -> Floats:
+        """Time since the first pair (M,) [s]."""
+        return np.asarray((self.stamps_ns - self.stamps_ns[0]) * 1e-9)
+
+    @property
+    def steps_m(self) -> Floats:
+        """Length of every step of the reference (M - 1,) [m]."""
+        size = 2 if self.reference.shape[1] == 3 else 3
+        return np.asarray(np.linalg.norm(np.diff(self.reference[:, :size], axis=0), axis=1))
+
+    @property
+    def metres(self) -> Floats:
+        """Way along the reference since the first pair (M,) [m]."""
+        return np.concatenate([[0.0], np.cumsum(self.steps_m)])
+
 
 Path = TypeVar("Path", Trajectory, SpatialTrajectory)
 

@@ -10,8 +10,8 @@ import numpy as np
 import scipy
 
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import Pairs, associate
+from slarm_graph.eval.trajectory_accuracy import aligned_rmse_m
 from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.trajectory import Trajectory
 
@@ -77,14 +77,14 @@ def find_offset(
         raise BadInput(
             "no clock offset found with which both trajectories overlap; give --t-offset"
         )
-    return ClockOffset(best_s, _rmse_m(associate(reference, thin, offset_s=best_s)))
+    return ClockOffset(best_s, aligned_rmse_m(associate(reference, thin, offset_s=best_s)))
 
 
 def better_offset(
     reference: Trajectory, estimate: Trajectory, pairs: Pairs, offset_s: float = 0.0
 ) -> str:
     """Say in words where another clock offset fits much better than the one used; else nothing."""
-    now_m = _rmse_m(pairs)
+    now_m = aligned_rmse_m(pairs)
     if now_m < _WORTH_TELLING_M:
         return ""
     try:
@@ -105,12 +105,6 @@ def _overlap(reference: Trajectory, estimate: Trajectory, offset_s: float) -> fl
     """Return the share of the estimate's poses within the reference's time."""
     stamps = estimate.stamps_ns + round(offset_s * 1e9)
     return float(np.mean((stamps >= reference.stamps_ns[0]) & (stamps <= reference.stamps_ns[-1])))
-
-
-def _rmse_m(pairs: Pairs) -> float:
-    moved = align(pairs).moved(pairs.estimate)
-    apart = np.linalg.norm(moved[:, :2] - pairs.reference[:, :2], axis=1)
-    return float(np.sqrt(np.mean(apart**2)))
 
 
 def _thinned(path: Trajectory) -> Trajectory:
@@ -138,7 +132,7 @@ class _Fits:
             return _NO_FIT_M
         estimate = self.estimate.poses[there]
         reference = self.reference.at(stamps[there])
-        return _rmse_m(replace(_NO_PAIRS, reference=reference, estimate=estimate)) / matched
+        return aligned_rmse_m(replace(_NO_PAIRS, reference=reference, estimate=estimate)) / matched
 
     def best_near_s(self, offset_s: float) -> float:
         """Return the best offset within half a second of another [s]."""

@@ -11,16 +11,10 @@ from itertools import pairwise
 import plotly.graph_objects as go
 
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.agreement import Agreement, Estimate, is_one_drive
+from slarm_graph.eval.agreement import Estimate, is_one_drive
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.comparison import Outcome, headlines_of
-from slarm_graph.eval.comparison_tables import (
-    TextTable,
-    agreement_table,
-    difference_table,
-    run_rows,
-    summary_tables,
-)
+from slarm_graph.eval.comparison_tables import TextTable, run_rows
 from slarm_graph.eval.map_difference import LOOKS, difference_classes
 from slarm_graph.eval.metric_table import kind_of
 from slarm_graph.eval.page import (
@@ -75,7 +69,7 @@ class ComparisonContent:
     ----------
     title, lead : str
     outcomes : sequence of Outcome
-    agreements : sequence of Agreement
+    tables : sequence of TextTable
     views : sequence of SourceView
     pictures : sequence of (caption, PNG content)
         Radio maps.
@@ -86,7 +80,7 @@ class ComparisonContent:
     title: str
     lead: str
     outcomes: Sequence[Outcome]
-    agreements: Sequence[Agreement] = ()
+    tables: Sequence[TextTable] = ()
     views: Sequence[SourceView] = ()
     pictures: Sequence[tuple[str, bytes]] = ()
     reports: Sequence[str] = ()
@@ -95,8 +89,6 @@ class ComparisonContent:
 def comparison_html(content: ComparisonContent) -> str:
     """Return the comparison as one self-contained page."""
     outcomes = content.outcomes
-    tables = [*summary_tables(outcomes), difference_table(outcomes),
-              agreement_table(content.agreements)]  # fmt: skip
     figures = [
         Section(kind_of(name).title, (_strip(outcomes, name),)) for name in headlines_of(outcomes)
     ]
@@ -108,7 +100,7 @@ def comparison_html(content: ComparisonContent) -> str:
         content.lead,
         (),
         [
-            *(Section(t.title, (as_block(t),)) for t in tables if t is not None),
+            *(Section(t.title, (as_block(t),)) for t in content.tables),
             *(Section(f"{v.name}: map and trajectories", _view(v)) for v in content.views),
             Section("Radio maps", (Gallery(content.pictures),) if content.pictures else ()),
             *figures,

@@ -6,14 +6,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from slarm_graph.eval.alignment import Alignment, AlignmentMethod, align
 from slarm_graph.eval.association import AssociationMethod, Pairs, associate, by_index
 from slarm_graph.eval.clocks import better_offset, find_offset
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.plane_of_motion import planes_of, seen_in
-from slarm_graph.eval.trajectory_accuracy import StretchUnit, absolute_errors
+from slarm_graph.eval.trajectory_accuracy import StretchUnit, aligned_rmse_m
 from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.trajectory import Trajectory
@@ -139,4 +137,4 @@ def _misfit(reference: Trajectory, estimate: Trajectory) -> float:
         estimate.stamps_ns[-1] > reference.stamps_ns[0]
     )
     pairs = associate(reference, estimate, offset_s=0.0 if overlapping else offset_s)
-    return float(np.mean(absolute_errors(pairs, align(pairs)) ** 2))
+    return aligned_rmse_m(pairs)

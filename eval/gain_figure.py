@@ -1,10 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The page's radio maps: gain, line of sight, best access point, and how the gain is spread."""
+"""The page's radio maps: gain, line of sight, best access point; and levels that were measured."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
@@ -12,9 +13,11 @@ import plotly.graph_objects as go
 from slarm_graph.access_points import RadioMap
 from slarm_graph.eval.page import COLORS, Figure, plain, single
 from slarm_graph.eval.report_figures import aspect, metric_axes
-from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.geometry import Floats
+from slarm_graph.grid import GridGeometry, Mask, window_of
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 
-_MAX_GAIN_CELLS = 60_000
+_MAX_CELLS = 60_000
 """Of all access points together; a page stays below half a megabyte for them."""
 _CURVE_POINTS = 300
 """Points of a curve: one for every two to four pixels of the page's width."""
@@ -26,26 +29,52 @@ _CLEAR = "rgba(0,0,0,0)"
 def gain_figure(radio: RadioMap) -> Figure:
     """Return all layers of a radio map to choose from: gains on one scale, sight, best server."""
     fig = go.Figure()
-    rows, cols = _mapped(radio)
-    budget = _MAX_GAIN_CELLS / len(radio.access_points)
-    size = (rows.stop - rows.start) * (cols.stop - cols.start)
-    step = max(1, math.ceil(math.sqrt(size / budget)))
-    g = radio.geometry
-    x = g.origin_x_m + (np.arange(cols.start, cols.stop, step) + 0.5) * g.resolution_m
-    y = g.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * g.resolution_m
-    gain_db = single(np.round(-radio.path_loss_db[:, rows, cols][:, ::step, ::step], 2))
-    clear = radio.line_of_sight[:, rows, cols][:, ::step, ::step]
-    labels = _put_gains(fig, radio, single(x), single(y), gain_db, clear)
-    labels += _put_sights(fig, radio, single(x), single(y), gain_db, clear)
+    rows, cols, x, y = _shown_cells(radio.geometry, np.isfinite(radio.path_loss_db), _MAX_CELLS)
+    gain_db = single(np.round(-radio.path_loss_db[:, rows, cols], 2))
+    clear = radio.line_of_sight[:, rows, cols]
+    at = single(x), single(y)
+    labels = _put_gains(fig, radio, *at, gain_db, clear)
+    labels += _put_sights(fig, radio, *at, gain_db, clear)
     if len(radio.access_points) > 1:
-        labels += _put_best(fig, radio, single(x), single(y), gain_db)
+        labels += _put_best(fig, radio, *at, gain_db)
     _put_access_points(fig, radio)
-    _put_choice(fig, labels)
-    side_m = g.resolution_m * step
+    _put_choice(fig, labels, always=1)
+    words = "Radio map: gain, line of sight, best access point"
+    return _over_cells(fig, x, y, radio.geometry.resolution_m * rows.step, words)
+
+
+def _shown_cells(
+    geometry: GridGeometry, known: Mask, most: int
+) -> tuple[slice, slice, Floats, Floats]:
+    """Return the rows and columns to draw of layers (A, rows, cols), and their x and y [m].
+
+    Those with a value in them; cells are left out evenly where there would be too many.
+
+    Parameters
+    ----------
+    geometry : GridGeometry
+    known : (A, rows, cols) bool
+        Where there is a value.
+    most : int
+        Values of all layers together.
+    """
+    anywhere: Mask = np.asarray(known.any(axis=0))
+    rows, cols = window_of(anywhere if anywhere.any() else np.ones_like(anywhere))
+    size = (rows.stop - rows.start) * (cols.stop - cols.start)
+    step = max(1, math.ceil(math.sqrt(size / (most / len(known)))))
+    rows, cols = slice(rows.start, rows.stop, step), slice(cols.start, cols.stop, step)
+    side_m = geometry.resolution_m
+    x = geometry.origin_x_m + (np.arange(cols.start, cols.stop, step) + 0.5) * side_m
+    y = geometry.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * side_m
+    return rows, cols, x, y
+
+
+def _over_cells(fig: go.Figure, x: Floats, y: Floats, side_m: float, words: str) -> Figure:
+    """Return a figure of layers over the cells with these centres and this side [m]."""
     shown = GridGeometry(x[0] - side_m / 2, y[0] - side_m / 2, side_m, len(y), len(x))
     metric_axes(fig, shown)
     fig.update_layout(showlegend=False, meta={"ground": True, "below": True})
-    return Figure(fig, "Radio map: gain, line of sight, best access point", aspect=aspect(shown))
+    return Figure(fig, words, aspect=aspect(shown))
 
 
 def _put_gains(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[no-untyped-def]
@@ -140,12 +169,13 @@ def _put_access_points(fig: go.Figure, radio: RadioMap) -> None:
     )
 
 
-def _put_choice(fig: go.Figure, labels: list[str]) -> None:
+def _put_choice(fig: go.Figure, labels: Sequence[str], always: int = 0) -> None:
+    """Let one layer at a time be seen, and what was drawn last, so many pieces, with each."""
     buttons = [
         {
             "label": plain(label),
             "method": "restyle",
-            "args": [{"visible": [i == index for i in range(len(labels))] + [True]}],
+            "args": [{"visible": [i == index for i in range(len(labels))] + [True] * always}],
         }
         for index, label in enumerate(labels)
     ]
@@ -178,10 +208,24 @@ def gain_curves(radio: RadioMap) -> Figure:
     return Figure(fig, "Cumulative distribution of the gain", height_px=360)
 
 
-def _mapped(radio: RadioMap) -> tuple[slice, slice]:
-    """Return the rows and columns with a value in them."""
-    known: Mask = np.asarray(np.isfinite(radio.path_loss_db).any(axis=0))
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if not len(rows):
-        return slice(0, radio.geometry.rows), slice(0, radio.geometry.cols)
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
+def measured_figure(measured: MeasuredMap) -> Figure:
+    """Return the expected level of every access point, cells left out where too many."""
+    known = np.isfinite(measured.mean_dbm)
+    rows, cols, x, y = _shown_cells(measured.geometry, known, _MAX_CELLS)
+    fig = go.Figure()
+    for index, ap in enumerate(measured.access_points):
+        fig.add_heatmap(
+            x=single(x),
+            y=single(y),
+            z=np.round(measured.mean_dbm[index, rows, cols], 1),
+            customdata=np.round(measured.mean_sd_db[index, rows, cols], 1),
+            hovertemplate="x %{x:.2f} m, y %{y:.2f} m<br>%{z} dBm, sd %{customdata} dB"
+            f"<extra>{plain(ap.name)}</extra>",
+            colorscale="Viridis",
+            colorbar={"title": {"text": "level [dBm]"}},
+            visible=index == 0,
+            hoverongaps=False,
+        )
+    _put_choice(fig, [ap.name for ap in measured.access_points])
+    words = "Measured radio map: expected level per access point"
+    return _over_cells(fig, x, y, measured.geometry.resolution_m * rows.step, words)

@@ -101,13 +101,6 @@ def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
 
 def _bilinear(field: Floats, geometry: GridGeometry, points_m: Floats) -> Floats:
     """Interpolate between cell centres; far outside counts as far."""
-    col = (points_m[:, 0] - geometry.origin_x_m) / geometry.resolution_m - 0.5
-    row = (points_m[:, 1] - geometry.origin_y_m) / geometry.resolution_m - 0.5
-    inside = (row >= 0) & (col >= 0) & (row < geometry.rows - 1) & (col < geometry.cols - 1)
-    row, col = np.where(inside, row, 0.0), np.where(inside, col, 0.0)
-    r, c = row.astype(np.int64), col.astype(np.int64)
-    fr, fc = row - r, col - c
-    r1, c1 = np.minimum(r + 1, geometry.rows - 1), np.minimum(c + 1, geometry.cols - 1)
-    low = field[r, c] * (1 - fc) + field[r, c1] * fc
-    high = field[r1, c] * (1 - fc) + field[r1, c1] * fc
-    return np.where(inside, low * (1 - fr) + high * fr, _FAR_M)
+    origin_m = np.array([geometry.origin_x_m, geometry.origin_y_m])
+    cols_rows = (points_m - origin_m) / geometry.resolution_m - 0.5
+    return np.asarray(scipy.ndimage.map_coordinates(field, cols_rows.T[::-1], order=1, cval=_FAR_M))

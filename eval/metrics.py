@@ -4,13 +4,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
+
+from slarm_graph.files.texts import csv_text
 
 Better = Literal["less", "more", ""]
 
@@ -125,8 +125,5 @@ def _as_json(metric: Metric) -> dict[str, object]:
 
 def metrics_csv(metrics: Iterable[Metric]) -> str:
     """Return the columns name, value, unit, note as CSV text."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["name", "value", "unit", "note"])
-    writer.writerows([m.name, repr(m.value), m.unit, m.note] for m in metrics)
-    return text.getvalue()
+    rows = ([m.name, repr(m.value), m.unit, m.note] for m in metrics)
+    return csv_text(("name", "value", "unit", "note"), rows)

@@ -159,10 +159,7 @@ class Gallery:
     @property
     def shown(self) -> list[tuple[str, str]]:
         """Captions and data addresses."""
-        return [
-            (caption, "data:image/png;base64," + base64.b64encode(data).decode())
-            for caption, data in self.pictures
-        ]
+        return [(caption, _png_uri(data)) for caption, data in self.pictures]
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,7 +235,11 @@ def plain(name: str) -> str:
 
 def png_uri(image: NDArray[np.uint8]) -> str:
     """Return an image (rows, cols) or (rows, cols, 3) RGB, top row first, as a data address."""
-    return "data:image/png;base64," + base64.b64encode(png_bytes(image)).decode()
+    return _png_uri(png_bytes(image))
+
+
+def _png_uri(content: bytes) -> str:
+    return "data:image/png;base64," + base64.b64encode(content).decode()
 
 
 def single(values: NDArray[np.floating[Any]]) -> NDArray[np.float32]:

@@ -59,7 +59,7 @@ def radio_accuracy(
     BadInput
         When no reference cell is accessible, or the access points do not correspond.
     """
-    area = cell_weights(reference.geometry, extent_m)
+    area = _weights(reference.geometry, extent_m)
     if not (area * reference_accessible).any():
         raise BadInput("the reference has no accessible cell")
     if len(reference.access_points) != len(estimate.access_points):
@@ -168,22 +168,9 @@ def _mean(values: Floats, weights: Floats) -> float:
     return float((weights * values).sum()) / total if total else math.nan
 
 
-def cell_weights(geometry: GridGeometry, extent_m: Extent | None = None) -> Floats:
+def _weights(geometry: GridGeometry, extent_m: Extent | None) -> Floats:
     """Area of every cell (rows, cols) inside the extent, as a share of a whole cell."""
-    if extent_m is None:
-        return np.ones(geometry.shape)
-    x_min, x_max, y_min, y_max = extent_m
-    g, step = geometry, geometry.resolution_m
-    across = _inside(g.origin_x_m + np.arange(g.cols + 1.0) * step, x_min, x_max)
-    up = _inside(g.origin_y_m + np.arange(g.rows + 1.0) * step, y_min, y_max)
-    return np.outer(up, across)
-
-
-def _inside(edges_m: Floats, low_m: float, high_m: float) -> Floats:
-    """Share (N,) of every interval between equally spaced edges (N + 1,) within two limits."""
-    step = edges_m[1] - edges_m[0]
-    # Rounded so that a lattice which fits exactly has weights of exactly one.
-    return np.asarray(np.round(np.diff(np.clip(edges_m, low_m, high_m)) / step, 9))
+    return np.ones(geometry.shape) if extent_m is None else geometry.share_within(*extent_m)
 
 
 def _false_share(
@@ -194,7 +181,7 @@ def _false_share(
 ) -> float:
     """Share of the map's own accessible area whose cell centre is not accessible in truth."""
     called = geographic.accessible
-    area = cell_weights(geographic.geometry, extent_m)
+    area = _weights(geographic.geometry, extent_m)
     centers = geographic.geometry.centers()
     true = reference.geometry.sample(reference_accessible, centers, outside=False)
     return _share(area, ~true, called)

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table as BackendTable
-from slarm_graph.eval.gain_figure import gain_curves, gain_figure
-from slarm_graph.eval.measured_figure import measured_figure
+from slarm_graph.eval.gain_figure import gain_curves, gain_figure, measured_figure
 from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import INTERVAL, Metric
 from slarm_graph.eval.page import (

@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 import plotly.graph_objects as go
@@ -65,8 +66,13 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
         fine = slice(band.rows.start * step, min(band.rows.stop * step, g.rows))
         picture[band.rows] = _darkest(grid.in_rows(fine), step)
         set_aside(grid.probability)
-    shown = GridGeometry(g.origin_x_m, g.origin_y_m, g.resolution_m * step, rows, cols)
-    return _sharp_uri(picture), shown
+    return _sharp_uri(picture), _coarser(g, step, picture.shape)
+
+
+def _coarser(geometry: GridGeometry, step: int, shape: tuple[int, ...]) -> GridGeometry:
+    """Return a lattice of this shape whose cells are so many times as large."""
+    rows, cols = shape
+    return replace(geometry, resolution_m=geometry.resolution_m * step, rows=rows, cols=cols)
 
 
 def _darkest(grid: OccupancyGrid, step: int) -> NDArray[np.uint8]:
@@ -89,13 +95,9 @@ def _sharp_uri(cells: NDArray[np.uint8]) -> str:
 def geographic_figure(geographic: GeographicMap) -> Figure:
     """Return the recovered map by what its cells are, with the obstacles of known height."""
     fig = go.Figure()
-    picture, geometry = _state_picture(geographic)
+    picture, geometry = _class_picture(geographic.states, geographic.geometry, _STATES)
     put_map_below(fig, picture, geometry)
-    for state, (name, color) in _STATES.items():
-        if (geographic.states == state).any():
-            line = {"width": 1, "color": "#888888"}
-            marker = {"symbol": "square", "size": 11, "color": color, "line": line}
-            fig.add_scatter(x=[None], y=[None], mode="markers", name=name, marker=marker)
+    _put_legend(fig, (v for s, v in _STATES.items() if (geographic.states == s).any()))
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
     known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
     _put_outlines(fig, known[:_MOST_TOLD], told=True)
@@ -112,16 +114,17 @@ def difference_figure(
     fig = go.Figure()
     picture, shown = _class_picture(classes, geometry, looks)
     put_map_below(fig, picture, shown)
-    for name, color in looks.values():
-        line = {"width": 1, "color": "#888888"}
-        marker = {"symbol": "square", "size": 11, "color": color, "line": line}
-        fig.add_scatter(x=[None], y=[None], mode="markers", name=plain(name), marker=marker)
+    _put_legend(fig, looks.values())
     metric_axes(fig, shown)
     return Figure(fig, "Where two maps differ", aspect=aspect(shown))
 
 
-def _state_picture(geographic: GeographicMap) -> tuple[str, GridGeometry]:
-    return _class_picture(geographic.states, geographic.geometry, _STATES)
+def _put_legend(fig: go.Figure, looks: Iterable[tuple[str, str]]) -> None:
+    """Tell in the legend what the colours of a picture mean: (words, colour)."""
+    for name, color in looks:
+        line = {"width": 1, "color": "#888888"}
+        marker = {"symbol": "square", "size": 11, "color": color, "line": line}
+        fig.add_scatter(x=[None], y=[None], mode="markers", name=plain(name), marker=marker)
 
 
 def _class_picture(
@@ -130,9 +133,7 @@ def _class_picture(
     """Return classes as a picture's data address, every so many cells where there are many."""
     step = max(1, math.ceil(math.sqrt(classes.size / _MAX_MAP_PIXELS)))
     cells = classes[::step, ::step]
-    shown = GridGeometry(
-        geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m * step, *cells.shape
-    )
+    shown = _coarser(geometry, step, cells.shape)
     palette = np.zeros((256, 3), dtype=np.uint8)
     for kind, (_, color) in looks.items():
         palette[kind] = np.frombuffer(bytes.fromhex(color[1:]), dtype=np.uint8)

@@ -55,12 +55,9 @@ def error_figure(runs: Mapping[str, tuple[Trajectory, Trajectory]]) -> Figure | 
         off_m = absolute_errors(pairs, alignment)
         turned = np.degrees(absolute_rotations_rad(pairs, alignment))
         means.append(float(off_m.mean()))
-        steps = np.linalg.norm(np.diff(pairs.reference[:, :2], axis=0), axis=1)
-        seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) * 1e-9
-        metres = np.concatenate([[0.0], np.cumsum(steps)])
         keep = slice(None, None, max(1, len(off_m) // _MAX_POINTS))
         for row, (error, unit) in enumerate(((off_m, "m"), (turned, "deg")), start=1):
-            for col, (along, of) in enumerate(((seconds, "s"), (metres, "m")), start=1):
+            for col, (along, of) in enumerate(((pairs.seconds, "s"), (pairs.metres, "m")), start=1):
                 fig.add_scatter(
                     x=single(along[keep]),
                     y=single(error[keep]),

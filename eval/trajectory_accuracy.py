@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import (
     Alignment,
+    align,
     motions,
     positions,
     turned_rad,
@@ -61,6 +62,11 @@ def absolute_errors(pairs: Pairs, alignment: Alignment) -> Floats:
     return np.asarray(np.linalg.norm(moved - positions(pairs.reference), axis=1))
 
 
+def aligned_rmse_m(pairs: Pairs) -> float:
+    """Root mean square distance of matched positions, aligned by SE(2) [m]."""
+    return statistics(absolute_errors(pairs, align(pairs))).rmse
+
+
 def absolute_rotations_rad(pairs: Pairs, alignment: Alignment) -> Floats:
     """Angle between matched orientations after alignment, (M,) [rad]."""
     return turned_rad(motions(pairs.reference, alignment.moved(pairs.estimate)))
@@ -106,7 +112,7 @@ def relative_errors(
     elif unit == "s":
         ends = _every(np.diff(pairs.stamps_ns) * 1e-9, delta)
     else:
-        ends = _every(_steps_m(pairs.reference), delta)
+        ends = _every(pairs.steps_m, delta)
     if len(ends) < 2:
         raise BadInput(f"no stretch of {delta:g} {unit} in the trajectory; give a smaller delta")
     error = _motion_errors(pairs, ends[:-1], ends[1:], scale)
@@ -125,10 +131,6 @@ def _motion_errors(
         motions(pairs.reference[starts], pairs.reference[ends]),
         motions(estimate[starts], estimate[ends]),
     )
-
-
-def _steps_m(poses: Floats) -> Floats:
-    return np.asarray(np.linalg.norm(np.diff(positions(poses), axis=0), axis=1))
 
 
 def _every(steps: Floats, length: float) -> NDArray[np.int64]:
@@ -173,7 +175,7 @@ def drift(pairs: Pairs, lengths_m: tuple[float, ...] = (), scale: float = 1.0) -
     scale : float
         Of the estimate, where it is fitted.
     """
-    covered = np.concatenate([[0.0], np.cumsum(_steps_m(pairs.reference))])
+    covered = pairs.metres
     lengths = lengths_m or tuple(share * float(covered[-1]) for share in _DRIFT_SHARES)
     starts = np.arange(0, len(covered), max(1, len(covered) // _MAX_STARTS))
     found = []

@@ -106,16 +106,7 @@ def _put_closures(fig: go.Figure, marks: Marks) -> None:
     if len(marks.closures):
         gaps = np.full((len(marks.closures), 1, 2), np.nan)
         line = np.concatenate([marks.closures, gaps], axis=1).reshape(-1, 2)
-        fig.add_scatter(
-            x=single(line[:, 0]),
-            y=single(line[:, 1]),
-            mode="lines",
-            name=f"loop closures ({len(marks.closures)})",
-            line={"color": "#009e73", "width": 1},
-            hoverinfo="skip",
-            visible="legendonly",
-            legendrank=200,
-        )
+        _put_line(fig, line, f"loop closures ({len(marks.closures)})", "#009e73", 200)
     _put_points(fig, marks.rejected, "rejected closures", "#777777", "x", visible="legendonly")
 
 
@@ -158,15 +149,20 @@ def _put_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | 
             ring = axes @ (np.sqrt(values.clip(0.0))[:, None] * _CIRCLE) * CHI_95
             rings.append(np.vstack([ring.T + trajectory.poses[index, :2], [np.nan, np.nan]]))
     line = np.concatenate(rings)
+    _put_line(fig, line, "95 % ellipses", "#cc79a7", 220)
+
+
+def _put_line(fig: go.Figure, line: Floats, name: str, color: str, rank: int) -> None:
+    """Draw a line (N, 2) with gaps of nan, to be switched on in the legend."""
     fig.add_scatter(
         x=single(line[:, 0]),
         y=single(line[:, 1]),
         mode="lines",
-        name="95 % ellipses",
-        line={"color": "#cc79a7", "width": 1},
+        name=name,
+        line={"color": color, "width": 1},
         hoverinfo="skip",
         visible="legendonly",
-        legendrank=220,
+        legendrank=rank,
     )
 
 

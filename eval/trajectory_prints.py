@@ -14,9 +14,14 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.transforms import Affine2D
 
-from slarm_graph.eval.alignment import Alignment, motions, positions, turned_rad
+from slarm_graph.eval.alignment import Alignment, positions
 from slarm_graph.eval.evaluation import Evaluation
-from slarm_graph.eval.trajectory_accuracy import absolute_errors, drift
+from slarm_graph.eval.trajectory_accuracy import (
+    absolute_errors,
+    absolute_rotations_rad,
+    drift,
+    statistics,
+)
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
 
@@ -27,23 +32,7 @@ _DASHES = ("-", "--", "-.", ":")
 """So that lines stay apart in grey print, too."""
 _WIDTH_IN, _WIDE_IN = 3.5, 7.16
 """A column and a page of IEEE's journals."""
-_PRINT = {
-    "font.size": 8,
-    "axes.linewidth": 0.6,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.grid": True,
-    "grid.color": "#e3e6ea",
-    "grid.linewidth": 0.5,
-    "legend.frameon": False,
-    "lines.linewidth": 1.2,
-    "pdf.fonttype": 42,
-    "svg.fonttype": "none",
-    "text.parse_math": False,
-    "savefig.bbox": "tight",
-    "savefig.dpi": 300,
-}
-"""Sizes in points: 8 is what IEEE's journals ask of figures; fonts are embedded as text."""
+_STYLE = Path(__file__).with_name("trajectory_prints.mplstyle")
 _DRAWN = 5_000
 """Points of a line; more than a page has dots across only make files large."""
 
@@ -67,7 +56,7 @@ def save_prints(
         Drawn below the paths.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(_PRINT):  # type: ignore[arg-type]
+    with mpl.rc_context(fname=_STYLE):
         figures = {
             "paths": _paths(evaluations, below),
             "error_on_path": _errors_on_paths(evaluations, below),
@@ -124,7 +113,7 @@ def _errors_on_paths(evaluations: Evaluations, below: MapBelow | None) -> Figure
         lines.set_clim(0.0, top)
         lines.set_linewidth(1.8)
         axes.add_collection(lines)
-        axes.set_title(f"{_plain(name)}: {_rms(error):.3f} m RMSE", fontsize=8)
+        axes.set_title(f"{_plain(name)}: {statistics(error).rmse:.3f} m RMSE", fontsize=8)
         _as_a_map(axes, moved)
         figure.colorbar(lines, ax=axes, label="position error [m]", shrink=0.8, extend="max")
     for axes in panels[count:]:
@@ -137,12 +126,8 @@ def _errors(evaluations: Evaluations) -> Figure:
     panels = figure.subplots(2, 2, sharey="row")
     for index, (name, found) in enumerate(evaluations.items()):
         pairs, color = found.pairs, _COLORS[index % len(_COLORS)]
-        seconds = (pairs.stamps_ns - pairs.stamps_ns[0]) * 1e-9
-        steps = np.linalg.norm(np.diff(positions(pairs.reference), axis=0), axis=1)
-        metres = np.concatenate([[0.0], np.cumsum(steps)])
-        moved = found.alignment.moved(pairs.estimate)
-        turned = np.degrees(turned_rad(motions(pairs.reference, moved)))
-        for col, along in enumerate((seconds, metres)):
+        turned = np.degrees(absolute_rotations_rad(pairs, found.alignment))
+        for col, along in enumerate((pairs.seconds, pairs.metres)):
             for row, error in enumerate((absolute_errors(pairs, found.alignment), turned)):
                 xy = _thin(np.column_stack([along, error]))
                 label = _plain(name) if (row, col) == (0, 0) else None
@@ -226,7 +211,3 @@ def _as_a_map(axes: Axes, points: Floats) -> None:
     axes.grid(False)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))

@@ -78,6 +78,11 @@ class GridGeometry:
         rows = max(1, math.ceil(round((y_max_m - y_min_m) / resolution_m, 9)))
         return GridGeometry(x_min_m, y_min_m, resolution_m, rows, cols)
 
+    def divided(self, parts: int) -> GridGeometry:
+        """Return the lattice whose cells are so many parts of ours across and up."""
+        side_m = self.resolution_m / parts
+        return replace(self, resolution_m=side_m, rows=self.rows * parts, cols=self.cols * parts)
+
     def cell_of(self, points: ArrayLike) -> Cells:
         """Return (row, col) of points (..., 2) [m]; may lie outside the grid."""
         p = np.asarray(points, dtype=np.float64)
@@ -101,6 +106,13 @@ class GridGeometry:
         c = np.asarray(cells)
         rows, cols = c[..., 0], c[..., 1]
         return np.asarray((rows >= 0) & (rows < self.rows) & (cols >= 0) & (cols < self.cols))
+
+    def share_within(self, x_min: float, x_max: float, y_min: float, y_max: float) -> Floats:
+        """Return the share of every cell's area (rows, cols) that lies in a box [m]."""
+        return np.outer(
+            _overlap(self.origin_y_m, self.resolution_m, self.rows, y_min, y_max),
+            _overlap(self.origin_x_m, self.resolution_m, self.cols, x_min, x_max),
+        )
 
     def sample(self, layer: NDArray[Scalar], points: ArrayLike, outside: float) -> NDArray[Scalar]:
         """Look a layer (rows, cols) up at points (..., 2) [m]; `outside` where there is no cell."""
@@ -128,6 +140,22 @@ class GridGeometry:
         values = np.full(target.shape, outside, dtype=layer.dtype)
         values[np.ix_(row_in, col_in)] = layer[np.ix_(rows[row_in], cols[col_in])]
         return values
+
+
+def _overlap(origin: float, side: float, count: int, low: float, high: float) -> Floats:
+    """Share (N,) of every interval of a row of equal ones that lies between two limits."""
+    start = origin + side * np.arange(count)
+    share = (np.minimum(start + side, high) - np.maximum(start, low)) / side
+    # Rounding must not turn a whole cell into 0.9999999999999.
+    return np.asarray(np.clip(np.round(share, 9), 0.0, 1.0))
+
+
+def window_of(layer: NDArray[np.generic]) -> tuple[slice, slice]:
+    """Return the rows and columns in which a layer is not zero; empty where it is nowhere."""
+    rows, cols = (np.flatnonzero(layer.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0, 0), slice(0, 0)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 @dataclass(frozen=True, slots=True)

@@ -69,9 +69,13 @@ class ReadingLog:
         """Time from the first reading to the latest [s]."""
         return (self._stamps_ns[-1] - self._stamps_ns[0]) * 1e-9 if self._stamps_ns else 0.0
 
+    def odometry_poses(self) -> Floats:
+        """Return `odom_from_robot` of all readings (N, 3) [m, m, rad]; nan where there was none."""
+        return np.array(self._odometry, dtype=np.float64).reshape(-1, 3)
+
     def odometry(self) -> Trajectory | None:
         """Return `odom_from_robot` of the readings that had one."""
-        poses: Floats = np.array(self._odometry).reshape(-1, 3)
+        poses = self.odometry_poses()
         known = np.isfinite(poses).all(axis=1)
         return Trajectory(self.stamps_ns[known], poses[known]) if known.any() else None
 

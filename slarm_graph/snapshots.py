@@ -180,17 +180,9 @@ class _Reader:
             "own": self._own,
             "array": lambda _own, number, where: self._note(number, self._array(where)),
             "list": lambda _own, number, items: self._fill(self._note(number, []), items),
-            "set": lambda _own, number, items: self._note(number, set(self._values(items))),
-            "frozenset": lambda _own, number, items: self._note(
-                number, frozenset(self._values(items))
-            ),
-            "dict": lambda _own, number, pairs: self._pairs(self._note(number, {}), pairs),
-            "ordered": lambda _own, number, pairs: self._pairs(
-                self._note(number, OrderedDict()), pairs
-            ),
-            "counter": lambda _own, number, pairs: self._pairs(
-                self._note(number, Counter()), pairs
-            ),
+            "set": partial(self._set, set),
+            "frozenset": partial(self._set, frozenset),
+            **{kind: partial(self._pairs, cls) for cls, kind in _MAPPINGS.items()},
             "deque": lambda _own, number, most, items: self._fill(
                 self._note(number, deque(maxlen=most)), items
             ),
@@ -212,14 +204,15 @@ class _Reader:
         self._made[number] = made
         return made
 
-    def _values(self, items: Sequence[Json]) -> list[Any]:
-        return [self.value(item) for item in items]
+    def _set(self, cls: type, _own: Any, number: int, items: Sequence[Json]) -> Any:
+        return self._note(number, cls(self.value(item) for item in items))
 
     def _fill(self, into: Any, items: Sequence[Json]) -> Any:
         into.extend(self.value(item) for item in items)
         return into
 
-    def _pairs(self, into: dict[Any, Any], pairs: Sequence[Json]) -> dict[Any, Any]:
+    def _pairs(self, cls: type, _own: Any, number: int, pairs: Sequence[Json]) -> Any:
+        into = self._note(number, cls())
         for key, item in pairs:
             into[self.value(key)] = self.value(item)
         return into

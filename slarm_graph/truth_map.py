@@ -15,8 +15,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains, edges_m
-from slarm_graph.raster.reachability import cut_steps, reached_cells
-from slarm_graph.raster.segments import cells_passed
+from slarm_graph.raster.segments import cells_passed, cut_steps, reached_cells
 from slarm_graph.world import Solid, WorldMap
 
 Rule = Literal["centre", "touched"]
@@ -91,7 +90,7 @@ def truth_map(
         blocked=blocked,
         reachable=reachable_from_start(world, geometry, rule, area) & ~blocked,
         heights_m=heights,
-        area_weight=area_weight(world, geometry),
+        area_weight=geometry.share_within(*world.extent_m()),
     )
 
 
@@ -108,13 +107,7 @@ def reachable_from_start(
     """
     parts = 2 * math.ceil(round(0.5 * (geometry.resolution_m / _REACH_M - 1.0), 6)) + 1
     parts = max(parts, 1)
-    fine = GridGeometry(
-        geometry.origin_x_m,
-        geometry.origin_y_m,
-        geometry.resolution_m / parts,
-        geometry.rows * parts,
-        geometry.cols * parts,
-    )
+    fine = geometry.divided(parts)
     blocked = solid_heights_m(world, fine, rule) > 0.0
     if area is not None:
         blocked |= _outside(fine, area)
@@ -139,15 +132,6 @@ def _outside(geometry: GridGeometry, area: tuple[float, float, float, float]) ->
     return np.asarray((x < area[0]) | (x > area[1]) | (y < area[2]) | (y > area[3]))
 
 
-def area_weight(world: WorldMap, geometry: GridGeometry) -> Floats:
-    """Share of every cell's area (rows, cols) within the world's extent."""
-    x_min, x_max, y_min, y_max = world.extent_m()
-    return np.outer(
-        _overlap(geometry.origin_y_m, geometry.resolution_m, geometry.rows, y_min, y_max),
-        _overlap(geometry.origin_x_m, geometry.resolution_m, geometry.cols, x_min, x_max),
-    )
-
-
 def solid_heights_m(world: WorldMap, geometry: GridGeometry, rule: Rule = "centre") -> Heights:
     """Top of the highest solid per cell (rows, cols) [m] on any lattice; ceiling outside."""
     heights = np.zeros(geometry.shape, dtype=np.float32)
@@ -160,13 +144,6 @@ def solid_heights_m(world: WorldMap, geometry: GridGeometry, rule: Rule = "centr
     if rule == "touched":
         _raise_touched(world, geometry, heights)
     return heights
-
-
-def _overlap(origin: float, side: float, count: int, low: float, high: float) -> Floats:
-    start = origin + side * np.arange(count)
-    share = (np.minimum(start + side, high) - np.maximum(start, low)) / side
-    # Rounding must not turn a whole cell into 0.9999999999999.
-    return np.asarray(np.clip(np.round(share, 9), 0.0, 1.0))
 
 
 def _raise_touched(

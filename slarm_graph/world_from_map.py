@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats, Pose2
-from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid, window_of
 from slarm_graph.raster.distance import clearance
 from slarm_graph.world import Solid, WorldMap
 
@@ -48,8 +48,9 @@ def world_from_map(
     """
     if not grid.free.any():
         raise BadInput(f"{name}: the map has no free cell")
-    rows, cols = _cropped(grid.free)
-    geometry, solid = _window(grid.geometry, rows, cols), ~grid.free[rows, cols]
+    # The free cells and one more on every side.
+    rows, cols = (slice(max(0, n.start - 1), n.stop + 1) for n in window_of(grid.free))
+    geometry, solid = grid.geometry.part(rows, cols), ~grid.free[rows, cols]
     solids = tuple(
         Solid(f"cells {n + 1}", _corners_m(geometry, rectangle), height_m)
         for n, rectangle in enumerate(merged_rectangles(solid))
@@ -92,26 +93,6 @@ def merged_rectangles(mask: Mask) -> NDArray[np.int64]:
             growing.setdefault(run, row)
     done += [(first, run[0], len(mask), run[1]) for run, first in growing.items()]
     return np.array(sorted(done), dtype=np.int64).reshape(-1, 4)
-
-
-def _cropped(free: Mask) -> tuple[slice, slice]:
-    """Rows and columns of the free cells and one more on every side."""
-    rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
-    return (
-        slice(max(0, int(rows[0]) - 1), int(rows[-1]) + 2),
-        slice(max(0, int(cols[0]) - 1), int(cols[-1]) + 2),
-    )
-
-
-def _window(geometry: GridGeometry, rows: slice, cols: slice) -> GridGeometry:
-    last_row, last_col = min(rows.stop, geometry.rows), min(cols.stop, geometry.cols)
-    return GridGeometry(
-        geometry.origin_x_m + cols.start * geometry.resolution_m,
-        geometry.origin_y_m + rows.start * geometry.resolution_m,
-        geometry.resolution_m,
-        last_row - rows.start,
-        last_col - cols.start,
-    )
 
 
 def _corners_m(geometry: GridGeometry, rectangle: NDArray[np.int64]) -> Floats:

@@ -49,5 +49,5 @@ def on_the_path(site: Path) -> Iterator[None]:
 
 def forget() -> None:
     """Drop what is remembered of registered parts."""
-    for kept in (parts._added, cli.app, metric_parts.parts, metric_table._kinds):
+    for kept in (parts._added, cli.app, metric_parts.parts, metric_table.kinds):
         kept.cache_clear()

@@ -2,11 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """NEES and chi2 per degree of freedom are 1 where noise is what its covariance says."""
 
-import importlib.util
-import sys
-from pathlib import Path
-
 import numpy as np
+from benchmark_scripts import script
 
 from slarm_graph.backends.path_covariance import path_covariances
 from slarm_graph.backends.pose_graph_optimizer import optimize
@@ -14,13 +11,7 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
 
-_FILE = Path(__file__).parents[1] / "benchmarks" / "bench_covariance.py"
-_SPEC = importlib.util.spec_from_file_location("bench_covariance", _FILE)
-assert _SPEC is not None
-assert _SPEC.loader is not None
-bench = importlib.util.module_from_spec(_SPEC)
-sys.modules["bench_covariance"] = bench
-_SPEC.loader.exec_module(bench)
+bench = script("bench_covariance")
 
 NODES = 12
 Q = np.array([[4e-4, 5e-5, 1e-5], [5e-5, 9e-4, 2e-5], [1e-5, 2e-5, 1e-4]])

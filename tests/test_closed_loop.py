@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 import pytest
+from benchmark_scripts import script
 
 from slarm_graph import parts
 from slarm_graph.access_points import AccessPoint
@@ -21,7 +22,6 @@ from slarm_graph.config import (
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.exploration.coverage_grid import BLOCKED
 from slarm_graph.exploration.drive_report import count_turns, revisit_share
-from slarm_graph.exploration.explorers import make
 from slarm_graph.exploration.live_map import LiveMap
 from slarm_graph.exploration.local_controller import (
     LocalController,
@@ -29,7 +29,6 @@ from slarm_graph.exploration.local_controller import (
     free_ahead_m,
 )
 from slarm_graph.exploration.path_follower import PathFollower
-from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
@@ -37,6 +36,8 @@ from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import Solid, WorldMap
+
+TruthBackend = script("known_pose").TruthBackend
 
 
 def box(name: str, x: float, y: float, width: float, depth: float) -> Solid:
@@ -61,7 +62,8 @@ def explored(
 ) -> Exploration:
     simulation = SimulationConfig(signals=SignalConfig(rate_hz=5.0))
     world = SimulatedWorld(room, simulation, np.random.default_rng(seed))
-    explorer, extent = make(RunConfig(explore=config, **sections)), room.extent_m()
+    whole, extent = RunConfig(explore=config, **sections), room.extent_m()
+    explorer = parts.make("explorer", config.explorer, whole, config.driving)
     backend = TruthBackend(world)
     loop = ClosedLoop(world, backend, explorer, config, extent_m=extent, start=room.start)
     while loop.step():

@@ -304,7 +304,8 @@ def test_robots_on_ways_of_their_own_are_judged_by_these() -> None:
 
 
 def test_page_escapes_what_it_shows() -> None:
-    page = comparison_html(ComparisonContent("t", "l", [Outcome("<b>", "x", 0, "failed", "a & b")]))
+    runs = [Outcome("<b>", "x", 0, "failed", "a & b")]
+    page = comparison_html(ComparisonContent("t", "l", runs, summary_tables(runs)))
     body = page[page.index("<header>") :]
     assert "&lt;b&gt;" in body
     assert "a &amp; b" in body

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from test_cli import ROOM, run
 
-from slarm_graph.app import live_files
+from slarm_graph.app.explore import LiveFiles
 from slarm_graph.backends.odometry import OdometryBackend
 from slarm_graph.files.g2o import read_g2o
 from slarm_graph.files.maps import read_map
@@ -82,13 +82,13 @@ def test_live_files_change_nothing_of_the_drive(
     room: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     times: list[int] = []
-    write = live_files.LiveFiles.write
+    write = LiveFiles.write
 
-    def counted(self: live_files.LiveFiles) -> None:
+    def counted(self: LiveFiles) -> None:
         times.append(1)
         write(self)
 
-    monkeypatch.setattr(live_files.LiveFiles, "write", counted)
+    monkeypatch.setattr(LiveFiles, "write", counted)
     paths = []
     for every_s in (1000.0, 0.01):
         limits = ("--set", f"checkpoint.every_s={every_s}", "--set", "explore.mission_time_s=8")

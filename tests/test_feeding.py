@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop, memory_mb
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job
@@ -110,7 +110,9 @@ def test_resumed_equals_in_one_go(folder: RunFolder) -> None:
     whole, first, second = backend(), backend(), backend()
     fed(Circle(), whole, folder)
     fed(Circle(at=17, event="interrupt"), first, folder)
-    resume_from(folder.path, lambda saved: second.restore(saved.states["backend"]))
+    with saved_states(folder.path) as saved:
+        assert saved is not None
+        second.restore(saved.states["backend"])
     log = fed(Circle(), second, folder, had_before=18)
     assert tum_text(second.result().trajectory) == tum_text(whole.result().trajectory)
     odometry = log.odometry()

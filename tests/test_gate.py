@@ -4,25 +4,20 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import sys
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+from benchmark_scripts import script
 
 FOLDER = Path(__file__).resolve().parents[1] / "benchmarks"
 
 
 @pytest.fixture
 def gate(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location("gate", FOLDER / "gate.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "gate", module)
-    spec.loader.exec_module(module)
+    module = script("gate")
     monkeypatch.setattr(module, "RECORDED", tmp_path / "recorded.json")
     monkeypatch.setattr(sys, "argv", ["gate.py"])
     return module

@@ -29,7 +29,7 @@ from slarm_graph.config import (
     WheelConfig,
 )
 from slarm_graph.errors import RunFailed
-from slarm_graph.eval.alignment import fit_rigid
+from slarm_graph.eval.alignment import fit
 from slarm_graph.eval.relations import read_relations, relation_errors
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
@@ -73,7 +73,7 @@ def run(backend: GmappingBackend, readings: tuple[Reading, ...]) -> SlamResult:
 def ate_m(trajectory: Trajectory, truth: Trajectory) -> float:
     """RMSE of the positions after SE(2) alignment [m]."""
     estimated, true = trajectory.poses[:, :2], truth.poses[:, :2]
-    errors = fit_rigid(estimated, true).transform(estimated) - true
+    errors = fit(estimated, true).reference_from_estimate.transform(estimated) - true
     return float(np.sqrt(np.square(errors).sum(axis=1).mean()))
 
 

@@ -12,7 +12,7 @@ import pytest
 from scanned_rooms import WORLD, scanned_room
 
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.app.handed_over import with_prior
+from slarm_graph.app.explore import with_prior
 from slarm_graph.app.truth import sizes_metrics
 from slarm_graph.config import ExploreConfig, MappingConfig, RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup

@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 
 from slarm_graph.app.judging import _with_pose
-from slarm_graph.app.outputs import csv_text
 from slarm_graph.app.run_report import conflict_marks
 from slarm_graph.consistency import ConflictPlace, Contradictions, Tear
 from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
+from slarm_graph.files.texts import csv_text
 from slarm_graph.trajectory import Trajectory
 
 PLACE = ConflictPlace((0, 5), (10_000_000_000, 12_000_000_000), (1.0, -2.0), 0.7, 12.5, 20, 80, 4)

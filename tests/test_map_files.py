@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
-from slarm_graph.files.maps import map_yaml, pgm_bytes, read_map, trinary_image
+from slarm_graph.files.maps import read_map, write_map
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
 
@@ -43,9 +43,8 @@ def nav2_cells(path: Path) -> tuple[NDArray[np.int8], list[float], float]:
 
 
 def save(folder: Path, grid: OccupancyGrid) -> Path:
-    (folder / "map.pgm").write_bytes(pgm_bytes(trinary_image(grid.occupied, grid.free)))
     path = folder / "map.yaml"
-    path.write_text(map_yaml("map.pgm", grid.geometry))
+    write_map(path, grid)
     return path
 
 

@@ -14,8 +14,7 @@ from slarm_graph.config import LidarConfig, SimulationConfig, WheelConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.worlds import load_world, shipped_worlds
 from slarm_graph.frontends.simulation.random_worlds import random_world
-from slarm_graph.frontends.simulation.simulator import SimulatedWorld
-from slarm_graph.frontends.simulation.worlds import make_world
+from slarm_graph.frontends.simulation.simulator import SimulatedWorld, make_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.world import DriveCommand, World, WorldMap
 

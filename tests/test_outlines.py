@@ -12,7 +12,7 @@ from hypothesis.extra import numpy as hnp
 
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains, signed_area_m2
-from slarm_graph.raster.fill import inside_any, inside_outlines
+from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.outlines import outlines_m, simplified_m
 
 MASKS = hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=2, max_side=14))
@@ -23,7 +23,7 @@ MASKS = hnp.arrays(bool, hnp.array_shapes(min_dims=2, max_dims=2, max_side=14))
 def test_outlines_give_the_mask_back(mask, resolution):
     geometry = GridGeometry(0.3, -1.0, resolution, *mask.shape)
     outlines = outlines_m(geometry, mask)
-    np.testing.assert_array_equal(inside_outlines(geometry, outlines), mask)
+    np.testing.assert_array_equal(Polygons.on(geometry, outlines).odd(), mask)
     area = sum(signed_area_m2(outline) for outline in outlines)
     assert area == pytest.approx(mask.sum() * resolution**2, abs=1e-9)
 
@@ -48,7 +48,7 @@ def test_any_of_convex_polygons_equals_containment():
     expected = np.zeros(geometry.shape, dtype=bool)
     for triangle in triangles:
         expected |= contains(triangle, geometry.centers())
-    np.testing.assert_array_equal(inside_any(geometry, triangles), expected)
+    np.testing.assert_array_equal(Polygons.on(geometry, triangles).any(), expected)
 
 
 def test_simplifying_keeps_corners_and_drops_stairs():

@@ -39,10 +39,21 @@ def test_rooms_are_relative_links_into_the_package(room: str) -> None:
     assert link.readlink() == Path("..") / room
 
 
-def test_package_data_ships_worlds_and_types() -> None:
-    data = pyproject()["tool"]["setuptools"]["package-data"]["slarm_graph"]
-    for pattern in data:
-        assert list((ROOT / "slarm_graph").glob(pattern)), pattern
+def test_package_data_ships_all_that_is_no_code() -> None:
+    setuptools = pyproject()["tool"]["setuptools"]
+    shipped = {
+        path
+        for package, patterns in setuptools["package-data"].items()
+        for pattern in patterns
+        for path in (ROOT / setuptools["package-dir"][package]).glob(pattern)
+    }
+    there = {
+        path
+        for room in ROOMS
+        for path in (ROOT / room).rglob("*")
+        if path.is_file() and path.suffix != ".py" and path.parent.name != "__pycache__"
+    }
+    assert shipped == there
 
 
 def test_constraints_are_plain_pins_of_every_dependency() -> None:

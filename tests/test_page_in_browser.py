@@ -20,6 +20,7 @@ from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
+from slarm_graph.eval.comparison_tables import difference_table, summary_tables
 from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import Figure, page
@@ -273,7 +274,9 @@ def compared() -> str:
         for backend in ("odometry", "pose_graph")
         for seed in range(2)
     ]  # fmt: skip
-    return comparison_html(ComparisonContent("t", "l", runs))
+    told = difference_table(runs)
+    assert told is not None
+    return comparison_html(ComparisonContent("t", "l", runs, [*summary_tables(runs), told]))
 
 
 @pytest.mark.parametrize("width", [390, 1400])

@@ -10,7 +10,7 @@ import re
 import pytest
 
 from slarm_graph.app import progress as module
-from slarm_graph.app.progress import Bar, Lines, Quiet, shown
+from slarm_graph.app.progress import Bar, Lines, shown
 
 
 class Clock:
@@ -60,8 +60,6 @@ def test_a_heartbeat_is_a_sign_of_life_in_long_steps(clock: Clock) -> None:
 def test_the_right_kind_for_where_it_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
     with shown() as progress:
         assert isinstance(progress, Lines)
-    with shown(quiet=True) as progress:
-        assert isinstance(progress, Quiet)
     assert capsys.readouterr().err == ""
 
 

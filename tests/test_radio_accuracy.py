@@ -11,7 +11,7 @@ import pytest
 
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.radio_accuracy import cell_weights, radio_accuracy
+from slarm_graph.eval.radio_accuracy import radio_accuracy
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
@@ -90,7 +90,7 @@ def test_coarse_map_scored_on_a_fine_lattice():
 
 def test_cells_that_stick_out_count_by_their_area():
     geometry = GridGeometry.covering(0.0, 1.0, 0.0, 0.6, 0.15)
-    weights = cell_weights(geometry, (0.0, 1.0, 0.0, 0.6))
+    weights = geometry.share_within(0.0, 1.0, 0.0, 0.6)
     assert weights.shape == (4, 7)
     assert weights.sum() * 0.15**2 == pytest.approx(0.6)
     assert weights[0, 0] == 1.0

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from slarm_graph.app.cli import main
-from slarm_graph.files.maps import map_yaml, pgm_bytes, trinary_image
+from slarm_graph.files.maps import write_map
 from slarm_graph.files.trajectories import tum_text
-from slarm_graph.grid import GridGeometry
+from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.measured.files import read_measured_npz
 from slarm_graph.trajectory import Trajectory
 
@@ -23,8 +23,7 @@ def bare_map(folder):
     free = np.ones(GRID.shape, dtype=bool)
     free[[0, -1]] = free[:, [0, -1]] = False
     free[:35, 40] = False
-    (folder / "map.pgm").write_bytes(pgm_bytes(trinary_image(~free, free)))
-    (folder / "map.yaml").write_text(map_yaml("map.pgm", GRID))
+    write_map(folder / "map.yaml", OccupancyGrid(GRID, np.where(free, 0, 1).astype(np.float32)))
     return str(folder / "map.yaml")
 
 

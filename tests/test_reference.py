@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 from dataclasses import replace
 from importlib import resources
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from benchmark_scripts import script
 from scanned_rooms import PAPER_LOOP, scanned_room
 
 from slarm_graph.app.truth import accuracy_metrics, accuracy_on
@@ -28,11 +27,7 @@ from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.truth_map import truth_map
 
-_SCRIPT = Path(__file__).parent.parent / "benchmarks" / "independent_accuracy.py"
-_spec = importlib.util.spec_from_file_location("independent_accuracy", _SCRIPT)
-assert _spec and _spec.loader
-independent = importlib.util.module_from_spec(_spec)
-_spec.loader.exec_module(independent)
+independent = script("independent_accuracy")
 
 CONFIG = RadioConfig()
 

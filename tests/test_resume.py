@@ -17,7 +17,6 @@ from slarm_graph.app.cli import main
 from slarm_graph.app.ending import Stop
 from slarm_graph.backend import SlamBackend, silent
 from slarm_graph.config import ExploreConfig, RunConfig, SignalConfig, SimulationConfig
-from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop
 from slarm_graph.files.worlds import load_world, world_to_yaml
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
@@ -75,7 +74,7 @@ def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
         return ClosedLoop(
             SimulatedWorld(room, config.simulation, np.random.default_rng(2)),
             fresh(backend),
-            explorers.make(config),
+            parts.make("explorer", config.explore.explorer, config, config.explore.driving),
             config.explore,
             extent_m=room.extent_m(),
             start=room.start,
@@ -83,11 +82,11 @@ def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
 
     left_alone, resumed, states = loop("odometry"), loop("odometry"), None
     while left_alone.step():
-        if left_alone.readings == 120:
+        if left_alone.survey.readings == 120:
             states = left_alone.snapshot()
     assert states is not None
     resumed.restore(states)
-    assert resumed.readings == 120
+    assert resumed.survey.readings == 120
     while resumed.step():
         pass
     expected, found = left_alone.outcome(), resumed.outcome()

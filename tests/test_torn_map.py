@@ -8,13 +8,12 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from test_closed_loop import random_room, share_of_reachable
+from test_closed_loop import TruthBackend, random_room, share_of_reachable
 
+from slarm_graph import parts
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import ExploreConfig, RunConfig, SimulationConfig
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
-from slarm_graph.exploration.explorers import make
-from slarm_graph.frontends.simulation.known_pose import TruthBackend
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
 from slarm_graph.geometry import Floats
 from slarm_graph.trajectory import Trajectory
@@ -60,10 +59,10 @@ class Torn(TruthBackend):
 def drive(*, heals: bool) -> tuple[Exploration, Torn]:
     world = SimulatedWorld(ROOM, SimulationConfig(), np.random.default_rng(0))
     backend, extent = Torn(world, heals=heals), ROOM.extent_m()
-    explorer = make(RunConfig(explore=CONFIG))
+    explorer = parts.make("explorer", CONFIG.explorer, RunConfig(), CONFIG.driving)
     loop = ClosedLoop(world, backend, explorer, CONFIG, extent_m=extent, start=ROOM.start)
     while loop.step():
-        assert loop.readings < 6000
+        assert loop.survey.readings < 6000
     return loop.outcome(), backend
 
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from itertools import repeat
 from pathlib import Path
 
 import numpy as np
@@ -24,14 +25,14 @@ from slarm_graph.frontends.recordings.convert import convert
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.random_worlds import random_world
 from slarm_graph.frontends.simulation.tour import tour_waypoints_m
-from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, commands, waypoints
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import DriveCommand
 
 
 def test_a_source_can_be_read_again() -> None:
     source = SourceFromWorld(
-        load_world("paper_room"), seed=3, script=commands([(DriveCommand(0.5, 0.0), 2.0)])
+        load_world("paper_room"), seed=3, script=lambda _world: repeat(DriveCommand(0.5, 0.0), 20)
     )
     first = list(source)
     truth = source.truth()
@@ -55,7 +56,7 @@ def test_waypoints_are_reached() -> None:
 
 def test_truth_belongs_to_the_stamp_of_a_sweeping_laser() -> None:
     config = SimulationConfig(lidar=LidarConfig(sweep_s=0.1))
-    script = commands([(DriveCommand(0.5, 0.0), 1.0)])
+    script = lambda _world: repeat(DriveCommand(0.5, 0.0), 10)  # noqa: E731
     source = SourceFromWorld(load_world("paper_room"), config, script=script)
     readings = list(source)
     moved = np.diff(source.truth().poses[:, 0])

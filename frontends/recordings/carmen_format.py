@@ -18,14 +18,13 @@ from slarm_graph.frontends.recordings.carmen import CARMEN_ENDINGS, looks_like_c
 from slarm_graph.frontends.recordings.carmen_lines import LASERS
 from slarm_graph.frontends.recordings.check_scans import check_scans
 from slarm_graph.frontends.recordings.clock import segment_rows, segments
-from slarm_graph.frontends.recordings.findings import Finding, Look, TopicFacts
+from slarm_graph.frontends.recordings.findings import Finding, Look, TopicFacts, topic_facts
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import sorted_path
 from slarm_graph.frontends.recordings.packed import Ints
-from slarm_graph.frontends.recordings.readings_from import RecordedSource
-from slarm_graph.frontends.recordings.recordings import Topic
+from slarm_graph.frontends.recordings.readings_from import RecordedSource, fixed
+from slarm_graph.frontends.recordings.recordings import Topic, rate_hz
 from slarm_graph.frontends.recordings.scan_table import ScanTable
-from slarm_graph.frontends.recordings.topic_facts import sorted_stamps, topic_facts
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Reading
 
@@ -58,8 +57,8 @@ class Carmen:
         findings = [Finding("warning", "file", notice) for notice in log.notices]
         for name, blocks in log.scans.items():
             findings += check_scans(name, blocks)
-        facts = [_facts(name, sorted_stamps(blocks)) for name, blocks in log.scans.items()]
-        facts.append(_facts("ODOM", np.sort(log.odom_stamp_ns)))
+        stamps = {name: ScanTable(blocks).stamp_ns for name, blocks in log.scans.items()}
+        facts = [_facts(*item) for item in (*stamps.items(), ("ODOM", log.odom_stamp_ns))]
         return Look(findings, f"CARMEN log {paths[0].name}", tuple(facts))
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:
@@ -84,12 +83,8 @@ def _is_log(path: Path) -> bool:
 
 
 def _facts(name: str, stamps: Ints) -> TopicFacts:
-    return topic_facts(Topic(name, "CARMEN", len(stamps), _rate_hz(stamps)), stamps, "")
-
-
-def _rate_hz(stamps: Ints) -> float:
-    span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
-    return (len(stamps) - 1) / span_s if span_s > 0 else 0.0
+    parts = [(len(stamps), (int(stamps.min()), int(stamps.max())))] if len(stamps) else []
+    return topic_facts(Topic(name, "CARMEN", len(stamps), rate_hz(parts)), stamps)
 
 
 def open_carmen(path: Path, config: SourceConfig) -> RecordedSource:
@@ -111,14 +106,10 @@ def open_carmen(path: Path, config: SourceConfig) -> RecordedSource:
             rows = segment_rows(log.odom_stamp_ns, config.segment, count)
         odometry = sorted_path(log.odom_stamp_ns[rows], log.odom_poses[rows])
 
-    def mounting_at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
-        """Give the log's one mounting, for CARMEN knows no other."""
-        return [mounting] * len(stamps_ns)
-
     return RecordedSource(
         table,
         odometry,
-        mounting_at,
+        fixed(mounting),
         config=config,
         topic=f"{path.name} {name}",
         description=f"CARMEN log {path.name}",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.ranges import MOST_RANGE_M
+from slarm_graph.stamps import seconds_to_ns
 
 _OLD_LASERS = ("FLASER", "RLASER")
 _NEW_LASERS = tuple(f"ROBOTLASER{k}" for k in range(1, 6))
@@ -124,14 +125,5 @@ def stamps_of(words: list[str]) -> tuple[str, str]:
 
 
 def nanoseconds(stamps: list[str]) -> Ints:
-    """Decimal seconds to integer nanoseconds, without a detour over floats."""
-    out = np.zeros(len(stamps), np.int64)
-    for row, text in enumerate(stamps):
-        whole, _, part = text.partition(".")
-        digits = (part + "000000000")[:9]
-        if "e" in text or "E" in text or not digits.isdigit():
-            out[row] = round(float(text) * 1e9)
-        else:
-            sign = -1 if whole.startswith("-") else 1
-            out[row] = sign * (abs(int(whole or "0")) * 1_000_000_000 + int(digits))
-    return out
+    """Decimal seconds to integer nanoseconds."""
+    return np.array([seconds_to_ns(text) for text in stamps], np.int64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Diagnose what a ROS recording holds, topic by topic."""
+"""Diagnose what a ROS recording holds, topic by topic: scans, odometry, tf, inertial sensor."""
 
 from __future__ import annotations
 
@@ -9,25 +9,44 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.config import SourceConfig
-from slarm_graph.frontends.recordings.check_motion import (
-    IMU,
-    check_imu,
-    check_odometry,
-    check_tf,
-    read_accelerations,
-)
+from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.check_scans import check_scans
-from slarm_graph.frontends.recordings.findings import WARNING, Finding, Look, TopicFacts
+from slarm_graph.frontends.recordings.check_time import check_order, check_stamps
+from slarm_graph.frontends.recordings.findings import (
+    WARNING,
+    Finding,
+    Look,
+    TopicFacts,
+    counted,
+    topic_facts,
+)
 from slarm_graph.frontends.recordings.frames import usual_frame
-from slarm_graph.frontends.recordings.messages import ODOMETRY, SCAN_TYPES, TF_TYPES, decode
-from slarm_graph.frontends.recordings.packed import Ints, Malformed
+from slarm_graph.frontends.recordings.messages import (
+    ODOMETRY,
+    SCAN_TYPES,
+    TF_TYPES,
+    StampedTransforms,
+    decode,
+)
+from slarm_graph.frontends.recordings.odometry import path_from_messages, places
+from slarm_graph.frontends.recordings.packed import Cursor, Ints, Malformed
 from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
+from slarm_graph.frontends.recordings.rotations import usable_quaternions
 from slarm_graph.frontends.recordings.scan_units import in_si_units
-from slarm_graph.frontends.recordings.topic_facts import sorted_stamps, topic_facts
+from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, torn
+from slarm_graph.geometry import Floats, between
+
+_IMU = "sensor_msgs/msg/Imu"
+
+_FASTEST_M_S, _FASTEST_RAD_S = 5.0, 10.0
+"""A choice, several times what robots indoors do; only a warning depends on it."""
+_LEAST_STEP_S = 0.1
+"""Steps are taken to last so long: messages stamped in bunches are no leaps."""
 
 
 def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
@@ -43,12 +62,12 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
         measured = [in_si_units(block, *units) for block in blocks]
         findings += check_scans(name, measured) if measured else []
     for name, odometry in messages.odometry.items():
-        findings += check_odometry(name, odometry)
+        findings += _check_odometry(name, odometry)
     for space, (moving, fixed) in messages.tf_of.items():
-        findings += check_tf(f"{space}/tf".lstrip("/") if space else "tf", moving, fixed)
+        findings += _check_tf(f"{space}/tf".lstrip("/") if space else "tf", moving, fixed)
     findings += _check_shared_frames(messages)
     for topic in recording.topics:
-        if topic.msgtype == IMU:
+        if topic.msgtype == _IMU:
             findings += _check_imu_topic(recording, topic)
     facts = tuple(_facts(topic, messages) for topic in recording.topics)
     return Look(findings, recording.description, facts)
@@ -59,10 +78,11 @@ def _facts(topic: Topic, messages: RosMessages) -> TopicFacts:
     frame = ""
     if topic.msgtype in SCAN_TYPES and messages.scans.get(topic.name):
         blocks = messages.scans[topic.name]
-        stamps, frame = sorted_stamps(blocks), usual_frame(blocks)
+        stamps = np.concatenate([block.stamp_ns for block in blocks])
+        frame = usual_frame(blocks)
     elif topic.msgtype == ODOMETRY and len(messages.odometry[topic.name]):
         odometry = messages.odometry[topic.name]
-        stamps, frame = np.sort(odometry.stamp_ns), " -> ".join(odometry.edges[0])
+        stamps, frame = odometry.stamp_ns, " -> ".join(odometry.edges[0])
     return topic_facts(topic, stamps, frame)
 
 
@@ -80,8 +100,103 @@ def _check_imu_topic(recording: Recording, topic: Topic) -> list[Finding]:
         parts = [
             part
             for _, packed in recording.read([topic])
-            for part in decode([packed], read_accelerations, cdr=recording.cdr)
+            for part in decode([packed], _read_accelerations, cdr=recording.cdr)
         ]
     except Malformed as error:
         return [Finding("note", topic.name, str(error))]
-    return check_imu(topic.name, np.concatenate(parts)) if parts else []
+    return _check_imu(topic.name, np.concatenate(parts)) if parts else []
+
+
+def _check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:
+    """Look at an odometry topic."""
+    if len(messages) == 0:
+        return [Finding("warning", where, "has no messages")]
+    found = check_stamps(where, messages.stamp_ns, messages.record_ns)
+    if torn(messages.translations_m):
+        found.append(Finding("error", where, f"the pose {TORN}", "choose with --odom, or none"))
+    path, useless = path_from_messages(messages)
+    found += _told_poses(where, messages, useless)
+    if any(not child for _, child in messages.edges):
+        told = "child_frame_id is empty: the robot's frame is guessed"
+        found.append(Finding("note", where, told, "set --set source.robot_frame=..."))
+    if path.never_moves():
+        told = "the pose never changes"
+        found.append(Finding("warning", where, told, "wheel encoders connected? else --odom none"))
+    if len(path) > 1:
+        steps = np.abs(between(path.poses[:-1], path.poses[1:]))
+        seconds = np.maximum(np.diff(path.stamp_ns) * 1e-9, _LEAST_STEP_S)
+        leaps = (np.hypot(steps[:, 0], steps[:, 1]) > _FASTEST_M_S * seconds) | (
+            steps[:, 2] > _FASTEST_RAD_S * seconds
+        )
+        found += counted(
+            "warning", where, f"{{count}} leaps faster than {_FASTEST_M_S:g} m/s", leaps,
+            path.stamp_ns[1:], "odometry was reset, or corrected by another SLAM",
+        )  # fmt: skip
+    return found
+
+
+def _check_poses(where: str, messages: StampedTransforms) -> list[Finding]:
+    usable, _ = usable_quaternions(messages.quaternions)
+    return _told_poses(where, messages, ~(usable & places(messages.translations_m)))
+
+
+def _told_poses(where: str, messages: StampedTransforms, bad: NDArray[np.bool_]) -> list[Finding]:
+    return counted(
+        "error" if bad.all() else "warning", where,
+        "{count} of {total} poses are invalid (nowhere, or not a unit quaternion)", bad,
+        messages.stamp_ns, "they are not used" if not bad.all() else "use --odom none",
+    )  # fmt: skip
+
+
+def _check_tf(where: str, moving: StampedTransforms, fixed: StampedTransforms) -> list[Finding]:
+    """Look at all transforms of one namespace."""
+    found = _check_poses(where, moving) + _check_poses(f"{where}_static", fixed)
+    tree = TransformTree([moving], [fixed])
+    found += [Finding("warning", where, told.removeprefix("warning: ")) for told in tree.notices()]
+    for parent, child in tree.pairs():
+        if parent == "map":
+            told = f"{parent} -> {child} is almost always the output of another SLAM"
+            found.append(Finding("note", where, told, "it is ignored"))
+    for child in sorted({child for _, child in tree.pairs()}):
+        parents = sorted(parent for parent, other in tree.pairs() if other == child)
+        if len(parents) > 1:
+            told = f"{child} has several parents: {', '.join(parents)}"
+            found.append(
+                Finding("warning", where, told, "a frame has one parent (REP-105); stop one")
+            )
+    for pair in tree.pairs():
+        found += _check_edge(where, tree, moving, pair)
+    return found
+
+
+def _check_edge(
+    where: str, tree: TransformTree, moving: StampedTransforms, pair: tuple[str, str]
+) -> list[Finding]:
+    where = f"{where} {pair[0]} -> {pair[1]}"
+    try:
+        if tree.edge(pair).is_static or pair not in moving.edges:
+            return []
+    except BadInput:
+        return [Finding("error", where, TORN, "choose with --odom")]
+    return check_order(where, moving.stamp_ns[moving.edge == moving.edges.index(pair)])
+
+
+def _read_accelerations(cursor: Cursor) -> Floats:
+    """Decode sensor_msgs/Imu: linear accelerations (N, 3) [m/s^2]."""
+    cursor.column("u4", 2 if cursor.cdr else 3)
+    cursor.strings()
+    return np.asarray(cursor.column("f8", 37), np.float64)[:, 25:28]
+
+
+def _check_imu(where: str, accelerations: Floats) -> list[Finding]:
+    """Check that gravity is in the accelerations, in m/s^2 (cartographer's rule)."""
+    norms = np.linalg.norm(accelerations, axis=1)
+    if len(norms) == 0:
+        return []
+    usual = float(np.median(norms))
+    if 9.5 <= usual <= 10.5 and np.all((norms > 3.0) & (norms < 30.0)):
+        return []
+    told = f"|acceleration| is {norms.min():.2f} ... {norms.max():.2f}, usually {usual:.2f} m/s^2"
+    return [
+        Finding("note", where, told, "9.5 ... 10.5 is expected with gravity; the IMU is not used")
+    ]

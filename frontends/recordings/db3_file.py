@@ -15,8 +15,8 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from slarm_graph.errors import BadInput, brief
+from slarm_graph.frontends.recordings.recordings import Key, Losses, Stored
 from slarm_graph.frontends.recordings.sqlite_pages import TableRow, message_rows
-from slarm_graph.frontends.recordings.storage import Key, Losses, Stored
 from slarm_graph.frontends.recordings.unpacking import MAX_CHUNK_BYTES, scratch_folder
 
 MAGIC = b"SQLite format 3\0"

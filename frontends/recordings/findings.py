@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.recordings.packed import Ints
+from slarm_graph.frontends.recordings.recordings import Topic
 
 Severity = Literal["error", "warning", "note"]
 
@@ -172,9 +173,14 @@ def counted(
     return [Finding(severity, where, text, advice, count, int(stamps[np.argmax(rows)]))]
 
 
-def step_histogram(stamps: Ints) -> tuple[tuple[float, int], ...]:
-    """Ten buckets of the time between successive stamps: (upper edge [s], count)."""
-    if len(stamps) < 2:
-        return ()
-    counts, edges = np.histogram(np.diff(stamps) * 1e-9, bins=10)
-    return tuple(zip(edges[1:].tolist(), counts.tolist(), strict=True))
+def topic_facts(topic: Topic, stamps: Ints | None, frame: str = "") -> TopicFacts:
+    """Put a topic's stamps into numbers, where they are known."""
+    told = topic.name, topic.msgtype, topic.count, topic.rate_hz
+    if stamps is None or not len(stamps):
+        return TopicFacts(*told)
+    ordered = np.sort(stamps)
+    histogram: tuple[tuple[float, int], ...] = ()
+    if len(ordered) > 1:
+        counts, edges = np.histogram(np.diff(ordered) * 1e-9, bins=10)
+        histogram = tuple(zip(edges[1:].tolist(), counts.tolist(), strict=True))
+    return TopicFacts(*told, frame, int(ordered[0]), int(ordered[-1]), histogram)

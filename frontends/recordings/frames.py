@@ -11,10 +11,10 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
+from slarm_graph.frontends.recordings.choices import frame_like
 from slarm_graph.frontends.recordings.clock import segment_rows
 from slarm_graph.frontends.recordings.messages import ScanBlock, StampedTransforms
 from slarm_graph.frontends.recordings.mounting import Mounting, mounting_in_plane
-from slarm_graph.frontends.recordings.namespaces import frame_like
 from slarm_graph.frontends.recordings.odometry import (
     OdometryPath,
     path_from_messages,

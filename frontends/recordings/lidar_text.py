@@ -23,10 +23,11 @@ from slarm_graph.frontends.recordings.messages import ScanBlock
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import OdometryPath, sorted_path
 from slarm_graph.frontends.recordings.packed import Ints
-from slarm_graph.frontends.recordings.readings_from import RecordedSource
+from slarm_graph.frontends.recordings.readings_from import RecordedSource, fixed
 from slarm_graph.frontends.recordings.scan_table import ScanTable
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats
 from slarm_graph.readings import Reading
+from slarm_graph.stamps import seconds_to_ns
 
 _SCAN = re.compile(r"(\d+\.\d+)\s*\[([\d\s]*)\]\s*\[([\d\s]*)\]")
 _START = re.compile(r"\s*\d+\.\d+\s*\[\s*\d+\s+\d+")
@@ -110,9 +111,8 @@ def open_lidar_text(path: Path, config: SourceConfig) -> RecordedSource:
     ranges = np.full((len(found), BEAMS), np.nan, dtype=np.float32)
     stamps = np.empty(len(found), dtype=np.int64)
     for row, (stamp, angles, distances) in enumerate(found):
-        whole, _, part = stamp.partition(".")
         # It is written when the sweep is complete; a reading's stamp is that of its first beam.
-        stamps[row] = int(whole) * 10**9 + int((part + "0" * 9)[:9]) - round(SWEEP_S * 1e9)
+        stamps[row] = seconds_to_ns(stamp) - round(SWEEP_S * 1e9)
         _fill(ranges[row], np.array(angles.split(), float), np.array(distances.split(), float))
     limits = np.zeros((len(found), 7))
     step = 2.0 * np.pi / BEAMS
@@ -127,14 +127,10 @@ def open_lidar_text(path: Path, config: SourceConfig) -> RecordedSource:
         odometry = commanded_path(motion, stamps)
         notices = [f"odometry is dead reckoning of the commands in {motion.name}"]
 
-    def mounting_at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
-        """Give the laser's place: the log has no other."""
-        return [Mounting(Pose2())] * len(stamps_ns)
-
     return RecordedSource(
         table,
         odometry,
-        mounting_at,
+        fixed(Mounting()),
         config=config,
         topic=path.name,
         description=f"lidar text log {path.name}",

@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 
 from slarm_graph.errors import brief
-from slarm_graph.frontends.recordings.storage import Key, Losses, Stored
+from slarm_graph.frontends.recordings.recordings import Key, Losses, Stored
 from slarm_graph.frontends.recordings.unpacking import unpack_partly
 
 MAGIC = b"\x89MCAP0\r\n"

@@ -129,10 +129,6 @@ class Cursor:
             codes[rows] = known[inverse]
         return list(names), codes
 
-    def skip(self, sizes: Ints | int) -> None:
-        """Pass over bytes."""
-        self._take(sizes)
-
     def align(self, size: int) -> None:
         """Move to the next multiple of `size` where the encoding asks for it."""
         if self.cdr:

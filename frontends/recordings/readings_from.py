@@ -45,6 +45,12 @@ from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
 """Where the laser of a frame sits at some stamps; None where that is unknown."""
 
+
+def fixed(mounting: Mounting) -> MountingAt:
+    """Give one place to every laser, at any time."""
+    return lambda _frame, stamps_ns: [mounting] * len(stamps_ns)
+
+
 _MAX_UNUSED_SHARE, _NOTICED_UNUSED_SHARE = 0.5, 0.05
 """Of scans: with more than half unusable a run is refused, from a twentieth on it is a warning."""
 _FROZEN = "repeats an earlier scan to the bit although the robot moves"

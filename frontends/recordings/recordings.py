@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as topics of serialized messages; ROS 1 bags, no ROS needed."""
+"""Recordings as topics of serialized messages, of one or several files; ROS 1 bags, no ROS."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
@@ -19,6 +19,12 @@ LONGEST_PAUSE_S = 3600.0
 than in an hour has moved the robot or its odometry meanwhile."""
 LONGEST_OVERLAP_S = 1.0
 """By which parts may overlap: messages are written some moments after they were made."""
+Key = tuple[str, str]
+"""Topic and message type."""
+Stored = tuple[Key, int, bytes]
+"""Topic and type, record time [ns], serialized message."""
+Part = tuple[int, tuple[int, int]]
+"""How many messages of a topic a file has, and its first and last record time [ns]."""
 _SCAN_TYPES = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
 
 
@@ -80,7 +86,7 @@ class Ros1Recording:
         return tuple(notice for file in self._files for notice in file.notices())
 
     def _merged_topics(self) -> tuple[Topic, ...]:
-        found: dict[tuple[str, str], list[tuple[int, tuple[int, int]]]] = {}
+        found: dict[Key, list[Part]] = {}
         for file in self._files:
             counts = file.counts()
             for number, connection in file.connections.items():
@@ -88,10 +94,7 @@ class Ros1Recording:
                 entry = found.setdefault((connection.topic, connection.msgtype), [])
                 if span is not None:
                     entry.append((counts[number], span))
-        return tuple(
-            Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
-            for (name, msgtype), parts in sorted(found.items())
-        )
+        return topics_of(found)
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
         """Yield the messages of the topics in batches, in file order."""
@@ -106,7 +109,7 @@ class Ros1Recording:
                 yield numbers[number], packed
 
 
-def related(files: Sequence[tuple[str, tuple[int, int], set[tuple[str, str]]]]) -> None:
+def related(files: Sequence[tuple[str, tuple[int, int], set[Key]]]) -> None:
     """Check that several files are parts of one recording.
 
     Parameters
@@ -134,8 +137,16 @@ def related(files: Sequence[tuple[str, tuple[int, int], set[tuple[str, str]]]]) 
             )
 
 
-def rate_hz(parts: list[tuple[int, tuple[int, int]]]) -> float:
-    """Mean rate of (count, (first, last record time [ns])) of several files."""
+def topics_of(files: Mapping[Key, Sequence[Part]]) -> tuple[Topic, ...]:
+    """Put the parts of every topic and type together, in the order of their names."""
+    return tuple(
+        Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
+        for (name, msgtype), parts in sorted(files.items())
+    )
+
+
+def rate_hz(parts: Sequence[Part]) -> float:
+    """Mean rate over the time from the first message of all parts to the last."""
     if not parts:
         return 0.0
     span_ns = max(last for _, (_, last) in parts) - min(first for _, (first, _) in parts)
@@ -160,3 +171,54 @@ def first_bytes(path: Path, count: int = 16) -> bytes:
     """Return the beginning of a file."""
     with path.open("rb") as file:
         return file.read(count)
+
+
+class Storage(Protocol):
+    """One file with messages.
+
+    Attributes
+    ----------
+    path : Path
+    counts : dict of Key to int
+    span_ns : (int, int)
+        First and last record time [ns].
+    """
+
+    path: Path
+    counts: dict[Key, int]
+    span_ns: tuple[int, int]
+
+    def messages(self, wanted: Collection[Key]) -> Iterator[Stored]:
+        """Yield the messages of some topics in the order of the file."""
+        ...
+
+    def notices(self) -> list[str]:
+        """Say how the file is damaged, and what that has cost so far."""
+        ...
+
+
+@dataclass(slots=True)
+class Losses:
+    """Messages that should be there and were not found, by topic."""
+
+    missing: dict[Key, int] = field(default_factory=dict)
+    seconds: dict[Key, float] = field(default_factory=dict)
+
+    def note(
+        self, found: Mapping[Key, int], counts: Mapping[Key, int], span_ns: tuple[int, int]
+    ) -> None:
+        """Compare what was found with what there should be."""
+        for key, count in found.items():
+            expected = counts.get(key, 0)
+            self.missing[key] = max(0, expected - count)
+            span_s = (span_ns[1] - span_ns[0]) * 1e-9
+            self.seconds[key] = self.missing[key] * span_s / max(expected, 1)
+
+    def notices(self, name: str) -> list[str]:
+        """One warning, or none."""
+        count = sum(self.missing.values())
+        if not count:
+            return []
+        seconds = max(self.seconds.values())
+        told = f"{count} messages, about {seconds:.1f} s, could not be read"
+        return [f"warning: {name} is damaged: {told}"]

@@ -14,8 +14,15 @@ from slarm_graph.frontends.recordings.db3_file import Db3File
 from slarm_graph.frontends.recordings.mcap_file import MAGIC as MCAP_MAGIC
 from slarm_graph.frontends.recordings.mcap_file import McapFile
 from slarm_graph.frontends.recordings.packed import Packed, pack
-from slarm_graph.frontends.recordings.recordings import Topic, first_bytes, rate_hz, related
-from slarm_graph.frontends.recordings.storage import Key, Storage
+from slarm_graph.frontends.recordings.recordings import (
+    Key,
+    Part,
+    Storage,
+    Topic,
+    first_bytes,
+    related,
+    topics_of,
+)
 from slarm_graph.frontends.recordings.unpacking import (
     ZSTD_MAGIC,
     scratch_folder,
@@ -49,16 +56,11 @@ class Ros2Recording:
         self._files = [self._opened(path) for path in paths]
         self._files.sort(key=lambda file: file.span_ns)
         related([(f.path.name, f.span_ns, set(f.counts)) for f in self._files])
-        found: dict[Key, list[tuple[int, tuple[int, int]]]] = {}
+        found: dict[Key, list[Part]] = {}
         for file in self._files:
             for key, count in file.counts.items():
-                parts = found.setdefault(key, [])
-                if count:
-                    parts.append((count, file.span_ns))
-        self.topics = tuple(
-            Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
-            for (name, msgtype), parts in sorted(found.items())
-        )
+                found.setdefault(key, []).extend([(count, file.span_ns)] if count else [])
+        self.topics = topics_of(found)
         if not any(topic.count for topic in self.topics):
             state = "; ".join(notice.removeprefix("warning: ") for notice in self.notices)
             tool = "mcap recover" if isinstance(self._files[0], McapFile) else "sqlite3 .recover"

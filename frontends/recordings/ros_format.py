@@ -17,7 +17,7 @@ from slarm_graph.frontends.recordings.check_ros import look_into
 from slarm_graph.frontends.recordings.findings import Look
 from slarm_graph.frontends.recordings.readings_from import RecordedSource
 from slarm_graph.frontends.recordings.ros_source import open_ros
-from slarm_graph.frontends.recordings.ros_writing import remove, write_readings
+from slarm_graph.frontends.recordings.ros_writing import remove, typestore_of, write_readings
 from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
 from slarm_graph.geometry import Pose2
 from slarm_graph.readings import Reading
@@ -90,8 +90,6 @@ def copy_messages(
     open_recording(paths)
     from rosbags.convert.converter import ConverterError
     from rosbags.convert.converter import convert as convert_bags
-
-    from slarm_graph.frontends.recordings.ros_types import typestore_of
 
     folder = Path(tempfile.mkdtemp(dir=destination.parent, prefix=".converting-"))
     single = destination.suffix in (".mcap", ".db3")

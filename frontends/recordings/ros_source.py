@@ -14,7 +14,12 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.choices import choose_odom_topic, choose_scan_topic
+from slarm_graph.frontends.recordings.choices import (
+    choose_odom_topic,
+    choose_scan_topic,
+    choose_tf_topics,
+    namespace,
+)
 from slarm_graph.frontends.recordings.clock import segments
 from slarm_graph.frontends.recordings.frames import (
     build_tree,
@@ -40,7 +45,6 @@ from slarm_graph.frontends.recordings.messages import (
     read_scans,
     read_transforms,
 )
-from slarm_graph.frontends.recordings.namespaces import choose_tf_topics, namespace
 from slarm_graph.frontends.recordings.odometry import OdometryPath
 from slarm_graph.frontends.recordings.packed import Cursor, Malformed, Packed
 from slarm_graph.frontends.recordings.readings_from import RecordedSource

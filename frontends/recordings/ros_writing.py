@@ -10,6 +10,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Connection
@@ -17,6 +18,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.rotations import quaternion_of
@@ -128,6 +130,11 @@ def prepare_destination(destination: Path, *, overwrite: bool) -> None:
         raise BadInput(f"cannot write to {destination.parent}: {error.strerror}") from None
 
 
+def typestore_of(distro: str | None) -> Typestore:
+    """Return the standard message types of a ROS 2 release, or of the latest."""
+    return get_typestore(Stores.LATEST if distro is None else Stores(f"ros2_{distro}"))
+
+
 def remove(path: Path) -> None:
     """Remove a file or a folder, if there is one."""
     if path.is_dir():
@@ -165,9 +172,9 @@ class BagWriter:
         """Write a scan to /scan."""
         count, step = len(scan.ranges_m), angle_sign * scan.angle_increment_rad
         start = angle_sign * scan.angle_min_rad
-        message = self._make(
+        message = self.make(
             _SCAN,
-            self._header(stamp_ns, frame),
+            self.header(stamp_ns, frame),
             start,
             start + step * max(count - 1, 0),
             step,
@@ -178,33 +185,33 @@ class BagWriter:
             np.asarray(scan.ranges_m, np.float32),
             np.zeros(0, np.float32),
         )
-        self._write("/scan", stamp_ns, message, _SCAN)
+        self.send("/scan", stamp_ns, message, _SCAN)
 
     def odometry(self, stamp_ns: int, odom_from_robot: Pose2) -> None:
         """Write a pose to /odom and /tf."""
         g = "geometry_msgs/msg/"
-        zero = self._make(g + "Vector3", 0.0, 0.0, 0.0)
+        zero = self.make(g + "Vector3", 0.0, 0.0, 0.0)
         none = np.zeros(36)
-        message = self._make(
+        message = self.make(
             _ODOMETRY,
-            self._header(stamp_ns, "odom"),
+            self.header(stamp_ns, "odom"),
             "base_link",
-            self._make(g + "PoseWithCovariance", self._pose(odom_from_robot), none),
-            self._make(g + "TwistWithCovariance", self._make(g + "Twist", zero, zero), none),
+            self.make(g + "PoseWithCovariance", self.placed(odom_from_robot), none),
+            self.make(g + "TwistWithCovariance", self.make(g + "Twist", zero, zero), none),
         )
-        self._write("/odom", stamp_ns, message, _ODOMETRY)
+        self.send("/odom", stamp_ns, message, _ODOMETRY)
         self.transform("/tf", stamp_ns, "odom", "base_link", odom_from_robot)
 
     def pose(self, topic: str, stamp_ns: int, map_from_robot: Pose2) -> None:
         """Write a pose in the map as geometry_msgs/PoseStamped."""
-        message = self._make(_POSE, self._header(stamp_ns, "map"), self._pose(map_from_robot))
-        self._write(topic, stamp_ns, message, _POSE)
+        message = self.make(_POSE, self.header(stamp_ns, "map"), self.placed(map_from_robot))
+        self.send(topic, stamp_ns, message, _POSE)
 
     def signal(self, stamp_ns: int, signal: Signal) -> None:
         """Write a signal strength to /rss."""
-        header = self._header(stamp_ns, "base_link")
-        message = self._make(_SIGNAL, header, signal.access_point, signal.rss_dbm)
-        self._write(SIGNAL_TOPIC, stamp_ns, message, _SIGNAL)
+        header = self.header(stamp_ns, "base_link")
+        message = self.make(_SIGNAL, header, signal.access_point, signal.rss_dbm)
+        self.send(SIGNAL_TOPIC, stamp_ns, message, _SIGNAL)
 
     def transform(
         self,
@@ -218,12 +225,13 @@ class BagWriter:
     ) -> None:
         """Write `parent_from_child`."""
         g = "geometry_msgs/msg/"
-        place = self._make(g + "Vector3", pose.x, pose.y, 0.0)
-        moved = self._make(g + "Transform", place, self._turn(pose.theta, roll_rad))
-        stamped = self._make(g + "TransformStamped", self._header(stamp_ns, parent), child, moved)
-        self._write(topic, stamp_ns, self._make(_TF, [stamped]), _TF)
+        place = self.make(g + "Vector3", pose.x, pose.y, 0.0)
+        moved = self.make(g + "Transform", place, self.turned(pose.theta, roll_rad))
+        stamped = self.make(g + "TransformStamped", self.header(stamp_ns, parent), child, moved)
+        self.send(topic, stamp_ns, self.make(_TF, [stamped]), _TF)
 
-    def _write(self, topic: str, stamp_ns: int, message: object, msgtype: str) -> None:
+    def send(self, topic: str, stamp_ns: int, message: object, msgtype: str) -> None:
+        """Write a message."""
         if topic not in self._connections:
             self._connections[topic] = self._connect(topic, msgtype)
         store = self._store
@@ -245,19 +253,23 @@ class BagWriter:
             offered_qos_profiles=LATCH if latched else [],
         )
 
-    def _make(self, msgtype: str, *fields: object) -> object:
-        return self._store.types[msgtype](*fields)  # type: ignore[arg-type]
+    def make(self, msgtype: str, *fields: object, **named: object) -> Any:
+        """Build a message of its fields."""
+        return self._store.types[msgtype](*fields, **named)  # type: ignore[arg-type]
 
-    def _header(self, stamp_ns: int, frame: str) -> object:
-        time = self._make("builtin_interfaces/msg/Time", *divmod(int(stamp_ns), 1_000_000_000))
+    def header(self, stamp_ns: int, frame: str) -> Any:
+        """Build the header of a message."""
+        time = self.make("builtin_interfaces/msg/Time", *divmod(int(stamp_ns), 1_000_000_000))
         sequence = (0,) if self._ros1 else ()
-        return self._make("std_msgs/msg/Header", *sequence, time, frame)
+        return self.make("std_msgs/msg/Header", *sequence, time, frame)
 
-    def _pose(self, pose: Pose2) -> object:
+    def placed(self, pose: Pose2) -> object:
+        """Build a pose on the floor."""
         g = "geometry_msgs/msg/"
-        point = self._make(g + "Point", pose.x, pose.y, 0.0)
-        return self._make(g + "Pose", point, self._turn(pose.theta))
+        point = self.make(g + "Point", pose.x, pose.y, 0.0)
+        return self.make(g + "Pose", point, self.turned(pose.theta))
 
-    def _turn(self, heading_rad: float, roll_rad: float = 0.0) -> object:
+    def turned(self, heading_rad: float, roll_rad: float = 0.0) -> object:
+        """Build the quaternion of a heading."""
         quaternion = quaternion_of(heading_rad, 0.0, roll_rad)
-        return self._make("geometry_msgs/msg/Quaternion", *quaternion.tolist())
+        return self.make("geometry_msgs/msg/Quaternion", *quaternion.tolist())

@@ -8,8 +8,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.signals.anchor_log import looks_like_anchor_log, read_anchor_log
-from slarm_graph.frontends.signals.rss_csv import read_rss_csv
+from slarm_graph.frontends.signals.rss_files import (
+    looks_like_anchor_log,
+    read_anchor_log,
+    read_rss_csv,
+)
 from slarm_graph.radio.measured.log import RssLog
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 
 from slarm_graph.errors import BadInput, brief
-from slarm_graph.frontends.recordings.ros_types import typestore_of
+from slarm_graph.frontends.recordings.ros_writing import typestore_of
 from slarm_graph.radio.measured.log import RssLog
 
 

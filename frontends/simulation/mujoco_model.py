@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -31,37 +32,8 @@ _OUTER_WALL_M: Final = 0.2
 """Thickness of the boundary, outside the world: much more than a robot moves in a step of the
 physics."""
 
-_TEMPLATE: Final = """
-<mujoco model="slarm">
-  <option timestep="0.002" integrator="implicitfast" cone="elliptic" impratio="10"/>
-  <default>
-    <default class="motor">
-      <general gainprm="2" biastype="affine" biasprm="0 0 -2" forcelimited="true"
-       forcerange="-2 2" dyntype="filter" dynprm="0.03"/>
-    </default>
-    <default class="solid"><geom group="0" friction="0.4"/></default>
-    <default class="robot">
-      <geom group="1"/>
-      <default class="wheel">
-        <geom type="cylinder" friction="1.0 0.005 0.0001" condim="4" mass="0.2"/>
-      </default>
-      <default class="caster">
-        <geom type="sphere" friction="0.001" condim="1" priority="1" mass="0.02"/>
-      </default>
-    </default>
-  </default>
-  <asset>{assets}</asset>
-  <worldbody>
-    <geom name="floor" type="plane" size="0 0 1" group="2" friction="1.0 0.005 0.0001"/>
-    {solids}
-    {robot}
-  </worldbody>
-  <actuator>
-    <general class="motor" name="left" joint="left"/>
-    <general class="motor" name="right" joint="right"/>
-  </actuator>
-</mujoco>
-"""
+_TEMPLATE: Final = Path(__file__).with_name("robot_and_world.xml")
+"""In braces what differs from world to world."""
 
 
 def robot_and_world_xml(world: WorldMap, config: SimulationConfig) -> str:
@@ -78,7 +50,7 @@ def robot_and_world_xml(world: WorldMap, config: SimulationConfig) -> str:
     meshes = [f'<mesh name="{name}" vertex="{_prism(p, s)}"/>' for name, p, s in prisms]
     geoms = [f'<geom class="solid" type="mesh" mesh="{name}"/>' for name, _, _ in prisms]
     walls = [_outer_wall(edge, world.ceiling_m) for edge in edges_m(world.boundary_m)]
-    return _TEMPLATE.format(
+    return _TEMPLATE.read_text(encoding="utf-8").format(
         assets="".join(meshes), solids="".join([*geoms, *walls]), robot=_robot(world, config)
     )
 

@@ -85,11 +85,6 @@ class MujocoWorld:
         self._odom = world.start if config.wheels.start_known else Pose2()
         self._ticks = self._encoder_ticks()
 
-    @property
-    def period_s(self) -> float:
-        """Time between readings [s]."""
-        return self._period_ns * 1e-9
-
     def read(self) -> Reading:
         """Return the scan and the wheel odometry at the present instant."""
         scan = scan_from_ranges(self.config.lidar, self._exact_ranges_m(), self._rng)

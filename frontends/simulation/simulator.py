@@ -21,13 +21,30 @@ from slarm_graph.frontends.simulation.segment_grid import (
 from slarm_graph.geometry import Floats, Pose2, compose
 from slarm_graph.polygons import contains, edges_m
 from slarm_graph.readings import LaserScan, Reading
-from slarm_graph.world import DriveCommand, WorldMap
+from slarm_graph.world import DriveCommand, World, WorldMap
 
 # Stamps of zero mean "latest" to tf; the simulated clock starts well after.
 START_NS: Final = 1_000 * 10**9
 _SWEEP_STEP_M: Final = 0.005
 """Collisions are looked for every 5 mm of a step: a corner may be cut by 0.02 mm at a radius of
 0.18 m."""
+
+
+def make_world(world: WorldMap, config: SimulationConfig, rng: np.random.Generator) -> World:
+    """Put a robot into a world, moved by `config.engine`.
+
+    Raises
+    ------
+    ImportError
+        When the engine's package is not installed; says how to install it.
+    BadInput
+        When the robot would start inside a solid.
+    """
+    if config.engine == "mujoco":
+        from slarm_graph.frontends.simulation.mujoco_world import MujocoWorld
+
+        return MujocoWorld(world, config, rng)
+    return SimulatedWorld(world, config, rng)
 
 
 class SimulatedWorld:

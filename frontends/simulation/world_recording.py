@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -92,19 +92,6 @@ class SourceFromWorld:
         self._truth.append(simulated.truth_of_reading().as_array())
         self._collisions = simulated.collisions()
         return reading
-
-
-def commands(held: Iterable[tuple[DriveCommand, float]]) -> Script:
-    """Script of commands, each held for a time [s]."""
-    listed = tuple(held)
-
-    def script(world: SimulatedWorld) -> Iterator[DriveCommand]:
-        """Repeat every command for as many readings as it is held."""
-        for command, duration_s in listed:
-            for _ in range(round(duration_s / world.period_s)):
-                yield command
-
-    return script
 
 
 def waypoints(points_m: Floats, *, speed_m_s: float = 0.6, turn_rate_rad_s: float = 1.5) -> Script:

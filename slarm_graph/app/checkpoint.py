@@ -7,7 +7,8 @@ from __future__ import annotations
 import logging
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
@@ -53,8 +54,9 @@ class Checkpoint:
         self._written_s = time.monotonic()
 
 
-def resume_from(path: Path, resume: Callable[[SavedStates], None]) -> None:
-    """Hand the checkpoint in a run folder over; without one the run starts from the beginning.
+@contextmanager
+def saved_states(path: Path) -> Iterator[SavedStates | None]:
+    """Give the states in a run folder's checkpoint to whoever takes them up; None without one.
 
     Raises
     ------
@@ -62,10 +64,8 @@ def resume_from(path: Path, resume: Callable[[SavedStates], None]) -> None:
         When the checkpoint cannot be used.
     """
     state = path / _STATE
-    if not state.is_file():
-        return
     try:
-        resume(read_states(state))
+        yield read_states(state) if state.is_file() else None
     except (BadState, LookupError) as error:
         raise BadInput(
             f"{state}: the checkpoint does not fit this program ({str(error)[:120]});"

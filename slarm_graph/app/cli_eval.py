@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from slarm_graph.app import cli_eval_consistency, cli_eval_trajectory
-from slarm_graph.app.options import Json
+from slarm_graph.app import cli_eval_trajectory
+from slarm_graph.app.options import Json, numbers
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
@@ -54,21 +54,14 @@ def relations_command(
 def _laser_pose(given: str | None, trajectory: Path) -> Pose2:
     """Return `robot_from_laser` as given, as recorded by the run, or where the robot is."""
     from slarm_graph.app.cli_output import show_notices
-    from slarm_graph.app.run_folder import read_record
+    from slarm_graph.app.run_folder import recorded_laser
     from slarm_graph.geometry import Pose2
 
     if given is not None:
-        try:
-            x, y, yaw = (float(word) for word in given.replace(",", " ").split())
-        except ValueError:
-            raise BadInput(f"--laser {given}: expected three numbers X Y YAW") from None
-        return Pose2(x, y, yaw)
-    try:
-        recorded = read_record(trajectory.parent).get("robot_from_laser")
-    except BadInput:
-        recorded = None
-    if isinstance(recorded, list) and len(recorded) == 3:
-        return Pose2(*recorded)
+        return Pose2(*numbers(given, f"--laser {given}: expected three numbers X Y YAW", 3))
+    recorded = recorded_laser(trajectory.parent)
+    if recorded is not None:
+        return recorded
     show_notices([f"no run.json beside {trajectory}: laser taken to be at the robot's origin"])
     return Pose2()
 
@@ -223,4 +216,4 @@ group.command("relations")(relations_command)
 group.command("map")(map_command)
 group.command("radio")(radio_command)
 group.command("metrics")(metrics_command)
-group.command("consistency")(cli_eval_consistency.consistency_command)
+group.command("consistency")(cli_eval_trajectory.consistency_command)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that measures trajectories from anywhere: slarm eval trajectory."""
+"""Commands on trajectories from anywhere: against a true one, against their own recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from slarm_graph.app.options import Json
+from slarm_graph.app.options import Json, Odom, Scan, numbers, source_config
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
@@ -84,10 +84,10 @@ def trajectory_command(
         n_to_align,
         AssociationMethod("nearest" if assoc == "evo" else assoc),
         t_max_diff,
-        None if t_offset == "auto" else _numbers("--t-offset", t_offset)[0],
+        None if t_offset == "auto" else _seconds(t_offset),
         delta,
         delta_unit,
-        _numbers("--lengths", lengths) if lengths else (),
+        numbers(lengths, f"--lengths {lengths}: expected numbers") if lengths else (),
     )
     files, evaluations = _evaluated(reference, estimates, options)
     for name, found in evaluations.items():
@@ -98,11 +98,8 @@ def trajectory_command(
         _plot(plot, evaluations, _map_below(map_file, files, evaluations))
 
 
-def _numbers(option: str, text: str) -> tuple[float, ...]:
-    try:
-        return tuple(float(word) for word in text.replace(",", " ").split())
-    except ValueError:
-        raise BadInput(f"{option} {text}: expected numbers") from None
+def _seconds(t_offset: str) -> float:
+    return numbers(t_offset, f"--t-offset {t_offset}: expected a number", 1)[0]
 
 
 def _evaluated(
@@ -169,3 +166,32 @@ def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow |
     import sys
 
     print(f"{len(written)} figures in {folder}", file=sys.stderr)
+
+
+def consistency_command(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(metavar="SOURCE... TRAJECTORY", help="A recording, and a trajectory of it."),
+    ],
+    odom: Odom = None,
+    scan: Scan = None,
+    as_json: Json = False,
+) -> None:
+    """Does a trajectory contradict itself? Judged by its scans and odometry, without any truth."""
+    from slarm_graph.app.cli_output import show_notices, show_table
+    from slarm_graph.app.judging import judge_file
+    from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
+
+    if len(sources) < 2:
+        raise BadInput("two files are needed: slarm eval consistency SOURCE TRAJECTORY")
+    *recording, trajectory = sources
+    chosen = source_config(odom, scan, None, None, None, None)
+    result, notices = judge_file(recording, trajectory, chosen.source_as_used())
+    show_notices(notices)
+    if as_json:
+        print(consistency_json(result), end="")
+        return
+    rows = [tuple(map(str, row)) for row in conflict_rows(result)]
+    if rows:
+        show_table(CONFLICT_COLUMNS, rows, title=f"conflicts of {trajectory}", right=range(1, 12))
+    print(result.summary())

@@ -19,6 +19,7 @@ from slarm_graph.app.options import (
     Rss,
     Settings,
     access_points,
+    numbers,
 )
 from slarm_graph.errors import BadInput
 
@@ -114,10 +115,7 @@ def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage
 
 
 def _point(text: str) -> tuple[float, float]:
-    try:
-        x, y = (float(word) for word in text.replace(",", " ").split())
-    except ValueError:
-        raise BadInput(f"{text}: expected two numbers X,Y [m]") from None
+    x, y = numbers(text, f"{text}: expected two numbers X,Y [m]", 2)
     if not (math.isfinite(x) and math.isfinite(y)):
         raise BadInput(f"{text}: X,Y must be finite [m]")
     return x, y

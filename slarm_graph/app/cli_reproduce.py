@@ -55,7 +55,7 @@ def reproduce_command(
     """Make the paper's figures and table; with --name a second time, only what is missing."""
     from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.progress import shown
-    from slarm_graph.paper.options import plan_of
+    from slarm_graph.paper.plan import plan_of
     from slarm_graph.paper.reproduce import reproduce
 
     plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
@@ -76,7 +76,7 @@ def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
 
 def _shown(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
     """Write the page, say where it is, and return the exit code."""
-    from slarm_graph.eval.gallery_page import gallery_html
+    from slarm_graph.paper.figures import gallery_html
 
     failed = sum(outcome.status != "ok" for outcome in outcomes)
     lead = f"{len(outcomes)} {_LEAD.format(failed=failed)}"

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands around the flow: check, convert, config, backends, doctor."""
+"""Commands around the flow: check, convert, export, worlds, config, backends, doctor."""
 
 from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -23,6 +23,14 @@ from slarm_graph.app.options import (
     overriding,
     source_config,
 )
+from slarm_graph.errors import BadInput
+
+if TYPE_CHECKING:
+    from slarm_graph.world import WorldMap
+
+Format = Literal["evo", "rpg", "mcap", "geojson"]
+_ENDINGS = {"evo": ".evo.zip", "rpg": ".rpg", "mcap": ".mcap", "geojson": ".geojson"}
+_TEMPLATE = Path(__file__).with_name("world_template.yaml")
 
 
 def check_command(
@@ -81,6 +89,66 @@ def convert_command(
         simulation=chosen.simulation,
     )
     print(told)
+
+
+def export_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    form: Annotated[
+        Format,
+        typer.Option(
+            "--as",
+            help="evo: a result for evo_res; rpg: a folder for rpg_trajectory_evaluation; mcap: ROS"
+            " 2 with path, maps, tf and radio map for Foxglove and RViz; geojson: walls and path.",
+        ),
+    ],
+    target: Annotated[
+        Path | None, typer.Option("--to", help="Where to; else in the run folder.")
+    ] = None,
+) -> None:
+    """Write a run's results as another tool opens them."""
+    from slarm_graph.app.export_mcap import write_results_mcap
+    from slarm_graph.app.exports import write_evo, write_geojson, write_rpg
+
+    if not run.is_dir():
+        raise BadInput(f"{run}: not a run folder")
+    place = target or run / f"results{_ENDINGS[form]}"
+    writers = {"evo": write_evo, "rpg": write_rpg, "mcap": write_results_mcap,
+               "geojson": write_geojson}  # fmt: skip
+    try:
+        writers[form](run, place)
+    except OSError as error:
+        raise BadInput(f"cannot write {place}: {error.strerror}") from None
+    print(place)
+
+
+def worlds_command(
+    template: Annotated[
+        bool, typer.Option("--template", help="Print a world with comments, to be changed.")
+    ] = False,
+    check: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Tell all that is wrong with a world.")
+    ] = None,
+) -> None:
+    """List the worlds that come along, print a template, or check one."""
+    from slarm_graph.app.cli_output import show_table
+    from slarm_graph.files.worlds import load_world, shipped_worlds, world_path
+
+    if template:
+        print(_TEMPLATE.read_text(encoding="utf-8"), end="")
+        return
+    if check is not None:
+        world = load_world(check)
+        print(f"{check}: {_words(world)}")
+        return
+    rows = [(name, _words(load_world(name)), str(world_path(name))) for name in shipped_worlds()]
+    show_table(("world", "what is in it", "file"), rows)
+
+
+def _words(world: WorldMap) -> str:
+    x_min, x_max, y_min, y_max = world.extent_m()
+    count = len(world.access_points)
+    points = f"{count} access point{'s' if count != 1 else ''}"
+    return f"{x_max - x_min:g} x {y_max - y_min:g} m, {len(world.solids)} solids, {points}"
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:

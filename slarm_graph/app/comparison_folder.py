@@ -6,11 +6,10 @@ from __future__ import annotations
 
 import math
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from slarm_graph.app.folder_claim import FolderClaim
-from slarm_graph.app.outputs import csv_text
 from slarm_graph.app.run_folder import RunFolder, create_run_folder, read_record, was_begun
 from slarm_graph.app.trials import KEYS
 from slarm_graph.errors import BadInput
@@ -26,6 +25,7 @@ from slarm_graph.eval.comparison_tables import (
     summary_tables,
 )
 from slarm_graph.files.maps import read_map
+from slarm_graph.files.texts import csv_text
 from slarm_graph.files.trajectories import read_trajectory
 
 Key = tuple[str, str, int]
@@ -71,7 +71,7 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
     pictures = _pictures(folder.path, outcomes)
     reports = [o.folder for o in outcomes if _has_page(folder.path, o)]
     content = ComparisonContent(
-        "Backend comparison", lead, outcomes, found, views, pictures, reports
+        "Backend comparison", lead, outcomes, shown, views, pictures, reports
     )
     folder.write_text("report.html", comparison_html(content))
     status = "ok" if good == len(outcomes) else "partial"
@@ -136,8 +136,9 @@ def _doubt(outcome: Outcome) -> tuple[bool, float]:
 def _pictures(folder: Path, outcomes: Sequence[Outcome]) -> list[tuple[str, bytes]]:
     """Return the radio map of every source and variant at its first seed, with a caption."""
     first: dict[tuple[str, str], Outcome] = {}
-    for outcome in _finished(outcomes):
-        first.setdefault((outcome.source, outcome.variant), outcome)
+    for outcome in outcomes:
+        if outcome.status == "ok":
+            first.setdefault((outcome.source, outcome.variant), outcome)
     found = [
         (f"{o.source}, {o.variant}", folder / o.folder / "radio_map.png") for o in first.values()
     ]
@@ -147,7 +148,3 @@ def _pictures(folder: Path, outcomes: Sequence[Outcome]) -> list[tuple[str, byte
 
 def _has_page(folder: Path, outcome: Outcome) -> bool:
     return bool(outcome.folder) and (folder / outcome.folder / "report.html").is_file()
-
-
-def _finished(outcomes: Iterable[Outcome]) -> Iterable[Outcome]:
-    return (outcome for outcome in outcomes if outcome.status == "ok")

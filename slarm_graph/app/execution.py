@@ -12,8 +12,7 @@ from dataclasses import asdict, replace
 
 from slarm_graph.app.checkpoint import remove_checkpoint
 from slarm_graph.app.ending import last_words
-from slarm_graph.app.explore import explore_world
-from slarm_graph.app.handed_over import with_prior
+from slarm_graph.app.explore import explore_world, with_prior
 from slarm_graph.app.job import ExploreJob, Job, Run
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Progress

@@ -5,26 +5,25 @@
 from __future__ import annotations
 
 import logging
+import time
 from dataclasses import replace
 
 import numpy as np
 
-from slarm_graph import backends
+from slarm_graph import backends, parts
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
-from slarm_graph.app.handed_over import with_prior
 from slarm_graph.app.job import Run
-from slarm_graph.app.live_files import LiveFiles
-from slarm_graph.app.measuring import measured_map, save_measured
+from slarm_graph.app.map_images import of_layers, save_map
 from slarm_graph.app.outputs import (
     save_geographic,
-    save_radio,
+    save_readings,
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged
+from slarm_graph.app.pipeline import judged, radio_maps
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -35,19 +34,17 @@ from slarm_graph.eval.assessment import assess
 from slarm_graph.eval.metric_parts import References, Subject
 from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.exploration import explorers
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.files.states import SavedStates
-from slarm_graph.frontends.simulation.worlds import make_world
+from slarm_graph.frontends.simulation.simulator import make_world
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
 from slarm_graph.radio.measured.log import heard_with
-from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
-from slarm_graph.recovery.recover import recover_scans
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 
@@ -88,20 +85,15 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         how = (config.mapping, config.recovery)
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
-    # geographic map -> radio map
-    with folder.stage("radio map", progress):
-        radio = predicted_radio_map(geographic, world.access_points, config)
-        save_radio(folder, radio, config.radio)
-    # readings of signal strength -> measured radio map
-    with folder.stage("measured radio map", progress):
-        known = world.access_points
-        measured = measured_map(heard_with(log), slam, geographic, known, config, progress.say)
-        save_measured(folder, measured)
+    # geographic map and readings of signal strength -> radio maps
+    stages = (heard_with(log), slam, config, folder, progress)
+    radio, measured = radio_maps(geographic, world.access_points, *stages)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
         maps = (grid, geographic, radio)
         subject = Subject(slam.trajectory, truth, Pose2(), None, *maps, drive.report, verdict)
+        assert radio is not None, "a world that is explored has access points"
         accuracy = _accuracy(world, config, log, slam.trajectory, geographic, radio)
         metrics = in_table_order((*accuracy, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
@@ -111,6 +103,22 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         )
         save_report(folder, run, truth)
     return run
+
+
+def with_prior(world: WorldMap, config: RunConfig) -> RunConfig:
+    """Fill in what `explore.prior` hands over: ceiling and laser height, and maybe sizes.
+
+    Sizes that are given in the configuration are kept as they are.
+    """
+    recovery = config.recovery.model_copy(
+        update={
+            "ceiling_m": world.ceiling_m,
+            "laser_height_m": config.simulation.lidar.height_m,
+        }
+    )
+    if config.explore.prior == "extent+sizes":
+        recovery = with_sizes_of(world, recovery)
+    return config.model_copy(update={"recovery": recovery})
 
 
 def _accuracy(
@@ -128,6 +136,40 @@ def _accuracy(
     return (*own, *sizes_metrics(*drive), *others)
 
 
+class LiveFiles:
+    """Writes readings, path and map every now and then, as the robot believes them at the time.
+
+    Parameters
+    ----------
+    folder : RunFolder
+    log : ReadingLog
+    loop : ClosedLoop
+        Only looked at: what is written when changes nothing of the drive.
+    every_s : float
+        Least wall time between two times of writing [s].
+    """
+
+    def __init__(
+        self, folder: RunFolder, log: ReadingLog, loop: ClosedLoop, every_s: float
+    ) -> None:
+        self._folder, self._log, self._loop = folder, log, loop
+        self._every_s, self._written_s = every_s, time.monotonic()
+
+    def maybe(self) -> None:
+        """Write when it is time."""
+        if time.monotonic() - self._written_s >= self._every_s:
+            self.write()
+
+    def write(self) -> None:
+        """Write `odometry.tum`, `scans.csv`, `trajectory.tum` and `map.pgm/.yaml`."""
+        save_readings(self._folder, self._log)
+        if len(self._log):
+            save_trajectory(self._folder, "trajectory", self._loop.survey.believed)
+        live = self._loop.live
+        save_map(self._folder, "map", live.driving_geometry, of_layers(live.occupied, live.free))
+        self._written_s = time.monotonic()
+
+
 def _drive(
     simulated: World,
     backend: SlamBackend,
@@ -141,7 +183,7 @@ def _drive(
     loop = ClosedLoop(
         simulated,
         backend,
-        explorers.make(config),
+        parts.make("explorer", config.explore.explorer, config, config.explore.driving),
         config.explore,
         extent_m=world.extent_m(),
         start=world.start,
@@ -149,11 +191,9 @@ def _drive(
         log=log,
     )
 
-    def resume(saved: SavedStates) -> None:
-        """Drive to where the checkpoint was written."""
-        loop.restore(saved.states)
-
-    resume_from(folder.path, resume)
+    with saved_states(folder.path) as saved:
+        if saved is not None:
+            loop.restore(saved.states)
     checkpoint = Checkpoint(
         folder, config.checkpoint.every_s, lambda: SavedStates(loop.snapshot(), {})
     )

@@ -53,11 +53,10 @@ def write_evo(run: Path, target: Path) -> None:
         "ref_name": str(run / "ground_truth.tum"),
         "est_name": f"{run.name}",
     }
-    seconds = pairs.stamps_ns * 1e-9
     arrays = {
         "error_array": errors,
-        "timestamps": seconds,
-        "seconds_from_start": (pairs.stamps_ns - pairs.stamps_ns[0]) * 1e-9,
+        "timestamps": pairs.stamps_ns * 1e-9,
+        "seconds_from_start": pairs.seconds,
     }
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("info.json", json.dumps(info))

@@ -4,20 +4,19 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from slarm_graph.app.map_images import save_map
-from slarm_graph.app.outputs import save_trajectory
-from slarm_graph.app.run_folder import RunFolder, read_record
+from slarm_graph.app.outcomes import recorded_metrics
+from slarm_graph.app.outputs import save_metrics, save_trajectory
+from slarm_graph.app.run_folder import RunFolder, recorded_laser
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.assessment import assess, read_references
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.metric_parts import Subject
-from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.plane_of_motion import level
 from slarm_graph.files.maps import masks_of, read_map
 from slarm_graph.files.trajectories import read_spatial, trajectory_file
@@ -96,22 +95,13 @@ def measure(external: External, folder: Path, trials: Sequence[Trial]) -> Outcom
     if external.map_file is not None:
         grid = read_map(external.map_file)
         save_map(run, "map", grid.geometry, masks_of(grid))
-    run.write_text("metrics.json", metrics_json(metrics))
-    run.write_text("metrics.csv", metrics_csv(metrics))
+    save_metrics(run, metrics)
     run.note(status="ok", external=str(external.trajectory.resolve()))
-    figures = {name: m["value"] for name, m in json.loads(metrics_json(metrics)).items()}
-    known = {name: value for name, value in figures.items() if value is not None}
-    return Outcome(place, external.name, 0, "ok", folder=target.name, figures=known)
+    figures = recorded_metrics(target)
+    return Outcome(place, external.name, 0, "ok", folder=target.name, figures=figures)
 
 
 def _laser(source: TrialSource, trials: Sequence[Trial]) -> Pose2:
     """Return `robot_from_laser` as a run of ours on the same source recorded it."""
-    for trial in trials:
-        if trial.source == source:
-            try:
-                recorded = read_record(trial.folder).get("robot_from_laser")
-            except BadInput:
-                continue
-            if isinstance(recorded, list) and len(recorded) == 3:
-                return Pose2(*recorded)
-    return Pose2()
+    lasers = (recorded_laser(trial.folder) for trial in trials if trial.source == source)
+    return next((laser for laser in lasers if laser is not None), Pose2())

@@ -15,7 +15,6 @@ from slarm_graph.consistency import Contradictions, contradictions
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.recordings.sources import existing_paths, open_source
-from slarm_graph.geometry import Floats
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
@@ -28,16 +27,7 @@ _SAME_NS = 5_000_000
 
 def judge(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
     """Judge a trajectory with a pose for every reading of a log."""
-    return contradictions(log.scans, trajectory, odometry_poses(log))
-
-
-def odometry_poses(log: ReadingLog) -> Floats:
-    """Return `odom_from_robot` of every reading (N, 3) [m, m, rad], nan where there was none."""
-    poses = np.full((len(log), 3), np.nan)
-    known = log.odometry()
-    if known is not None:
-        poses[np.isin(log.stamps_ns, known.stamps_ns)] = known.poses
-    return poses
+    return contradictions(log.scans, trajectory, log.odometry_poses())
 
 
 def judge_file(

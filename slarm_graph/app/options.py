@@ -133,16 +133,24 @@ def source_config(
     return load_config(config, chosen)
 
 
+def numbers(text: str, otherwise: str, count: int | None = None) -> tuple[float, ...]:
+    """Read numbers with blanks or commas between them, so many; else say what was expected."""
+    try:
+        found = tuple(float(word) for word in text.replace(",", " ").split())
+    except ValueError:
+        raise BadInput(otherwise) from None
+    if count is not None and len(found) != count:
+        raise BadInput(otherwise)
+    return found
+
+
 def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint, ...]:
     """Build access points AP1, AP2, ... from texts `X Y Z` [m]."""
     from slarm_graph.access_points import AccessPoint
 
     points = []
     for number, text in enumerate(given, start=1):
-        try:
-            x, y, z = (float(word) for word in text.replace(",", " ").split())
-        except ValueError:
-            raise BadInput(f"--ap {text}: expected three numbers X Y Z [m]") from None
+        x, y, z = numbers(text, f"--ap {text}: expected three numbers X Y Z [m]", 3)
         if not all(map(math.isfinite, (x, y, z))) or z < 0.0:
             raise BadInput(f"--ap {text}: X Y Z must be finite, and Z not below the floor [m]")
         radio = config.radio

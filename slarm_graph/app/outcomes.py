@@ -79,15 +79,16 @@ def read_outcome(trial: Trial, problem: str = "") -> Outcome:
         status,
         "" if status == "ok" else record.get("problem") or problem,
         trial.folder.name,
-        figures | _metrics(trial.folder / "metrics.json"),
+        figures | recorded_metrics(trial.folder),
         trial.setting,
         _verdict(trial.folder / "consistency.json"),
     )
 
 
-def _metrics(path: Path) -> dict[str, float]:
+def recorded_metrics(folder: Path) -> dict[str, float]:
+    """Read the values of a run's metrics, those that there are."""
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     return {n: m["value"] for n, m in content.items() if m["value"] is not None}

@@ -4,10 +4,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import logging
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -16,14 +14,16 @@ from slarm_graph.access_points import RadioMap
 from slarm_graph.app.allocation import return_freed
 from slarm_graph.app.map_images import save_map
 from slarm_graph.app.run_folder import RunFolder
-from slarm_graph.backend import SlamResult, Table
+from slarm_graph.backend import SlamResult
 from slarm_graph.config import RadioConfig
 from slarm_graph.config.maps import LargeImage
 from slarm_graph.consistency import Contradictions
+from slarm_graph.eval.metrics import Metric, metrics_csv, metrics_json
 from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 from slarm_graph.files.coverage import write_coverage
 from slarm_graph.files.g2o import write_g2o
 from slarm_graph.files.maps import masks_of
+from slarm_graph.files.texts import csv_text
 from slarm_graph.files.trajectories import tum_text
 from slarm_graph.files.trajectory_covariances import (
     TrajectoryCovariance,
@@ -67,7 +67,7 @@ def save_slam(
         with folder.replacing("graph.g2o") as temporary:
             write_g2o(temporary, slam.pose_graph)
     for table in slam.tables:
-        folder.write_text(f"{table.name}.csv", table_csv(table))
+        folder.write_text(f"{table.name}.csv", csv_text(table.columns, table.rows))
 
 
 def save_consistency(folder: RunFolder, result: Contradictions) -> None:
@@ -96,6 +96,12 @@ def save_geographic(
         write_coverage(temporary, geographic)
 
 
+def save_metrics(folder: RunFolder, metrics: Sequence[Metric]) -> None:
+    """Write `metrics.json` and `metrics.csv`."""
+    folder.write_text("metrics.json", metrics_json(metrics))
+    folder.write_text("metrics.csv", metrics_csv(metrics))
+
+
 def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -> None:
     """Write the radio map in all its forms, where there is one."""
     if radio is None:
@@ -122,17 +128,3 @@ def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -
         return_freed()  # what one form, or its library, has loaded is not needed for the next
         with folder.replacing(name) as temporary:
             write(temporary, radio)
-
-
-def table_csv(table: Table) -> str:
-    """Return a backend's table as CSV."""
-    return csv_text(table.columns, table.rows)
-
-
-def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """Return columns and rows as CSV."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(rows)
-    return text.getvalue()

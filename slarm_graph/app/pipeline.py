@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.access_points import RadioMap
-from slarm_graph.app.checkpoint import Checkpoint, resume_from
+from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
@@ -25,7 +25,6 @@ from slarm_graph.app.outputs import (
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.placing import placed
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -37,6 +36,7 @@ from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geographic import GeographicMap
+from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.measured.log import RssLog, heard_with
 from slarm_graph.radio.measured.measured_map import MeasuredMap
@@ -45,6 +45,7 @@ from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import Source
 from slarm_graph.recovery.recover import recover
+from slarm_graph.trajectory import Trajectory
 
 _ENOUGH_POINTS = 1_000_000
 """Returns kept for walls and figures: 16 MB, several to each cell of a wall in kilometres of
@@ -78,7 +79,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     del source
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
-        slam = placed(backend.result(), info.truth)
+        slam = _placed(backend.result(), info.truth)
         # Its submaps or particles take more memory than what comes of them.
         del backend
         save_trajectory(folder, "trajectory", slam.trajectory)
@@ -94,7 +95,8 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         save_geographic(folder, geographic, config.mapping.large_image)
     # geographic map and readings of signal strength -> radio maps
     heard = (*signals, *heard_with(log))
-    radio, measured = _radio_maps(geographic, job, heard, slam, folder, progress)
+    stages = (heard, slam, config, folder, progress)
+    radio, measured = radio_maps(geographic, job.access_points, *stages)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
         laser = log.robot_from_laser
@@ -138,6 +140,23 @@ def _fed(
     return backend, log
 
 
+def _placed(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
+    """Start where the robot is known to have started; at the origin where that is not known.
+
+    Parameters
+    ----------
+    slam : SlamResult
+        In the backend's own map frame.
+    truth : Trajectory or None
+        `map_from_robot` as the source knows it.
+    """
+    if truth is None or not len(truth):
+        return slam
+    mine_from_robot = Pose2.from_array(slam.trajectory.poses[0])
+    start = Pose2.from_array(truth.at(slam.trajectory.stamps_ns[:1])[0])
+    return slam.transformed(start @ mine_from_robot.inverse())
+
+
 def judged(
     log: ReadingLog, slam: SlamResult, folder: RunFolder, progress: Progress
 ) -> Contradictions:
@@ -148,16 +167,16 @@ def judged(
     return verdict
 
 
-def _radio_maps(
+def radio_maps(
     geographic: GeographicMap,
-    job: Job,
+    aps: Sequence[AccessPoint],
     heard: Sequence[RssLog],
     slam: SlamResult,
+    config: RunConfig,
     folder: RunFolder,
     progress: Progress,
 ) -> tuple[RadioMap | None, MeasuredMap | None]:
     """Predict the radio map, and make the one of what was heard; each where there is any."""
-    aps, config = job.access_points, job.config
     radio = measured = None
     if aps:
         with folder.stage("radio map", progress):
@@ -172,13 +191,8 @@ def _radio_maps(
 
 def _restored(backend: SlamBackend, folder: RunFolder) -> int:
     """Bring a backend to where a checkpoint was written; return how many readings it has had."""
-    had = 0
-
-    def resume(saved: SavedStates) -> None:
-        """Take the one state that a run has."""
-        nonlocal had
+    with saved_states(folder.path) as saved:
+        if saved is None:
+            return 0
         backend.restore(saved.states["backend"])
-        had = int(saved.facts["readings"])
-
-    resume_from(folder.path, resume)
-    return had
+        return int(saved.facts["readings"])

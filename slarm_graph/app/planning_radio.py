@@ -14,12 +14,13 @@ import numpy as np
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.map_images import of_layers, save_map
 from slarm_graph.app.measuring import measured_map, save_measured
-from slarm_graph.app.outputs import csv_text, save_radio
+from slarm_graph.app.outputs import save_radio
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
+from slarm_graph.files.texts import csv_text
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic

@@ -164,10 +164,10 @@ class Bar:
 
 
 @contextmanager
-def shown(*, quiet: bool = False) -> Iterator[Progress]:
+def shown() -> Iterator[Progress]:
     """Give a progress fit for where standard error goes, and close it in the end."""
     progress: Progress
-    progress = Quiet() if quiet else Bar() if sys.stderr.isatty() else Lines(sys.stderr)
+    progress = Bar() if sys.stderr.isatty() else Lines(sys.stderr)
     try:
         yield progress
     finally:

@@ -22,6 +22,7 @@ from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.provenance import Facts, git_revision, versions
 from slarm_graph.errors import BadInput, RunFailed
+from slarm_graph.geometry import Pose2
 
 _log = logging.getLogger(__name__)
 
@@ -206,6 +207,15 @@ def read_record(path: Path) -> Mapping[str, object]:
     if not isinstance(record, dict):
         raise BadInput(f"{path}: not a run folder ({RECORD} is damaged)")
     return record
+
+
+def recorded_laser(path: Path) -> Pose2 | None:
+    """Return `robot_from_laser` as a run recorded it; None where there is no record of it."""
+    try:
+        found = read_record(path).get("robot_from_laser")
+    except BadInput:
+        return None
+    return Pose2(*found) if isinstance(found, list) and len(found) == 3 else None
 
 
 def _fresh(out: Path) -> Path:

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from slarm_graph.app.job import Run
-from slarm_graph.app.outputs import save_trajectory
+from slarm_graph.app.outputs import save_metrics, save_trajectory
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import Table
 from slarm_graph.config import RunConfig
@@ -17,7 +17,6 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
-from slarm_graph.eval.metrics import metrics_csv, metrics_json
 from slarm_graph.eval.report import ReportContent, report_html
 from slarm_graph.eval.trajectory_figures import CHI_95, GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.files.config_text import config_yaml
@@ -31,8 +30,7 @@ _SLAM_STAGES = ("slam", "optimisation and map", "exploration", "map")
 def save_report(folder: RunFolder, run: Run, references: References) -> None:
     """Write `metrics.json`, `metrics.csv`, `ground_truth.tum` and `report.html`."""
     folder.note(scans_per_s=_scans_per_s(folder, run))
-    folder.write_text("metrics.json", metrics_json(run.metrics))
-    folder.write_text("metrics.csv", metrics_csv(run.metrics))
+    save_metrics(folder, run.metrics)
     save_trajectory(folder, "ground_truth", _at_scans(references.ground_truth, run))
     folder.write_text("report.html", report_html(_content(folder, run, references)))
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.app.handed_over import with_and_without_sizes
 from slarm_graph.config import RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.radio_accuracy import Extent, radio_accuracy
@@ -16,7 +15,7 @@ from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.recover import recover_scans
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
@@ -45,7 +44,7 @@ def sizes_metrics(
     """Return the accuracy of one drive with the sizes of all obstacles known, and with none."""
     with_sizes, without = (
         _recovered_accuracy(world, scans, trajectory, config, recovery)
-        for recovery in with_and_without_sizes(world, config.recovery)
+        for recovery in _with_and_without_sizes(world, config.recovery)
     )
     heights = f"line of sight: Brier score {without.los_brier:.4f}"
     return (
@@ -65,13 +64,20 @@ def variant_metrics(
     }
     found = []
     for key, radius_m in radii_m.items():
-        both = with_and_without_sizes(world, config.recovery)
+        both = _with_and_without_sizes(world, config.recovery)
         for sizes, recovery in zip(("with", "without"), both, strict=True):
             expanded = recovery.model_copy(update={"expansion_radius_m": radius_m})
             score = _recovered_accuracy(world, scans, trajectory, config, expanded)
             name = f"accuracy_re_{key}_{sizes}_sizes"
             found.append(Metric(name, score.accuracy, note=f"R_e = {score.expansion_radius_m:g} m"))
     return tuple(found)
+
+
+def _with_and_without_sizes(
+    world: WorldMap, recovery: RecoveryConfig
+) -> tuple[RecoveryConfig, RecoveryConfig]:
+    """Return the settings of recovery with all sizes known and with none."""
+    return with_sizes_of(world, recovery), recovery.model_copy(update={"known_sizes": ()})
 
 
 def _recovered_accuracy(

@@ -9,64 +9,32 @@ from typing import Annotated, Any, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from slarm_graph import parts
-from slarm_graph.config.driving import (
-    DrivingConfig,
-    ExploreConfig,
-    LidarConfig,
-    SignalConfig,
-    SimulationConfig,
-    WheelConfig,
-)
-from slarm_graph.config.maps import MappingConfig, RadioConfig, RecoveryConfig
-from slarm_graph.config.measured import MeasuredConfig
-from slarm_graph.config.particles import (
-    GmappingConfig,
-    ParticleLikelihoodConfig,
-    ParticleMapsConfig,
-    ParticleMotionConfig,
-    ProposalConfig,
-    ResamplingConfig,
-)
-from slarm_graph.config.scans import (
-    FrontendConfig,
-    KeyframeConfig,
-    LoopClosureConfig,
-    MatchingConfig,
-    PoseGraphConfig,
-    SourceConfig,
-)
-from slarm_graph.config.sections import PartName, Section, UncheckedSection, chosen_parts
-from slarm_graph.config.stage import Stage
+from slarm_graph.config.driving import DrivingConfig as DrivingConfig
+from slarm_graph.config.driving import ExploreConfig as ExploreConfig
+from slarm_graph.config.driving import LidarConfig as LidarConfig
+from slarm_graph.config.driving import SignalConfig as SignalConfig
+from slarm_graph.config.driving import SimulationConfig as SimulationConfig
+from slarm_graph.config.driving import WheelConfig as WheelConfig
+from slarm_graph.config.maps import MappingConfig as MappingConfig
+from slarm_graph.config.maps import MeasuredConfig as MeasuredConfig
+from slarm_graph.config.maps import RadioConfig as RadioConfig
+from slarm_graph.config.maps import RecoveryConfig as RecoveryConfig
+from slarm_graph.config.particles import GmappingConfig as GmappingConfig
+from slarm_graph.config.particles import ParticleLikelihoodConfig as ParticleLikelihoodConfig
+from slarm_graph.config.particles import ParticleMapsConfig as ParticleMapsConfig
+from slarm_graph.config.particles import ParticleMotionConfig as ParticleMotionConfig
+from slarm_graph.config.particles import ProposalConfig as ProposalConfig
+from slarm_graph.config.particles import ResamplingConfig as ResamplingConfig
+from slarm_graph.config.scans import FrontendConfig as FrontendConfig
+from slarm_graph.config.scans import KeyframeConfig as KeyframeConfig
+from slarm_graph.config.scans import LoopClosureConfig as LoopClosureConfig
+from slarm_graph.config.scans import MatchingConfig as MatchingConfig
+from slarm_graph.config.scans import PoseGraphConfig as PoseGraphConfig
+from slarm_graph.config.scans import SourceConfig as SourceConfig
+from slarm_graph.config.sections import PartName as PartName
+from slarm_graph.config.sections import Section, UncheckedSection, chosen_parts
+from slarm_graph.config.stage import Stage as Stage
 from slarm_graph.errors import BadInput
-
-__all__ = [
-    "CheckpointConfig",
-    "DrivingConfig",
-    "ExploreConfig",
-    "FrontendConfig",
-    "GmappingConfig",
-    "KeyframeConfig",
-    "LidarConfig",
-    "LoopClosureConfig",
-    "MappingConfig",
-    "MatchingConfig",
-    "MeasuredConfig",
-    "PartName",
-    "ParticleLikelihoodConfig",
-    "ParticleMapsConfig",
-    "ParticleMotionConfig",
-    "PoseGraphConfig",
-    "ProposalConfig",
-    "RadioConfig",
-    "RecoveryConfig",
-    "ResamplingConfig",
-    "RunConfig",
-    "SignalConfig",
-    "SimulationConfig",
-    "SourceConfig",
-    "Stage",
-    "WheelConfig",
-]
 
 
 class CheckpointConfig(Stage):

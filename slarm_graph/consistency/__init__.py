@@ -2,24 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Does a trajectory contradict itself? Judged from scans and poses alone, without any truth."""
 
-from slarm_graph.consistency.pairs import VisitPairs, cross_check
-from slarm_graph.consistency.places import ConflictPlace
-from slarm_graph.consistency.tears import Tear
-from slarm_graph.consistency.verdict import Contradictions, Verdict, contradictions
-from slarm_graph.consistency.views import View, evidence_against, view_of
-from slarm_graph.consistency.visits import Visits, build_visits
-
-__all__ = [
-    "ConflictPlace",
-    "Contradictions",
-    "Tear",
-    "Verdict",
-    "View",
-    "VisitPairs",
-    "Visits",
-    "build_visits",
-    "contradictions",
-    "cross_check",
-    "evidence_against",
-    "view_of",
-]
+from slarm_graph.consistency.pairs import VisitPairs as VisitPairs
+from slarm_graph.consistency.pairs import cross_check as cross_check
+from slarm_graph.consistency.places import ConflictPlace as ConflictPlace
+from slarm_graph.consistency.tears import Tear as Tear
+from slarm_graph.consistency.verdict import Contradictions as Contradictions
+from slarm_graph.consistency.verdict import Verdict as Verdict
+from slarm_graph.consistency.verdict import contradictions as contradictions
+from slarm_graph.consistency.views import View as View
+from slarm_graph.consistency.views import evidence_against as evidence_against
+from slarm_graph.consistency.views import view_of as view_of
+from slarm_graph.consistency.visits import Visits as Visits
+from slarm_graph.consistency.visits import build_visits as build_visits

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from slarm_graph.consistency.evidence import CELL_M, tally, wrong_place_evidence
 from slarm_graph.consistency.visits import Visits
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, compose
 
 MIN_CELLS = 30
 """Wall cells that two visits must share to be compared: 3 m of wall."""
@@ -95,10 +95,8 @@ def _overlapping(poses: Floats, lows: Floats, shapes: NDArray[np.int64]) -> NDAr
     """Return the pairs (P, 2) of visits whose cells' circumscribed circles meet."""
     half = 0.5 * CELL_M * shapes[:, ::-1]
     middle = lows + half
-    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    x = poses[:, 0] + c * middle[:, 0] - s * middle[:, 1]
-    y = poses[:, 1] + s * middle[:, 0] + c * middle[:, 1]
-    radius, centre = np.hypot(*half.T), np.stack([x, y], axis=1)
+    centre = compose(poses, np.column_stack([middle, np.zeros(len(middle))]))[:, :2]
+    radius = np.hypot(*half.T)
     pairs = cKDTree(centre).query_pairs(2.0 * radius.max(), output_type="ndarray")
     apart = np.hypot(*(centre[pairs[:, 0]] - centre[pairs[:, 1]]).T)
     pairs = pairs[apart < radius[pairs].sum(axis=1)].astype(np.int64)

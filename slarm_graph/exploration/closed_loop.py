@@ -135,6 +135,11 @@ class ClosedLoop:
         self.finished: Finished | None = None
 
     @property
+    def survey(self) -> Survey:
+        """What is known so far, and how it came to be known."""
+        return self._survey
+
+    @property
     def live(self) -> LiveMap:
         """The map so far."""
         return self._survey.live
@@ -143,21 +148,6 @@ class ClosedLoop:
     def pose(self) -> Pose2:
         """Where the robot holds itself to be, `world_from_robot`."""
         return self._survey.pose
-
-    @property
-    def readings(self) -> int:
-        """Readings taken so far."""
-        return self._survey.readings
-
-    @property
-    def driven_s(self) -> float:
-        """Simulated time since the first reading [s]."""
-        return self._survey.log.driven_s
-
-    @property
-    def believed(self) -> Trajectory:
-        """`world_from_robot` as held at the time, one pose per reading."""
-        return self._survey.believed
 
     def step(self) -> bool:
         """Take one reading and drive until the next; False when exploration has ended."""
@@ -212,7 +202,7 @@ class ClosedLoop:
     def _decide(self) -> None:
         """Ask for a new leg where the present one ends, is blocked or has grown old."""
         limit_s = self._config.mission_time_s
-        if limit_s is not None and self.driven_s >= limit_s:
+        if limit_s is not None and self._survey.log.driven_s >= limit_s:
             self.finished = Finished("the mission time is over")
             return
         self._leg_age_s += self._survey.dt_s

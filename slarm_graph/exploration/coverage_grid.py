@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -158,15 +158,13 @@ def tiled(driving: DrivingGrid, side: int) -> CoverageGrid:
     pad = ((0, -g.rows % side), (0, -g.cols % side))
     rows, cols = g.rows + pad[0][1], g.cols + pad[1][1]
     padded = driving_grid(
-        GridGeometry(g.origin_x_m, g.origin_y_m, g.resolution_m, rows, cols),
+        replace(g, rows=rows, cols=cols),
         np.pad(driving.passable, pad),
         np.pad(driving.occupied, pad, constant_values=True),
         np.pad(driving.observed, pad),
         np.pad(driving.swept, pad),
     )
-    geometry = GridGeometry(
-        g.origin_x_m, g.origin_y_m, side * g.resolution_m, rows // side, cols // side
-    )
+    geometry = replace(g, resolution_m=side * g.resolution_m, rows=rows // side, cols=cols // side)
     return coverage_grid(geometry, padded, np.zeros(geometry.shape, dtype=np.bool_))
 
 

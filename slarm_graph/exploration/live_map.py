@@ -197,13 +197,7 @@ def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
     coarse = max(1, math.ceil(round(geometry.resolution_m / 0.05, 6)))
     if geometry.rows * geometry.cols * fine * fine > _MAX_DRIVING_CELLS:
         fine = coarse
-    return GridGeometry(
-        geometry.origin_x_m,
-        geometry.origin_y_m,
-        geometry.resolution_m / fine,
-        geometry.rows * fine,
-        geometry.cols * fine,
-    )
+    return geometry.divided(fine)
 
 
 def _forbidden(

@@ -58,11 +58,6 @@ def moves_across(east: Mask, north: Mask) -> Moves:
     return moves
 
 
-def straight_moves(moves: Moves) -> Moves:
-    """Keep the four straight steps only."""
-    return np.asarray(moves & 0b01010101, dtype=np.uint8)
-
-
 def nearest_passable(
     passable: Mask, cell: tuple[int, int], limit: int = 40
 ) -> tuple[int, int] | None:

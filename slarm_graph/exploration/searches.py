@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.exploration.moves import DELTA_COL, DELTA_ROW, Moves, straight_moves
+from slarm_graph.exploration.moves import DELTA_COL, DELTA_ROW, Moves
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Cells, Mask
 
@@ -77,7 +77,7 @@ def distances_between(moves: Moves, cells: Cells, limit: float = math.inf) -> Fl
 def reachable(moves: Moves, start: tuple[int, int]) -> Mask:
     """Cells (rows, cols) with a path from start, which counts itself."""
     found = np.zeros(moves.shape, dtype=np.bool_)
-    _fill(straight_moves(moves), start[0] * moves.shape[1] + start[1], found)
+    _fill(moves, start[0] * moves.shape[1] + start[1], found)
     return found
 
 
@@ -221,6 +221,7 @@ def _astar(moves: Moves, start: int, goal: int, labels: Labels) -> Indices:
 
 @njit(cache=True, nogil=True)
 def _fill(moves: Moves, start: int, found: Mask) -> None:
+    """Find what straight steps lead to: no diagonal leads further than they do."""
     cols = moves.shape[1]
     bits = moves.ravel()
     flags = found.ravel()

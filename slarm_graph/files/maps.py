@@ -64,14 +64,6 @@ def write_trinary(path: Path, shape: tuple[int, int], masks: Masks) -> None:
             file.write(trinary_image(*masks(band.rows)).tobytes())
 
 
-def pgm_bytes(image: NDArray[np.uint8]) -> bytes:
-    """Encode an image as binary PGM (P5)."""
-    done, data = cv2.imencode(".pgm", image)
-    if not done:
-        raise RuntimeError("OpenCV could not encode a PGM image")
-    return data.tobytes()
-
-
 def png_bytes(image: NDArray[np.uint8]) -> bytes:
     """Encode an image (rows, cols) or (rows, cols, 3) RGB, top row first, as PNG."""
     done, data = cv2.imencode(".png", image[..., ::-1] if image.ndim > 2 else image)

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import csv
+import io
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from slarm_graph.errors import BadInput, brief
@@ -46,3 +49,12 @@ def read_text(path: Path, what: str = "text", at_most: int = MAX_TEXT_BYTES) -> 
         raise BadInput(f"{path}: cannot be read as {what} ({problem})") from None
     except ValueError as error:  # a name with a null byte in it
         raise BadInput(f"{brief(str(path))}: cannot be read as {what} ({error})") from None
+
+
+def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return columns and rows as CSV."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return text.getvalue()

@@ -62,10 +62,8 @@ def load_world(name_or_path: str | Path) -> WorldMap:
     BadInput
         Naming the file and the key at fault.
     """
-    if str(name_or_path) in shipped_worlds():
-        file = resources.files("slarm_graph") / "worlds" / f"{name_or_path}.yaml"
-        return world_from_yaml(file.read_text("utf-8"), where=f"{name_or_path}.yaml")
-    path = Path(name_or_path)
+    shipped = str(name_or_path) in shipped_worlds()
+    path = world_path(str(name_or_path)) if shipped else Path(name_or_path)
     if not path.is_file():
         raise BadInput(
             f"{brief(str(path))}: cannot read the world (no such file); give a YAML file or one of"
@@ -74,7 +72,7 @@ def load_world(name_or_path: str | Path) -> WorldMap:
     text = read_text(path, "a world", MAX_BYTES)
     if is_map(text, str(path)):
         return world_from_map(read_map(path), name=path.stem)
-    return world_from_yaml(text, where=str(path))
+    return world_from_yaml(text, where=path.name if shipped else str(path))
 
 
 def is_world_file(path: Path) -> bool:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from slarm_graph.config import MappingConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid, window_of
 from slarm_graph.mapping.beams import beams_in_map
 from slarm_graph.raster.bands import bands
 from slarm_graph.raster.layers import new_layer
@@ -89,13 +89,10 @@ class GridMapper:
 
         The probability of a cell is the share of its visits that were hits.
         """
-        seen_rows = np.flatnonzero(self._visits.any(axis=1))
-        seen_cols = np.flatnonzero(self._visits.any(axis=0))
-        if not len(seen_rows):
+        rows, cols = window_of(self._visits)
+        if rows.start == rows.stop:
             empty = GridGeometry(0.0, 0.0, self._config.resolution_m, 1, 1)
             return OccupancyGrid(empty, np.full((1, 1), np.nan, dtype=np.float32))
-        rows = slice(int(seen_rows[0]), int(seen_rows[-1]) + 1)
-        cols = slice(int(seen_cols[0]), int(seen_cols[-1]) + 1)
         cropped = self._geometry.part(rows, cols)
         probability = new_layer(cropped.shape, np.float32)
         for band in bands(cropped.shape, aside=[probability]):

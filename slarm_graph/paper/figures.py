@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures 3 to 5 of the paper, and its complexity, drawn from our numbers."""
+"""Figures 3 to 5 of the paper, and its complexity, drawn from our numbers; the page with them."""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +16,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from slarm_graph.access_points import RadioMap
+from slarm_graph.eval.page import Cell, Gallery, PageTable, Section, page
 from slarm_graph.paper.theory import Complexity
 from slarm_graph.radio.pictures import draw_gain
 
@@ -156,3 +158,45 @@ def _draw_panel(
     axes.set_xlabel("resolution [m]")
     axes.grid(alpha=0.3)
     axes.legend(fontsize=7, handlelength=3.5)
+
+
+def gallery_html(
+    folder: Path, title: str, lead: str, pictures: Sequence[str], tables: Sequence[str]
+) -> str:
+    """Return a page with pictures, then tables, of those that are in the folder.
+
+    Parameters
+    ----------
+    folder : Path
+    title, lead : str
+    pictures, tables : sequence of str
+        File names; PNG and CSV.
+    """
+    shown = [
+        Section(_title(name), (Gallery([(name, (folder / name).read_bytes())]),))
+        for name in pictures
+        if (folder / name).is_file()
+    ]
+    rows = [
+        Section(_title(name), (_csv_table(folder / name),))
+        for name in tables
+        if (folder / name).is_file()
+    ]
+    return page(title, lead, (), [*shown, *rows])
+
+
+def _csv_table(path: Path) -> PageTable:
+    with path.open(newline="", encoding="utf-8") as file:
+        columns, *rows = csv.reader(file)
+    return PageTable(columns, [[_number(cell) for cell in row] for row in rows])
+
+
+def _number(text: str) -> Cell:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+def _title(name: str) -> str:
+    return name.rpartition(".")[0].replace("_", " ").capitalize()

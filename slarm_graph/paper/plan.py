@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from pathlib import Path
-from typing import Final, Literal
+from typing import Final, Literal, TypeVar
 
+from slarm_graph import parts
 from slarm_graph.app.trials import Trial, TrialSource
+from slarm_graph.errors import BadInput
 
 PAPER_ROOM: Final = "paper_room"
 RESOLUTIONS_M: Final = (0.02, 0.05, 0.1, 0.15, 0.2, 0.25)
@@ -25,6 +27,9 @@ Expansion = Literal["cell", "robot", "zero"]
 EXPANSIONS: Final[tuple[Expansion, ...]] = ("cell", "robot", "zero")
 """R_e: one cell as the paper presets it, the robot's radius, none."""
 PRIORS: Final[tuple[Prior, ...]] = ("extent+sizes", "extent")
+
+
+Word = TypeVar("Word", bound=str)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,12 +74,8 @@ class Plan:
             self.explorers,
             self.backends,
         )
-        return {
-            _trial(folder, Setting(explorer, backend, delta, speed), seed): Setting(
-                explorer, backend, delta, speed
-            )
-            for seed, delta, speed, explorer, backend in every
-        }
+        settings = ((seed, Setting(e, b, delta, speed)) for seed, delta, speed, e, b in every)
+        return {_trial(folder, setting, seed): setting for seed, setting in settings}
 
 
 QUICK: Final = Plan(resolutions_m=(0.1, 0.25), speeds_m_s=(1.0,), explorers=("ggmr",), seeds=1)
@@ -91,3 +92,56 @@ def _trial(folder: Path, s: Setting, seed: int) -> Trial:
     )
     room = TrialSource(PAPER_ROOM, is_world=True)
     return Trial(room, s.backend, seed, folder.resolve() / "runs" / name, options)
+
+
+def plan_of(
+    quick: bool,
+    explorers: str | None,
+    prior: str | None,
+    expansions: str | None,
+    resolutions: str | None,
+    speeds: str | None,
+    seeds: int | None,
+) -> Plan:
+    """Return the plan that the words ask for.
+
+    Raises
+    ------
+    BadInput
+        Naming the option and what it may be.
+    """
+    plan = QUICK if quick else Plan()
+    if explorers is not None:
+        plan = replace(plan, explorers=_words(explorers))
+        for name in plan.explorers:
+            parts.find("explorer", name)
+    if prior is not None:
+        plan = replace(plan, priors=_among("--prior", prior, PRIORS))
+    if expansions is not None:
+        plan = replace(plan, expansions=_among("--expansion", expansions, EXPANSIONS))
+    if resolutions is not None:
+        plan = replace(plan, resolutions_m=_numbers("--resolutions", resolutions))
+    if speeds is not None:
+        plan = replace(plan, speeds_m_s=_numbers("--speeds", speeds))
+    return plan if seeds is None else replace(plan, seeds=seeds)
+
+
+def _words(text: str) -> tuple[str, ...]:
+    return tuple(word.strip() for word in text.split(",") if word.strip())
+
+
+def _among(option: str, text: str, allowed: tuple[Word, ...]) -> tuple[Word, ...]:
+    found = tuple(word for word in allowed if word in _words(text))
+    if not found or len(found) != len(_words(text)):
+        raise BadInput(f"{option} {text}: give one or more of {', '.join(allowed)}")
+    return found
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        found = tuple(float(word) for word in _words(text))
+    except ValueError:
+        found = ()
+    if not found or min(found) <= 0.0:
+        raise BadInput(f"{option} {text}: give positive numbers with commas between them")
+    return found

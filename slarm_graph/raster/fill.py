@@ -71,16 +71,6 @@ class Polygons:
         return mask
 
 
-def inside_outlines(geometry: GridGeometry, polygons_m: Sequence[Floats]) -> Mask:
-    """Mark cells whose centre lies inside an odd number of closed polygons (K, 2) [m]."""
-    return Polygons.on(geometry, polygons_m).odd()
-
-
-def inside_any(geometry: GridGeometry, convex_m: Sequence[Floats]) -> Mask:
-    """Mark cells whose centre lies inside at least one convex polygon (K, 2) [m]."""
-    return Polygons.on(geometry, convex_m).any()
-
-
 def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
     """Mark cells whose centre lies inside the plan of at least one solid."""
     return Polygons.of_solids(geometry, solids).any()

@@ -69,12 +69,19 @@ def _thin(flat: NDArray[np.uint8], cells: Indices, cols: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _can_go(flat: NDArray[np.uint8], cell: int, around: Indices, half: int) -> bool:
+def _neighbours(flat: NDArray[np.uint8], cell: int, around: Indices) -> tuple[int, int]:
+    """Count the neighbours of a cell, and the rows of them that touch each other."""
     count, rises = 0, 0
     for k in range(8):
         here, after = flat[cell + around[k]], flat[cell + around[(k + 1) % 8]]
         count += here
         rises += here == 0 and after == 1
+    return count, rises
+
+
+@njit(cache=True, nogil=True)
+def _can_go(flat: NDArray[np.uint8], cell: int, around: Indices, half: int) -> bool:
+    count, rises = _neighbours(flat, cell, around)
     if rises != 1 or count < 2 or count > 6:
         return False
     east, north, west, south = (
@@ -103,11 +110,7 @@ def _prune(flat: NDArray[np.uint8], cells: Indices, cols: int, times: int) -> No
 @njit(cache=True, nogil=True)
 def _is_end(flat: NDArray[np.uint8], cell: int, around: Indices) -> bool:
     """Whether all neighbours of a cell, at least one, touch each other."""
-    count, rises = 0, 0
-    for k in range(8):
-        here, after = flat[cell + around[k]], flat[cell + around[(k + 1) % 8]]
-        count += here
-        rises += here == 0 and after == 1
+    count, rises = _neighbours(flat, cell, around)
     return rises == 1 and 1 <= count <= 2
 
 

@@ -20,7 +20,7 @@ from ros_bags import write_recording
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint
-from slarm_graph.app.checkpoint import resume_from
+from slarm_graph.app.checkpoint import saved_states
 from slarm_graph.app.resuming import resumed_job
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig, SourceConfig
@@ -29,7 +29,7 @@ from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import load_config
 from slarm_graph.files.coverage import read_coverage, write_coverage
 from slarm_graph.files.g2o import read_g2o
-from slarm_graph.files.maps import pgm_bytes, read_map, trinary_image
+from slarm_graph.files.maps import read_map, trinary_image
 from slarm_graph.files.states import SavedStates, write_states
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.files.worlds import load_world
@@ -163,9 +163,11 @@ def _written(write: Callable[[Path], object], name: str) -> bytes:
 
 def _images() -> tuple[bytes, ...]:
     image = trinary_image(_grid().occupied, _grid().free)
-    encoded = [cv2.imencode(ending, image)[1].tobytes() for ending in (".png", ".bmp", ".jpg")]
+    encoded = [
+        cv2.imencode(ending, image)[1].tobytes() for ending in (".pgm", ".png", ".bmp", ".jpg")
+    ]
     text = b"P2\n9 12\n255\n" + b" ".join(b"%d" % v for v in image.ravel().tolist())
-    return (pgm_bytes(image), text, *encoded)
+    return (*encoded, text)
 
 
 def _backend() -> SlamBackend:
@@ -179,7 +181,9 @@ def _checkpoint() -> bytes:
 
 
 def _resume(path: Path) -> None:
-    resume_from(path.parent.parent, lambda saved: _backend().restore(saved.states["backend"]))
+    with saved_states(path.parent.parent) as saved:
+        assert saved is not None
+        _backend().restore(saved.states["backend"])
 
 
 @functools.cache
