@@ -11,12 +11,12 @@ two values that changes rarely: a hidden Markov chain, whose probability matches
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from slarm_graph.frontends.scans.kalman import KalmanFilter
-from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas
+from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
@@ -177,8 +177,21 @@ class OdometryFilter:
             self.wheels.learn(self._increment, moved, claimed, self._holds)
 
     def wheel_motion(self) -> WheelMotion | None:
-        """Return the last step by odometry alone; None where there is none."""
-        return None if self._increment is None else self.wheels.along_path(self._increment)
+        """Return the last step by odometry alone; None where there is none.
+
+        As far as odometry may have failed in it, the robot may have gone on as before: mean and
+        spread are about the way that odometry tells.
+        """
+        if self._increment is None:
+            return None
+        told, steady = self.wheels.along_path(self._increment), self._steady_motion
+        if steady is None:
+            return told
+        apart = steady.motion - told.motion
+        apart[2] = wrapped(float(apart[2]))
+        failed = steady.covariance + np.outer(apart, apart)
+        covariance = self._holds * told.covariance + (1.0 - self._holds) * failed
+        return replace(told, covariance=covariance)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.
