@@ -24,7 +24,7 @@ from slarm_graph.app.outputs import (
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged
+from slarm_graph.app.pipeline import judged, with_heard
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -88,14 +88,15 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         how = (config.mapping, config.recovery)
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
-    # geographic map -> radio map
+    # readings of signal strength -> heights -> geographic map -> radio map
+    known, heard = world.access_points, heard_with(log)
+    geographic, heights = with_heard(geographic, heard, slam, known, config, folder, progress)
     with folder.stage("radio map", progress):
         radio = predicted_radio_map(geographic, world.access_points, config)
         save_radio(folder, radio, config.radio)
     # readings of signal strength -> measured radio map
     with folder.stage("measured radio map", progress):
-        known = world.access_points
-        measured = measured_map(heard_with(log), slam, geographic, known, config, progress.say)
+        measured = measured_map(heard, slam, geographic, known, config, progress.say)
         save_measured(folder, measured)
     # truth -> accuracy and report
     with folder.stage("report", progress):
@@ -107,7 +108,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
         run = Run(
-            title, config, info, log, slam, grid, geographic, radio, verdict, metrics, measured
+            *(title, config, info, log, slam, grid, geographic, radio, verdict, metrics),
+            measured=measured,
+            heights=heights,
         )
         save_report(folder, run, truth)
     return run
