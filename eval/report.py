@@ -32,6 +32,7 @@ from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio.measured.files import fitted_rows
+from slarm_graph.radio.measured.heard_height import HeardHeight, height_rows
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
@@ -68,6 +69,8 @@ class ReportContent:
     verdict : str
         What the run says of its own consistency.
     measured : MeasuredMap or None
+    heights : sequence of HeardHeight
+        What was heard of heights that nobody had said.
     """
 
     title: str
@@ -86,6 +89,7 @@ class ReportContent:
     marks: Marks = field(default_factory=Marks)
     verdict: str = ""
     measured: MeasuredMap | None = None
+    heights: Sequence[HeardHeight] = ()
 
 
 def report_html(content: ReportContent) -> str:
@@ -110,6 +114,7 @@ def report_html(content: ReportContent) -> str:
             Section("Geographic map", _geographic_part(content.geographic)),
             Section("Radio map", _radio_part(content.radio)),
             *_measured_part(content.measured),
+            *_heights_part(content.heights),
             Section("Scans", (scan_table(content.scans),) if content.scans else ()),
             Section("Time and memory by stage", _stage_bars(content.record)),
             *(Section(_title_of(t.name), table_blocks(t)) for t in content.tables),
@@ -213,6 +218,19 @@ def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
     )
     blocks = (measured_figure(measured), Words(words), Folded("what was fitted", (table,)))
     return (Section("Measured signal strength", blocks),)
+
+
+def _heights_part(heights: Sequence[HeardHeight]) -> tuple[Section, ...]:
+    """Return the section on heights that were heard, none where nothing was."""
+    if not heights:
+        return ()
+    rows = height_rows(heights)
+    table = PageTable(tuple(rows[0]), [tuple(row.values()) for row in rows])
+    words = (
+        "Heights that nobody has said, by what was heard behind obstacles: quantiles of the prior,"
+        " by class of plan, and of the posterior. Line of sight is that of the posterior."
+    )
+    return (Section("Heights of obstacles", (Words(words), table)),)
 
 
 def _metric_table(metrics: Sequence[Metric]) -> tuple[Block, ...]:

@@ -17,7 +17,7 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.certainty import Certainty, Shadowing
 from slarm_graph.radio.measured.nodes import make_nodes
-from slarm_graph.radio.measured.priors import FloorField
+from slarm_graph.radio.measured.priors import FloorField, field_correlation
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
 SHADOWING = Shadowing(3.0, 4.0, 3.0)
@@ -36,19 +36,25 @@ def test_variances_and_gains_are_those_of_dense_algebra():
     unit = FloorField(nodes).unit_precision(3.0).matrix.toarray()
     prior = 16.0 * np.linalg.inv(unit)
     pick = np.eye(len(nodes))[nodes.at(heard)]
-    inner = pick @ prior @ pick.T + 9.0 * np.eye(len(heard))
+    # Readings of one piece are off its value as one, by how far a piece's points are from its
+    # middle.
+    middles = (np.arange(400) + 0.5) / 400 - 0.5
+    away = np.hypot(middles[:, None], middles).mean() * np.sqrt(nodes.area_m2)
+    beside = 16.0 * (1.0 - field_correlation(away, 3.0) ** 2)
+    inner = pick @ (prior + np.diag(beside)) @ pick.T + 9.0 * np.eye(len(heard))
     posterior = prior - prior @ pick.T @ np.linalg.solve(inner, pick @ prior)
-    np.testing.assert_allclose(sure.variance_db2, np.diag(posterior), rtol=1e-8)
+    np.testing.assert_allclose(sure.variance_db2, np.diag(posterior), rtol=1e-5)
     everywhere = np.ones(len(nodes), dtype=bool)
     assert sure.rms_db(everywhere) == pytest.approx(
-        np.sqrt(nodes.area_m2 @ np.diag(posterior) / nodes.area_m2.sum())
+        np.sqrt(nodes.area_m2 @ np.diag(posterior) / nodes.area_m2.sum()), rel=1e-5
     )
     ways = [np.array([3, 20, 41]), np.array([60])]
     for way, gain in zip(ways, sure.gains(ways, 4.0), strict=True):
         more = np.eye(len(nodes))[way]
-        inner = more @ posterior @ more.T + 9.0 / 4.0 * np.eye(len(way))
+        inner = more @ posterior @ more.T + np.diag(9.0 / 4.0 + beside[way])
         after = posterior - posterior @ more.T @ np.linalg.solve(inner, more @ posterior)
-        assert gain == pytest.approx(nodes.area_m2 @ (np.diag(posterior) - np.diag(after)))
+        less = nodes.area_m2 @ (np.diag(posterior) - np.diag(after))
+        assert gain == pytest.approx(less, rel=1e-4)
 
 
 def listened(points, free=None):
@@ -80,6 +86,19 @@ def test_it_stops_when_sure_and_when_nothing_is_listened_to():
     deaf = asked(np.empty((0, 2)))
     assert isinstance(deaf, Finished)
     assert "nothing is listened to" in deaf.reason
+
+
+def test_what_the_model_is_off_counts():
+    """At the same readings it is sure to the root of both squares."""
+    rng = np.random.default_rng(2)
+    everywhere = listened(rng.uniform([0.1, 0.1], [5.9, 3.9], (2000, 2)))
+    told = {}
+    for off_db in (0.0, 1.5):
+        config = RadioSurveyConfig(certainty_db=3.0, model_sd_db=off_db)
+        done = RadioSurvey(config, DrivingConfig()).next_goal(everywhere, Pose2(2.0, 2.0, 0.0))
+        assert isinstance(done, Finished)
+        told[off_db] = float(done.reason.split()[-2])
+    assert told[1.5] == pytest.approx(np.hypot(told[0.0], 1.5), abs=0.02)
 
 
 def test_a_place_that_was_the_goal_too_often_is_let_be():

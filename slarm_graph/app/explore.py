@@ -23,7 +23,7 @@ from slarm_graph.app.outputs import (
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged, radio_maps
+from slarm_graph.app.pipeline import judged, radio_maps, with_heard
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -85,9 +85,10 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         how = (config.mapping, config.recovery)
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
-    # geographic map and readings of signal strength -> radio maps
-    stages = (heard_with(log), slam, config, folder, progress)
-    radio, measured = radio_maps(geographic, world.access_points, *stages)
+    # readings of signal strength -> heights -> geographic map -> radio maps
+    known, stages = world.access_points, (heard_with(log), slam, config, folder, progress)
+    geographic, heights = with_heard(geographic, known, *stages)
+    radio, measured = radio_maps(geographic, known, *stages)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
@@ -99,7 +100,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
         run = Run(
-            title, config, info, log, slam, grid, geographic, radio, verdict, metrics, measured
+            *(title, config, info, log, slam, grid, geographic, radio, verdict, metrics),
+            measured=measured,
+            heights=heights,
         )
         save_report(folder, run, truth)
     return run

@@ -14,6 +14,7 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
+from slarm_graph.radio.measured.heard_height import HeardHeight
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
@@ -83,6 +84,8 @@ class Run:
     metrics : tuple of Metric
     measured : MeasuredMap or None
         None without readings of signal strength.
+    heights : tuple of HeardHeight
+        What readings of signal strength said of heights that nobody had said.
     """
 
     title: str
@@ -96,6 +99,7 @@ class Run:
     consistency: Contradictions
     metrics: tuple[Metric, ...]
     measured: MeasuredMap | None = None
+    heights: tuple[HeardHeight, ...] = ()
 
     def notices(self) -> tuple[str, ...]:
         """Return what a user should know."""

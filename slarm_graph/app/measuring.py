@@ -8,6 +8,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import Heartbeat, SlamResult, position_sds_m, silent
@@ -15,7 +17,8 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.signals.rss import beside, open_rss
 from slarm_graph.geographic import GeographicMap
-from slarm_graph.radio.measured.log import RssLog, merged, place
+from slarm_graph.radio.measured.heard_height import HeardHeight, write_heights_csv
+from slarm_graph.radio.measured.log import PlacedLog, RssLog, merged, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 
 
@@ -49,10 +52,7 @@ def measured_map(
     # Optimisers, NetCDF and matplotlib are loaded only where there is something for them to do.
     from slarm_graph.radio.measured.fuse import fuse
 
-    sds_m = position_sds_m(slam)
-    placed = place(
-        merged(logs), slam.trajectory, config.measured.position_sd_m if sds_m is None else sds_m
-    )
+    placed = _placed(logs, slam, config)
     total = sum(map(len, logs))
     if placed.outside == total:
         raise BadInput(
@@ -64,6 +64,49 @@ def measured_map(
     )
     outside = f"{placed.outside} of {total} readings of signal strength lie outside the way's time"
     return replace(made, notices=(*made.notices, outside)) if placed.outside else made
+
+
+def heights_heard(
+    logs: Sequence[RssLog],
+    slam: SlamResult,
+    geographic: GeographicMap,
+    access_points: Sequence[AccessPoint],
+    config: RunConfig,
+    heartbeat: Heartbeat = silent,
+) -> tuple[HeardHeight, ...]:
+    """Tell heights that nobody has said by what was heard behind obstacles; none where unheard."""
+    if not (logs and access_points and geographic.height_groups and config.measured.heights):
+        return ()
+    from slarm_graph.radio.measured.heights import heard_heights
+
+    found = _placed(logs, slam, config).readings
+    rng = np.random.default_rng(config.seed)
+    how = (config.radio, config.measured, rng, heartbeat)
+    return heard_heights(geographic, found, access_points, *how)
+
+
+def with_heights_heard(geographic: GeographicMap, heard: Sequence[HeardHeight]) -> GeographicMap:
+    """Return the map with these heights; the map itself where nothing was heard."""
+    if not heard:
+        return geographic
+    from slarm_graph.radio.measured.heights import with_heights
+
+    return with_heights(geographic, heard)
+
+
+def save_heights(folder: RunFolder, heard: Sequence[HeardHeight]) -> None:
+    """Write what was heard of heights, where there is anything."""
+    if heard:
+        with folder.replacing("obstacle_heights.csv") as temporary:
+            write_heights_csv(temporary, heard)
+
+
+def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> PlacedLog:
+    """Readings along the trajectory, whose positions are as sure as it says."""
+    sds_m = position_sds_m(slam)
+    return place(
+        merged(logs), slam.trajectory, config.measured.position_sd_m if sds_m is None else sds_m
+    )
 
 
 def save_measured(folder: RunFolder, measured: MeasuredMap | None) -> None:

@@ -16,7 +16,14 @@ from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
 from slarm_graph.app.judging import judge
-from slarm_graph.app.measuring import measured_map, save_measured, signal_logs
+from slarm_graph.app.measuring import (
+    heights_heard,
+    measured_map,
+    save_heights,
+    save_measured,
+    signal_logs,
+    with_heights_heard,
+)
 from slarm_graph.app.outputs import (
     save_consistency,
     save_geographic,
@@ -38,6 +45,7 @@ from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import end_points_m, render, thinned
+from slarm_graph.radio.measured.heard_height import HeardHeight
 from slarm_graph.radio.measured.log import RssLog, heard_with
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
@@ -96,6 +104,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # geographic map and readings of signal strength -> radio maps
     heard = (*signals, *heard_with(log))
     stages = (heard, slam, config, folder, progress)
+    geographic, heights = with_heard(geographic, job.access_points, *stages)
     radio, measured = radio_maps(geographic, job.access_points, *stages)
     # what is known to be true -> metrics and report
     with folder.stage("report", progress):
@@ -108,7 +117,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
         set_aside(grid.probability)
         title = f"{job.paths[0].name}, {config.backend}"
-        made = (log, slam, grid, geographic, radio, verdict, metrics, measured)
+        made = (log, slam, grid, geographic, radio, verdict, metrics, measured, heights)
         done = Run(title, config, info, *made)
         save_report(folder, done, references)
     return done
@@ -165,6 +174,27 @@ def judged(
         verdict = judge(log, slam.trajectory)
         save_consistency(folder, verdict)
     return verdict
+
+
+def with_heard(
+    geographic: GeographicMap,
+    aps: Sequence[AccessPoint],
+    heard: Sequence[RssLog],
+    slam: SlamResult,
+    config: RunConfig,
+    folder: RunFolder,
+    progress: Progress,
+) -> tuple[GeographicMap, tuple[HeardHeight, ...]]:
+    """Return the map with heights as they were heard, and what was heard of them."""
+    if not heard:
+        return geographic, ()
+    with folder.stage("heights heard", progress):
+        found = heights_heard(heard, slam, geographic, aps, config, progress.say)
+        if found:
+            geographic = with_heights_heard(geographic, found)
+            save_heights(folder, found)
+            save_geographic(folder, geographic, config.mapping.large_image)
+    return geographic, found
 
 
 def radio_maps(

@@ -44,6 +44,7 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
         geographic=run.geographic,
         radio=run.radio,
         measured=run.measured,
+        heights=run.heights,
         metrics=run.metrics,
         record=folder.record(),
         scans=run.log.statuses(),

@@ -123,6 +123,9 @@ class MeasuredConfig(Stage):
     """Access points heard less often are left out, with a notice."""
     locate: bool = True
     """Whether access points of unknown position are sought by what was heard."""
+    heights: bool = True
+    """Whether heights that nobody has said are told by what is heard behind obstacles, of access
+    points whose position is known."""
     search_readings: int = Field(default=3_000, ge=100)
     """Ranges and noises are searched on so many readings; all count for the map."""
     search_nodes: int = Field(default=2_500, ge=10)

@@ -67,22 +67,27 @@ def uncertain_heights(
         of_outline.setdefault(strip.outline, []).append(k)
     groups = []
     for n, mine in sorted(of_outline.items()):
-        kinds = side_kinds(outlines[n], returns)
-        own = [kinds[strips[k].side] for k in mine]
-        groups.append(height_group(prior, [first + k for k in mine], own))
+        sides = side_obstacles(outlines[n], returns)
+        of_obstacle: dict[int, list[int]] = {}
+        for k in mine:
+            of_obstacle.setdefault(sides[strips[k].side][0], []).append(k)
+        for _, own in sorted(of_obstacle.items()):
+            kinds = [sides[strips[k].side][1] for k in own]
+            groups.append(height_group(prior, [first + k for k in own], kinds))
     return tuple(groups)
 
 
-def side_kinds(outline: Outline, returns: Returns) -> list[PlanKind]:
-    """Tell for every side of an outline of the free region what it is likely to belong to.
+def side_obstacles(outline: Outline, returns: Returns) -> list[tuple[int, PlanKind]]:
+    """Tell for every side of an outline of the free region what obstacle it is of, and its kind.
 
-    An island is one obstacle. Elsewhere the outline is a wall but for what stands before it, the
-    simplest first.
+    Obstacles are numbered along the outline. An island is one. Elsewhere the outline is a wall,
+    number 0, but for what stands before it, the simplest first.
     """
-    kinds: list[PlanKind] = ["wall"] * len(outline.corners_m)
+    sides: list[tuple[int, PlanKind]] = [(0, "wall")] * len(outline.corners_m)
     if signed_area_m2(outline.corners_m) < 0.0:
         island = next(iter(candidates_on(outline, returns, math.inf)))
-        return [plan_kind(island.plan.sides_m, island.plan.area_m2, at_wall=False)] * len(kinds)
+        kind = plan_kind(island.plan.sides_m, island.plan.area_m2, at_wall=False)
+        return [(0, kind)] * len(sides)
     taken: set[int] = set()
     for found in sorted(candidates_on(outline, returns, _LONGEST_M), key=lambda c: len(c.sides)):
         kind = plan_kind(found.plan.sides_m, found.plan.area_m2, at_wall=True)
@@ -90,8 +95,8 @@ def side_kinds(outline: Outline, returns: Returns) -> list[PlanKind]:
             continue
         taken.update(found.sides)
         for side in found.sides:
-            kinds[side] = kind
-    return kinds
+            sides[side] = found.sides[0] + 1, kind
+    return sides
 
 
 def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: int) -> list[Strip]:

@@ -8,6 +8,7 @@ else, so that a way can be judged before it is driven.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,9 +19,12 @@ from scipy import sparse
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.factor import Factor
 from slarm_graph.radio.measured.nodes import Nodes
-from slarm_graph.radio.measured.priors import FloorField
+from slarm_graph.radio.measured.priors import FloorField, field_correlation
 
 Indices = NDArray[np.int64]
+
+_FROM_CENTRE = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0
+"""Mean distance of a square's points from its centre, over its side: 0.383, by integration."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +57,12 @@ class Certainty:
     def __init__(self, nodes: Nodes, heard_m: Floats, shadowing: Shadowing) -> None:
         self.nodes, self._noise_db2 = nodes, shadowing.noise_sd_db**2
         unit = FloorField(nodes).unit_precision(shadowing.range_m).matrix
+        away_m = _FROM_CENTRE * np.sqrt(nodes.area_m2)
+        alike = field_correlation(away_m, shadowing.range_m)
+        # What a piece's readings are off its value as one: they were taken beside its middle.
+        self._beside_db2 = shadowing.field_sd_db**2 * (1.0 - alike**2)
         counts = np.bincount(nodes.at(heard_m), minlength=len(nodes))
-        told = sparse.diags_array(counts / self._noise_db2)
+        told = sparse.diags_array(counts / (self._noise_db2 + counts * self._beside_db2))
         self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + told))
         self.variance_db2 = self._factor.marginal_variances()
 
@@ -83,6 +91,7 @@ class Certainty:
         gains = []
         for way in np.split(place, ends):
             block = np.ix_(way, way)
-            noisy = among[block] + np.diag(np.full(len(way), self._noise_db2 / readings))
+            noise_db2 = self._noise_db2 / readings + self._beside_db2[passed[way]]
+            noisy = among[block] + np.diag(noise_db2)
             gains.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
         return np.array(gains)

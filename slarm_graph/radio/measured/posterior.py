@@ -101,6 +101,17 @@ class Conditioned:
             - float(np.log(noise_precision).sum())
         )
 
+    def inner(self, columns: Floats) -> Floats:
+        """Return the inner products (C, C) of columns (N, C) under the readings' precision."""
+        return self._inner(columns)[0]
+
+    def _inner(self, columns: Floats) -> tuple[Floats, Floats]:
+        """Inner products (C, C), and what the state (S, C) makes of each column."""
+        onto_state = self._weighted.T @ columns
+        solved = self._factor.solve(onto_state)
+        inner: Floats = columns.T @ (self._precision[:, None] * columns) - onto_state.T @ solved
+        return inner, solved
+
     def on(self, design: Floats, coefficients: Coefficients, readings_dbm: Floats) -> Posterior:
         """Condition field, drift and coefficients on readings.
 
@@ -113,10 +124,7 @@ class Conditioned:
         """
         at_mean = readings_dbm - design @ coefficients.mean
         both = np.column_stack([at_mean, design])
-        onto_state = self._weighted.T @ both
-        solved = self._factor.solve(onto_state)
-        # Inner products of residual and design under the inverse covariance of the readings.
-        inner = both.T @ (self._precision[:, None] * both) - onto_state.T @ solved
+        inner, solved = self._inner(both)
         beta_precision = inner[1:, 1:] + np.diag(coefficients.sd**-2)
         step = np.linalg.solve(beta_precision, inner[1:, 0])
         fit = inner[0, 0] - inner[1:, 0] @ step
@@ -126,7 +134,7 @@ class Conditioned:
             self._factor,
             solved[:, 0] - solved[:, 1:] @ step,
             coefficients.mean + step,
-            np.linalg.inv(beta_precision),
+            np.asarray(np.linalg.inv(beta_precision)),
             solved[:, 1:],
             float(-0.5 * (fit + self._log_determinant + spread + constant)),
         )

@@ -49,20 +49,55 @@ def solids_passed(
     -------
     (N,) int16
     """
-    x, y, z = np.asarray(access_point_m, dtype=np.float64)
+    start = np.asarray(access_point_m, dtype=np.float64)
     ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
-    length_m = np.hypot(*(ends - [x, y]).T)
+    length_m = np.hypot(*(ends - start[:2]).T)
     plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
     runs_m = []
     for solid, pieces in zip(solids, plans, strict=True):
         for piece in pieces:
-            enter, leave = _inside(np.array([x, y]), ends, piece)
-            lowest = z + (antenna_height_m - z) * (leave if antenna_height_m < z else enter)
-            passed = (leave > enter) & (lowest < solid.height_m)
-            passed &= leave * length_m > mount_radius_m
+            enter, leave, lowest_m = _over(start, ends, piece, antenna_height_m)
+            passed = (lowest_m < solid.height_m) & (leave * length_m > mount_radius_m)
             if passed.any():
                 runs_m.append(np.where(passed, [enter * length_m, leave * length_m], np.inf))
     return _separate(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
+
+
+def lowest_over(
+    solids: Sequence[Solid],
+    access_point_m: ArrayLike,
+    points_m: ArrayLike,
+    antenna_height_m: float,
+    *,
+    mount_radius_m: float = 0.0,
+) -> Floats:
+    """Return how low (N,) each link comes over the plans of solids [m]: what is higher stops it.
+
+    inf where it passes over none of them. Parameters are those of `solids_passed`; the solids' own
+    heights are not asked.
+    """
+    start = np.asarray(access_point_m, dtype=np.float64)
+    ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
+    length_m = np.hypot(*(ends - start[:2]).T)
+    found_m = np.full(len(ends), np.inf)
+    plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
+    for piece in (piece for pieces in plans for piece in pieces):
+        _, leave, lowest_m = _over(start, ends, piece, antenna_height_m)
+        away = leave * length_m > mount_radius_m
+        found_m[away] = np.minimum(found_m[away], lowest_m[away])
+    return found_m
+
+
+def _over(
+    start: Floats, ends: Floats, corners: Floats, antenna_height_m: float
+) -> tuple[Floats, Floats, Floats]:
+    """Shares (N,) at which links enter and leave a plan, and their lowest above it [m]; inf: not
+    over it.
+    """
+    enter, leave = _inside(start[:2], ends, corners)
+    z_m = start[2]
+    lowest_m = z_m + (antenna_height_m - z_m) * (leave if antenna_height_m < z_m else enter)
+    return enter, leave, np.where(leave > enter, lowest_m, np.inf)
 
 
 def _separate(runs_m: Floats) -> Counts:
