@@ -112,6 +112,26 @@ def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFi
     return odometry
 
 
+def test_a_step_in_which_odometry_failed_has_room_for_going_on() -> None:
+    """Odometry hangs for a step while the robot goes on: alone, it is as unsure as that way."""
+    odometry = run(100, FORWARD, FORWARD)
+    fine = odometry.wheel_motion()
+    odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 99))
+    odometry.judge(FORWARD.as_array(), SURE)
+    hung = odometry.wheel_motion()
+    assert fine is not None and hung is not None
+    way_m = math.hypot(FORWARD.x, FORWARD.y)
+    assert math.sqrt(fine.covariance[0, 0]) < 0.3 * way_m
+    assert math.sqrt(hung.covariance[0, 0]) > 0.7 * way_m
+
+
+def _moved(motion: Pose2, steps: int) -> Pose2:
+    total = Pose2()
+    for _ in range(steps):
+        total = total @ motion
+    return total
+
+
 def test_without_odometry_the_velocity_is_kept() -> None:
     predictions = run(5, None, FORWARD).predict(0.1, None)
     assert len(predictions) == 1
