@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
+from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, spread_about
 from slarm_graph.frontends.scans.places import Outlook, Place, best_story, claimed_covariance, fused
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
@@ -43,7 +43,9 @@ class Story:
     pose : (3,) float64
         Last pose in the local map [m, m, rad].
     covariance : (3, 3) float64
-        Of it, in the body frame.
+        Of it, in the body frame, by the likeliest of what may have moved the robot.
+    spread : (3, 3) float64
+        Of it by all of that: while nothing is matched, odometry may have failed unseen.
     log_weight : float
         Of this account, up to a constant that all share.
     place : Place or None
@@ -57,6 +59,7 @@ class Story:
     motion: OdometryFilter = field(default_factory=OdometryFilter)
     pose: Floats = field(default_factory=lambda: np.zeros(3))
     covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    spread: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     log_weight: float = 0.0
     place: Place | None = None
     raw: Floats | None = None
@@ -76,6 +79,7 @@ class Story:
         is_match = place.inliers > 0
         if is_match:
             self.pose, self.covariance = fused(place, outlook)
+            self.spread = self.covariance
             measured = outlook.covariance_of(place.information)
             self.motion.judge(between3(before, place.pose), covariance + measured)
             if self.raw is not None:
@@ -84,7 +88,9 @@ class Story:
             moved = Pose2.from_array(between3(before, self.pose))
             self.motion.correct(span_s, moved, covariance + self.covariance)
         else:
+            told, wider = between3(before, place.pose), self.spread - self.covariance
             self.pose, self.covariance = place.pose, best_story(place, outlook).covariance
+            self.spread = spread_about(told, outlook.predictions) + carried3(wider, told)
             self.motion.wheels.interrupt()
             self.motion.coast()
         self.place = place if is_match else None

@@ -11,6 +11,7 @@ two values that changes rarely: a hidden Markov chain, whose probability matches
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -64,6 +65,17 @@ class Prediction:
     covariance: Floats
     probability: float = 1.0
     unlearned: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+def spread_about(motion: Floats, predictions: Iterable[Prediction]) -> Floats:
+    """Covariance (3, 3) of a mixture of predictions about a motion (3,), in the body frame."""
+    total, chances = np.zeros((3, 3)), 0.0
+    for told in predictions:
+        apart = told.motion - motion
+        apart[2] = wrapped(float(apart[2]))
+        total += told.probability * (told.covariance + np.outer(apart, apart))
+        chances += told.probability
+    return np.asarray(total / chances)
 
 
 class OdometryFilter:
@@ -187,11 +199,9 @@ class OdometryFilter:
         told, steady = self.wheels.along_path(self._increment), self._steady_motion
         if steady is None:
             return told
-        apart = steady.motion - told.motion
-        apart[2] = wrapped(float(apart[2]))
-        failed = steady.covariance + np.outer(apart, apart)
-        covariance = self._holds * told.covariance + (1.0 - self._holds) * failed
-        return replace(told, covariance=covariance)
+        held = Prediction(told.motion, told.covariance, self._holds)
+        failed = replace(steady, probability=1.0 - self._holds)
+        return replace(told, covariance=spread_about(told.motion, (held, failed)))
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.

@@ -165,9 +165,9 @@ class ScanTracker:
                 for s in self._stories[1:]
                 for d in (between3(best.pose, s.pose),)
             )
-            best.covariance = best.covariance + spread / sum(
-                math.exp(s.log_weight) for s in self._stories
-            )
+            spread = spread / sum(math.exp(s.log_weight) for s in self._stories)
+            best.covariance = best.covariance + spread
+            best.spread = best.spread + spread
         self._stories = [best]
         best.trail, best.log_weight, self._undecided_m = [best.pose], 0.0, 0.0
 
@@ -198,7 +198,7 @@ class ScanTracker:
             points,
             pose,
             Pose2.from_array(between3(told if before is None else before, told)),
-            best.covariance,
+            best.spread,
             match,
             reading.odom_from_robot,
             self._keep(points, pose, place),
