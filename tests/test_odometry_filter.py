@@ -5,11 +5,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.odometry_filter import OdometryFilter
+from slarm_graph.frontends.scans.hypotheses import Story
+from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
+from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.geometry import Floats, Pose2
@@ -212,3 +215,23 @@ def test_the_velocity_fades_while_nothing_matches() -> None:
     (prediction,) = odometry.predict(0.1, None)
     assert np.hypot(*prediction.motion[:2]) < 0.01
     assert np.all(np.isfinite(prediction.covariance))
+
+
+def test_what_is_not_matched_is_told_with_all_that_may_have_moved_it() -> None:
+    """One in ten that odometry failed: its half a metre is in the spread alone."""
+    held = Prediction(np.array([0.1, 0.0, 0.0]), 1e-4 * np.eye(3), 0.9)
+    failed = Prediction(np.array([0.6, 0.0, 0.0]), 1e-2 * np.eye(3), 0.1)
+    outlook = Outlook(np.zeros(3), (held, failed), np.ones(3))
+    story = Story()
+    for step in (1, 2):
+        here = replace(outlook, base=story.pose)
+        story.went(unmatched(held, here), here, 0.1)
+        np.testing.assert_allclose(story.covariance, held.covariance)
+        of_step = 0.9 * 1e-4 + 0.1 * (1e-2 + 0.5**2)
+        if step == 1:
+            assert story.spread[0, 0] == pytest.approx(of_step)
+        else:
+            assert story.spread[0, 0] > 1.9 * of_step
+    match = Place(story.pose, 1e6 * np.eye(3), 0.9, 99, 1)
+    story.went(match, replace(outlook, base=story.pose), 0.1)
+    np.testing.assert_array_equal(story.spread, story.covariance)
