@@ -165,9 +165,9 @@ class ScanTracker:
                 for s in self._stories[1:]
                 for d in (between3(best.pose, s.pose),)
             )
-            spread = spread / sum(math.exp(s.log_weight) for s in self._stories)
-            best.covariance = best.covariance + spread
-            best.spread = best.spread + spread
+            open_still = spread / sum(math.exp(s.log_weight) for s in self._stories)
+            best.covariance = best.covariance + open_still
+            best.spread = best.spread + open_still
         self._stories = [best]
         best.trail, best.log_weight, self._undecided_m = [best.pose], 0.0, 0.0
 
