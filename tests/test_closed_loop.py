@@ -85,7 +85,7 @@ def share_of_reachable(room: WorldMap, outcome: Exploration) -> tuple[float, flo
 @pytest.mark.parametrize("seed", [1])
 def test_explorers_end_by_themselves_see_everything_and_touch_nothing(name: str, seed: int) -> None:
     room = random_room(seed)
-    sure = {"radio-survey": {"certainty_db": 1.0}}
+    sure = {"radio-survey": {"certainty_db": 1.0, "model_sd_db": 0.0}}
     outcome = explored(room, ExploreConfig(explorer=name, resolution_m=0.2), seed, **sure)
     assert outcome.report.collisions == 0
     observed, footprint = share_of_reachable(room, outcome)

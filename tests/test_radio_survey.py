@@ -110,3 +110,8 @@ def test_a_place_that_was_the_goal_too_often_is_let_be():
         assert isinstance(leg, Leg)
         ends.append(tuple(np.floor(leg.points_m[-1] / 0.5)))
     assert max(ends.count(end) for end in ends) <= 8
+
+
+def test_a_certainty_that_no_drive_can_reach_is_refused() -> None:
+    with pytest.raises(ValueError, match="never reached"):
+        RadioSurveyConfig(certainty_db=1.0)

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import BLOCKED, CoverageGrid, start_cell
@@ -50,7 +50,7 @@ class RadioSurveyConfig(Stage):
 
     certainty_db: float = Field(default=2.0, gt=0)
     """It stops when the map's standard deviation, the root of its mean square over the floor, is
-    no greater; at or below `model_sd_db` only when no way tells more."""
+    no greater; above `model_sd_db`, below which no drive can bring it."""
     range_m: float = Field(default=3.0, gt=0)
     """Where shadowing's correlation has fallen to 0.14 (some metres indoors, TR 38.901, 7.5-6)."""
     field_sd_db: float = Field(default=4.0, gt=0)
@@ -65,6 +65,15 @@ class RadioSurveyConfig(Stage):
     """What is counted on ahead; what was heard is known."""
     node_side_m: float = Field(default=0.5, gt=0)
     """Side of the pieces of floor that are planned on; well below the range."""
+
+    @model_validator(mode="after")
+    def _can_be_reached(self) -> Self:
+        if self.certainty_db <= self.model_sd_db:
+            raise ValueError(
+                f"certainty_db = {self.certainty_db} is never reached, the model alone is off by"
+                f" model_sd_db = {self.model_sd_db}; raise the one or lower the other"
+            )
+        return self
 
 
 class RadioSurvey:
