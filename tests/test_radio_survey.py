@@ -102,7 +102,7 @@ def test_what_the_model_is_off_counts():
 
 
 def test_a_place_that_was_the_goal_too_often_is_let_be():
-    explorer = RadioSurvey(RadioSurveyConfig(certainty_db=0.01), DrivingConfig())
+    explorer = RadioSurvey(RadioSurveyConfig(certainty_db=0.01, model_sd_db=0.0), DrivingConfig())
     pose, near = Pose2(0.5, 2.0, 0.0), [[0.5, 2.0]]
     ends = []
     for _ in range(30):
