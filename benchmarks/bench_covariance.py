@@ -22,11 +22,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from scipy.linalg import cholesky, solve_triangular
 
 from slarm_graph import backends
 from slarm_graph.backend import SlamResult, silent
 from slarm_graph.backends.pose_graph_optimizer import chi2_each
+from slarm_graph.backends.variance_components import redundancies
 from slarm_graph.config import RunConfig, SimulationConfig, SourceConfig
 from slarm_graph.constraint import ConstraintKind, PoseGraph
 from slarm_graph.frontends.recordings.sources import open_source
@@ -96,26 +96,11 @@ def nees(trajectory: Trajectory, covariances: Floats, truth: Trajectory) -> Floa
     return np.asarray((np.array(off) * whitened).sum(axis=1) / 3.0)
 
 
-def redundancy(graph: PoseGraph) -> Floats:
-    """Return the degrees of freedom (M,) that are left to every constraint, pose 0 being held.
-
-    Three less the trace of the part of its whitened measurement that the optimum follows.
-    """
-    rows = np.zeros((3 * len(graph.constraints), 3 * len(graph.poses)))
-    for k, c in enumerate(graph.constraints):
-        root = np.linalg.cholesky(np.linalg.inv(c.covariance)).T
-        back = Pose2.from_array(between(graph.poses[c.j], graph.poses[c.i]))
-        rows[3 * k : 3 * k + 3, 3 * c.j : 3 * c.j + 3] = root
-        rows[3 * k : 3 * k + 3, 3 * c.i : 3 * c.i + 3] = -root @ back.adjoint()
-    free = rows[:, 3:]
-    lower = cholesky(free.T @ free, lower=True)
-    followed = np.square(solve_triangular(lower, free.T, lower=True)).sum(axis=0)
-    return np.asarray(3.0 - followed.reshape(-1, 3).sum(axis=1))
-
-
 def chi2_by_kind(graph: PoseGraph) -> dict[str, tuple[int, float, float]]:
     """Return the number of constraints, chi2 and degrees of freedom of every kind and of all."""
-    squares, left = chi2_each(graph), redundancy(graph)
+    squares, left = chi2_each(graph), redundancies(graph)
+    if left is None:
+        return {}
     kinds = np.array([str(c.kind) for c in graph.constraints])
     groups = {"all": np.ones(len(kinds), dtype=bool)}
     groups |= {str(kind): kinds == str(kind) for kind in ConstraintKind}

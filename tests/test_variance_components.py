@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.linalg import cholesky, solve_triangular
 
 from slarm_graph.backends.pose_graph_optimizer import optimize
-from slarm_graph.backends.variance_components import calibrated, redundancies
+from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between
 
@@ -87,21 +86,3 @@ def test_a_chain_tells_nothing_of_its_errors() -> None:
 def test_graphs_without_constraints_or_of_a_single_pose_are_handed_back() -> None:
     alone = PoseGraph(np.zeros((1, 3)))
     assert calibrated(alone) is alone
-
-
-def test_redundancies_agree_with_a_dense_adjustment() -> None:
-    graph = laps({ODOMETRY: 1.0, WHEELS: 2.0, CLOSURE: 4.0}, count=LAP + 20)
-    rows = np.zeros((3 * len(graph.constraints), 3 * len(graph.poses)))
-    for k, c in enumerate(graph.constraints):
-        root = np.linalg.inv(np.linalg.cholesky(c.covariance))
-        back = Pose2.from_array(between(graph.poses[c.j], graph.poses[c.i]))
-        rows[3 * k : 3 * k + 3, 3 * c.j : 3 * c.j + 3] = root
-        rows[3 * k : 3 * k + 3, 3 * c.i : 3 * c.i + 3] = -root @ back.adjoint()
-    free = rows[:, 3:]
-    lower = cholesky(free.T @ free, lower=True)
-    followed = np.square(solve_triangular(lower, free.T, lower=True)).sum(axis=0)
-    expected = 3.0 - followed.reshape(-1, 3).sum(axis=1)
-    found = redundancies(graph)
-    assert found is not None
-    np.testing.assert_allclose(found, expected, atol=1e-9)
-    assert found.sum() == pytest.approx(3 * len(graph.constraints) - 3 * (len(graph.poses) - 1))
