@@ -52,8 +52,7 @@ def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
         matches += _carried(_ADDS_UP * keyframe.covariance, onwards)
         floor += _carried(_ODOMETRY_FLOOR, onwards)
     total = matches + floor
-    least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(total)))
-    within = np.outer(least, least)
+    within = limits_of(total)
     covariance, shared = _symmetric(total * within), _symmetric(matches * within)
     step = before.between(last)
     return Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY, shared)
@@ -70,7 +69,8 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
         return None
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
-    covariance = wheels.covariance + _ODOMETRY_FLOOR + _carried(first, motion) + last
+    total = wheels.covariance + _ODOMETRY_FLOOR + _carried(first, motion) + last
+    covariance = _symmetric(total * limits_of(total))
     return Constraint(node - 1, node, motion, covariance, ConstraintKind.WHEELS)
 
 
@@ -93,6 +93,18 @@ def closure_constraint(
     own = np.linalg.inv(closure.information + _INFORMATION_FLOOR) + _CLOSURE_FLOOR
     covariance = _symmetric(_carried(own, from_anchor))
     return Constraint(closure.submap, node, measured, covariance, ConstraintKind.LOOP_CLOSURE)
+
+
+def limits_of(covariance: Floats) -> Floats:
+    """Return the factors (3, 3) that leave of a covariance (3, 3) no more than nothing known.
+
+    Parameters
+    ----------
+    covariance : (3, 3) float64
+        In the body frame [m^2, m rad, rad^2].
+    """
+    least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(covariance)))
+    return np.outer(least, least)
 
 
 def _carried(covariance: Floats, motion: Pose2) -> Floats:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from slarm_graph.backend import Heartbeat, silent
+from slarm_graph.backends.graph_constraints import limits_of
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
@@ -139,6 +140,7 @@ def _either(one: Constraint, other: Constraint) -> Constraint:
     mean = one.i_from_j @ Pose2.from_array(share * apart)
     within = (1.0 - share) * one.covariance + share * other.covariance
     spread = within + share * (1.0 - share) * np.outer(apart, apart)
+    spread = spread * limits_of(spread)
     return replace(one, i_from_j=mean, covariance=spread, shared=spread)
 
 
@@ -152,5 +154,6 @@ def _eased(constraints: Sequence[Constraint], weights: Floats) -> tuple[Constrai
 
 
 def _widened(constraint: Constraint, factor: float) -> Constraint:
-    shared = None if constraint.shared is None else constraint.shared * factor
-    return replace(constraint, covariance=constraint.covariance * factor, shared=shared)
+    factors = factor * limits_of(factor * constraint.covariance)
+    shared = None if constraint.shared is None else constraint.shared * factors
+    return replace(constraint, covariance=constraint.covariance * factors, shared=shared)

@@ -12,7 +12,9 @@ import pytest
 
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.backends.graph_checks import check_graph
 from slarm_graph.backends.graph_constraints import matched_step, wheels_step
+from slarm_graph.backends.graph_settling import settle
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import (
@@ -22,7 +24,7 @@ from slarm_graph.config import (
     PoseGraphConfig,
     SimulationConfig,
 )
-from slarm_graph.constraint import ConstraintKind
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.tracker import ScanTracker
@@ -74,6 +76,32 @@ def test_what_readings_of_odometry_are_off_counts_at_both_ends_and_not_between()
     assert exact is not None and read is not None
     more = read.covariance - exact.covariance
     np.testing.assert_allclose(np.diag(more), [2 * 0.05**2, (2 * 0.02) ** 2, 2 * 0.02**2])
+
+
+def test_no_step_is_less_sure_than_nothing_known() -> None:
+    """Minutes of silence, in which a robot at 1 m/s may have gone anywhere and turned at will."""
+    lost = np.diag([1e12, 1e12, 1e8])
+    silent = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), lost)
+    silent = [replace(k, wheels=wheels, covariance=lost) for k in silent]
+    told = wheels_step(1, silent)
+    assert told is not None
+    steps_of_graph = [matched_step(1, silent), told]
+    for step in steps_of_graph:
+        sd_m, _, sd_rad = np.sqrt(np.diag(step.covariance))
+        assert 100.0 < sd_m <= 301.0
+        assert sd_rad == pytest.approx(np.pi / np.sqrt(3.0))
+    check_graph(PoseGraph(np.zeros((2, 3)), tuple(steps_of_graph)))
+
+
+def test_stories_a_building_apart_leave_a_graph_that_can_be_solved() -> None:
+    sure = np.diag([1e-4, 1e-4, 1e-4])
+    steps = [
+        Constraint(0, 1, Pose2(x), sure, kind)
+        for x, kind in ((5000.0, ConstraintKind.WHEELS), (0.0, ConstraintKind.ODOMETRY))
+    ]
+    settled = settle(PoseGraph(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), tuple(steps)))
+    check_graph(settled.graph)
 
 
 def test_a_node_begins_where_matches_and_odometry_together_have_it() -> None:
