@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
@@ -86,7 +86,23 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
             break
         graph.close(believed, heartbeat)
     graph.close(far_off, heartbeat)
-    return len(consistent_sets(far_off, graph))
+    open_again = disputed(graph)
+    if open_again:
+        heartbeat(f"weighing {len(open_again)} closures against what they had turned down")
+        graph.reopen(open_again, heartbeat)
+    return len(consistent_sets([c for c in graph.closures if c.reason == FAR_OFF], graph))
+
+
+def disputed(graph: SubmapGraph) -> list[Closure]:
+    """Return the believed closures that some find disagrees with which was turned down."""
+    met = [c for c in graph.closures if not c.reason or c.reason == FAR_OFF]
+    against: set[int] = set()
+    for pair in _neighbours(met, graph):
+        held, other = sorted(pair, key=lambda k: met[k].reason)
+        is_contest = met[other].reason and not met[held].reason
+        if is_contest and not agree(met[held], met[other], graph):
+            against.add(held)
+    return [met[k] for k in sorted(against)]
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:

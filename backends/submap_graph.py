@@ -34,7 +34,7 @@ _SLIP_SIGMAS = 3.0
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
 end: half and double change nothing (edmonton, mit-csail plain and with hard_1_of_2; so below)."""
-_FAR_OFF = "farther from where the graph has it than both may err by"
+FAR_OFF = "farther from where the graph has it than both may err by"
 _VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
 """How far from an old submap's middle a keyframe's may be to share a view, and what counts as
 equally near. Half and double move edmonton by 3 % at most; with either, mit-csail hard_1_of_2 falls
@@ -61,6 +61,7 @@ class SubmapGraph:
         self.closures: list[Closure] = []
         self._pending = 0
         self._surprising = False
+        self._steps: list[Constraint] = []
         self._reach = GraphReach()
         self._drift: list[Floats] = []
         self._last_full = 0
@@ -137,9 +138,7 @@ class SubmapGraph:
 
     def judged(self, closures: Sequence[Closure]) -> list[Closure]:
         """Turn those down that are farther from what the graph has than both may err."""
-        return [
-            c if c.reason or self._is_near(c) else replace(c, reason=_FAR_OFF) for c in closures
-        ]
+        return [c if c.reason or self._is_near(c) else replace(c, reason=FAR_OFF) for c in closures]
 
     def _is_near(self, closure: Closure) -> bool:
         return squared_sigmas(*self._miss(closure)) <= SURPRISING
@@ -235,6 +234,30 @@ class SubmapGraph:
         if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
+    def reopen(self, disputed: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
+        """Judge disputed closures anew together with all that the graph has turned down.
+
+        All are held against a graph of what is undisputed: what came first has no right of its own.
+
+        Parameters
+        ----------
+        disputed : sequence of Closure
+            Believed so far.
+        heartbeat : Heartbeat
+        """
+        open_again = {id(c) for c in disputed}
+        anew = [c for c in self.closures if id(c) in open_again or c.reason == FAR_OFF]
+        self.closures = [
+            c for c in self.closures if id(c) not in open_again and c.reason != FAR_OFF
+        ]
+        steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
+        believed = [self._edge(c) for c in self.closures if not c.reason]
+        self._edges, self._reach, self._settled = [*steps, *believed], GraphReach(), None
+        for edge in (*self._steps, *believed):
+            self._reach.add(edge)
+        self.settle(heartbeat)
+        self.close(self.judged([replace(c, reason="") for c in anew]), heartbeat)
+
     def settle(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
         """Decide which closures to believe, and optimise with those.
 
@@ -273,6 +296,7 @@ class SubmapGraph:
             known = left_open(edge, wheels)
         self._edges.append(edge)
         self._nodes.append(compose(self._nodes[-1], known.i_from_j.as_array()))
+        self._steps.append(known)
         self._reach.add(known)
         carry = self.keyframes[k].local_from_robot.adjoint()
         self._drift.append(self._drift[-1] + carry @ known.covariance @ carry.T)

@@ -12,7 +12,7 @@ import pytest
 from slarm_graph.backend import silent
 from slarm_graph.backends import final_closures
 from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets, followed
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.closures import Closure
@@ -192,6 +192,47 @@ def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Ke
     assert [not c.reason for c in graph.closures] == [True, False, True]
     assert graph.speaks_for_nat(told(0.0), 10.0) > 5.0 > graph.speaks_for_nat(told(2.0), 10.0)
     assert graph.speaks_for_nat(told(0.0), 1.0) < graph.speaks_for_nat(told(0.0), 10.0)
+
+
+def corridor(there_m: float) -> SubmapGraph:
+    """A way along a line and back on it, of which every step may be short by 2 cm."""
+    out = np.arange(0.0, there_m, 0.4)
+    poses = [*(Pose2(x) for x in out), *(Pose2(x, 0.0, np.pi) for x in out[::-1])]
+    graph = SubmapGraph(PoseGraphConfig())
+    unsure = np.diag([4e-4, 1e-6, 1e-8])
+    for k, pose in enumerate(poses):
+        graph.add(Keyframe(k, np.zeros((0, 2)), pose, unsure, np.zeros(2)))
+    return graph
+
+
+def test_what_came_first_has_no_right_of_its_own() -> None:
+    """Doors alike a metre on: three finds of the wrong ones were believed, then four turned down.
+
+    The drive has room for either, so that there is more to say for the four.
+    """
+    graph = corridor(30.0)
+    last = len(graph.keyframes) - 1
+
+    def found(keyframe: int, submap: int, off_m: float) -> Closure:
+        old, new = graph.keyframes[graph.submaps[submap].anchor], graph.keyframes[keyframe]
+        step = (old.local_from_robot.inverse() @ Pose2(off_m) @ new.local_from_robot).as_array()
+        return Closure(submap, keyframe, step, np.diag([1e4, 1e4, 1e6]), 0.9, True)
+
+    wrong = [found(last - 2 - 9 * k, k, 1.0) for k in range(3)]
+    right = [found(last - 5 * k, k, 0.0) for k in range(4)]
+    graph.close(graph.judged(wrong))
+    assert not any(c.reason for c in graph.closures)
+    graph.settle()
+    graph.close(graph.judged(right))
+    assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [FAR_OFF]
+    disputed = final_closures.disputed(graph)
+    assert disputed == wrong
+    graph.reopen(disputed)
+    _, weights = graph.settle()
+    believed = [c for c, w in zip(graph.closures, weights, strict=True) if w > 0.5]
+    told = [c.submap_from_keyframe.tobytes() for c in right]
+    assert [c.submap_from_keyframe.tobytes() for c in believed] == told
+    np.testing.assert_allclose(graph.map_from_local().as_array(), 0.0, atol=0.1)
 
 
 def test_all_of_a_chain_of_finds_is_heard(
