@@ -11,13 +11,14 @@ allow; for a scan that fits nowhere of these, a search all round.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.fits import UsualFit, chance_fit, fit, pieces
+from slarm_graph.frontends.scans.fits import UsualFit, drawn_to, fit, pieces
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
@@ -60,6 +61,11 @@ _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
 """Of a pose that a search has found [m^2, m^2, rad^2]: within its reach, at any heading."""
 _FIRST_FITS, _LEAST_FIT = 5.0, 0.01
 """Scans after which the usual fit means something, and the least that it is taken for."""
+_SEES = 3.0
+"""Standard deviations of the likelihood's fall-off from which refinement can be drawn: beyond, the
+slope is a twentieth of the steepest."""
+_LEAST_WINDOW = (0.3, 0.2)
+"""Of a scan that fits worse than usual [m, rad]."""
 _FROM_PREDICTION = np.empty(0)
 """Stands for a start of its own where there is none, and has no numbers."""
 
@@ -98,16 +104,32 @@ class LocalMatcher:
         grid, prediction = local_map.grid, outlook.predictions[0]
         if grid is None or len(points) < self._config.min_points:
             return [unmatched(prediction, outlook)]
-        first = self._refine(points, local_map, outlook, _loosened(prediction))
-        is_usual = self._is_usual(first, points, local_map, outlook)
+        near = self._near(points, local_map, outlook)
+        is_usual = len(near) == 1 and self._is_usual(near[0], points, local_map, outlook)
         if is_usual and alone:
-            return [first]
+            return near
         expected = compose3(outlook.base, prediction.motion)
-        chance = chance_fit(points, local_map, expected, self.usual.mean)
-        outlook = replace(outlook, chance=chance)
+        drawn = drawn_to(points, local_map, expected, self.usual.mean)
+        outlook = replace(outlook, drawn=drawn)
         if is_usual:
-            return [judged(first, points, local_map, outlook, self.usual)]
-        return self._proposals(first, points, local_map, outlook, all_round)
+            return [judged(near[0], points, local_map, outlook, self.usual)]
+        return self._proposals(near, points, local_map, outlook, all_round)
+
+    def _near(self, points: Floats, local_map: LocalMap, outlook: Outlook) -> list[Place]:
+        """Refine from the prediction, and where that is vaguer than refinement sees, search too."""
+        grid, prediction = local_map.grid, outlook.predictions[0]
+        assert grid is not None
+        loose = _loosened(prediction)
+        place = self._refine(points, local_map, outlook, loose)
+        sigma = np.sqrt(np.diag(prediction.covariance))
+        if math.hypot(sigma[0], sigma[1], _far_m(points) * sigma[2]) < _SEES * grid.sigma_m:
+            return [place]
+        few = points[:: max(1, len(points) // _SEARCH_POINTS)]
+        start = _best_in_window(few, grid, outlook.base, prediction, least=(0.0, 0.0))
+        other = self._refine(points, local_map, outlook, loose, start)
+        if is_same(place, other):
+            return [max(place, other, key=lambda p: p.score)]
+        return [place, other] if other.inliers else [place]
 
     def _is_usual(
         self, place: Place, points: Floats, local_map: LocalMap, outlook: Outlook
@@ -131,21 +153,21 @@ class LocalMatcher:
 
     def _proposals(
         self,
-        first: Place,
+        near: Sequence[Place],
         points: Floats,
         local_map: LocalMap,
         outlook: Outlook,
         all_round: bool,
     ) -> list[Place]:
-        """Propose places and judge them, the likeliest first."""
+        """Propose places beside those near the prediction and judge all, the likeliest first."""
         grid, base, predictions = local_map.grid, outlook.base, outlook.predictions
         assert grid is not None
-        found = [first]
+        found = list(near)
         evidence = pieces(points) / len(points)
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
             leaning = self._refine(points, local_map, outlook, prediction, evidence=evidence)
-            if not is_same(leaning, first):
+            if not any(is_same(leaning, place) for place in near):
                 found.append(leaning)
             if prediction is not predictions[0]:
                 found.append(self._refine(points, local_map, outlook, _loosened(prediction)))
@@ -153,7 +175,7 @@ class LocalMatcher:
         places += [unmatched(p, outlook) for p in predictions]
         best = max(places, key=lambda p: p.log_posterior)
         below = min(self._below(p, points, local_map) for p in found)
-        if below <= _UNUSUAL and np.array_equal(best.pose, first.pose):
+        if below <= _UNUSUAL and any(np.array_equal(best.pose, place.pose) for place in near):
             return distinct(places)
         found = []
         for prediction in predictions:
@@ -245,15 +267,24 @@ def _agree(predictions: tuple[Prediction, ...]) -> bool:
     )
 
 
+def _far_m(points: Floats) -> float:
+    """How far away most returns (K, 2) are at most, but not less than 1 m."""
+    return max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75)), 1.0)
+
+
 def _best_in_window(
-    points: Floats, grid: LikelihoodGrid, base: Floats, prediction: Prediction
+    points: Floats,
+    grid: LikelihoodGrid,
+    base: Floats,
+    prediction: Prediction,
+    least: tuple[float, float] = _LEAST_WINDOW,
 ) -> Floats:
     """Best pose (3,) in a window of four sigmas around the prediction, within bounds."""
-    far = max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75)), 1.0)
+    far = _far_m(points)
     sigma = np.sqrt(np.diag(prediction.covariance))
     start = compose3(base, prediction.motion)
-    reach_m = min(max(4.0 * float(sigma[:2].max()), 0.3), _LOST_REACH_M)
-    reach_rad = min(max(4.0 * float(sigma[2]), 0.2), math.pi)
+    reach_m = min(max(4.0 * float(sigma[:2].max()), least[0]), _LOST_REACH_M)
+    reach_rad = min(max(4.0 * float(sigma[2]), least[1]), math.pi)
     step_rad = grid.resolution_m / far
     center = Pose2.from_array(start)
     window = window_of(grid, points, center, step_rad, reach_m, reach_rad)

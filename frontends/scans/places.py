@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from slarm_graph.frontends.scans.fits import ChanceFit, UsualFit, fit, pieces
+from slarm_graph.frontends.scans.fits import Drawn, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.small_matrix import invert3
@@ -73,14 +73,14 @@ class Outlook:
         Motions since then, uncertainty of the last pose included.
     match_excess : (3,) float64
         Variance of a match over that which its points alone would have, per body axis.
-    chance : ChanceFit
+    drawn : Drawn, optional
         How well the scan fits where it does not belong.
     """
 
     base: Floats
     predictions: tuple[Prediction, ...]
     match_excess: Floats
-    chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
+    drawn: Drawn | None = None
 
     def covariance_of(self, information: Floats) -> Floats:
         """Covariance (3, 3) of a match whose points alone have an information (3, 3)."""
@@ -100,7 +100,8 @@ def judged(
     motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
     fits = fit(points, place.pose, local_map, usual.mean)
-    evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
+    chance = outlook.drawn.chance_of(place.pose).log_density(fits) if outlook.drawn else 0.0
+    evidence = usual.log_density(fits, pieces(points)) - chance
     return replace(
         place, log_posterior=min(evidence, _MOST_EVIDENCE) + log_prior(motion, spread, outlook)
     )

@@ -1,0 +1,62 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A scan is found where it belongs, however vaguely it was expected."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.config import KeyframeConfig, MatchingConfig
+from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.local_matching import LocalMatcher
+from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.places import Outlook
+from slarm_graph.geometry import Floats, Pose2, between, invert, transform_points
+
+VAGUE = np.diag([0.05, 0.05, np.radians(3.0)]) ** 2
+"""Of a turn of 30 degrees by odometry that is off by a tenth."""
+TRUE = np.array([0.3, 0.1, np.radians(-30.0)])
+
+
+def walls() -> Floats:
+    """Points (K, 2) of pillars 8 to 12 m away, and of a screen round a half of the robot."""
+    rng, bearings = np.random.default_rng(5), np.linspace(0.0, np.pi, 4000)
+    screen = TRUE[:2] + 2.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
+    sights, ranges_m = rng.uniform(-np.pi, 0.0, 40), rng.uniform(8.0, 12.0, 40)
+    middles = ranges_m[:, None] * np.column_stack([np.cos(sights), np.sin(sights)])
+    faces = np.linspace(-0.2, 0.2, 100)[:, None]
+    turns = rng.uniform(-np.pi, np.pi, 40)
+    return np.concatenate(
+        [screen, *(m + faces * [np.cos(t), np.sin(t)] for m, t in zip(middles, turns, strict=True))]
+    )
+
+
+def seen_from(pose: Floats) -> Floats:
+    """Returns (K, 2) in the robot's frame, one a degree, in beam order."""
+    points = transform_points(invert(pose), walls())
+    points = points[np.argsort(np.hypot(points[:, 0], points[:, 1]), kind="stable")]
+    beams = np.round(np.degrees(np.arctan2(points[:, 1], points[:, 0]))).astype(np.int64)
+    _, nearest = np.unique(beams, return_index=True)
+    return points[nearest]
+
+
+@pytest.mark.parametrize("off_deg", [-4.5, -3.0, 0.5, 3.0, 4.5])
+def test_a_turn_that_odometry_has_wrong_is_found_where_things_are_far(off_deg: float) -> None:
+    """Pillars 10 m away lie 0.8 m beside where they were expected: no slope leads there.
+
+    The screen fits whatever the turn, and scans have fitted little better before.
+    """
+    local_map, matcher = (
+        LocalMap(KeyframeConfig(), MatchingConfig()),
+        LocalMatcher(MatchingConfig()),
+    )
+    local_map.add(seen_from(np.zeros(3)), Pose2())
+    for fits in [0.5, 0.8, 0.6, 0.7] * 10:
+        matcher.usual.learn(fits)
+    expected = TRUE + np.array([0.0, 0.0, np.radians(off_deg)])
+    outlook = Outlook(np.zeros(3), (Prediction(expected, VAGUE),), np.ones(3))
+    places = matcher.places(seen_from(TRUE), local_map, outlook, all_round=False, alone=True)
+    away = between(TRUE, places[0].pose)
+    assert np.hypot(away[0], away[1]) < 0.05
+    assert abs(away[2]) < np.radians(0.3)
