@@ -52,6 +52,8 @@ class Place:
     inliers, iterations : int
     log_posterior : float
         Up to a constant that all places of a scan share.
+    fits : float or None
+        How well the scan fits there, where that is known already.
     """
 
     pose: Floats
@@ -60,6 +62,11 @@ class Place:
     inliers: int
     iterations: int
     log_posterior: float = 0.0
+    fits: float | None = None
+
+    def fit_of(self, points: Floats, local_map: LocalMap, usual: UsualFit) -> float:
+        """How well the scan (K, 2) that has this place fits there."""
+        return fit(points, self.pose, local_map, usual.mean) if self.fits is None else self.fits
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,7 +118,7 @@ def judged(
     """Give a place its posterior: how much the fit speaks for it, and how probable the way was."""
     motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
-    fits = fit(points, place.pose, local_map, usual.mean)
+    fits = place.fit_of(points, local_map, usual)
     evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
     return replace(
         place, log_posterior=min(evidence, _MOST_EVIDENCE) + log_prior(motion, spread, outlook)
