@@ -25,7 +25,7 @@ from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
-from slarm_graph.geometry import adjoints, between, compose, invert, transform_points
+from slarm_graph.geometry import Floats, adjoints, between, compose, invert, transform_points
 
 _ROUNDS = 3
 """Most passes over the recording: each needs the corrections of the one before."""
@@ -61,6 +61,9 @@ of 0.020, one hall 0.066 in place of 0.077; a dozen others stay."""
 _SPAN_M = 2.0
 """Way that a set must span; from one place all finds may err alike."""
 
+_Question = tuple[int, int, Floats]
+"""Whether one submap lies in another at a pose (3,) [m, m, rad]."""
+
 
 def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> int:
     """Find what was missed while driving, until nothing new is found.
@@ -78,7 +81,8 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
     for round_number in range(_ROUNDS):
         graph.settle(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
-        found = [*_near(graph, matcher, tried), *_alike(graph, matcher, index, tried)]
+        asked = [*_near(graph, tried), *_alike(graph, index, tried)]
+        found = _aligned(matcher, asked)
         judged = graph.judged([*found, *followed(found, graph, matcher)])
         believed = consistent_sets([c for c in judged if not c.reason], graph)
         far_off += [c for c in judged if c.reason]
@@ -111,10 +115,18 @@ def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
     return appearance_of(matcher.points_of(matcher.region(submap)), middle)
 
 
-def _near(
-    graph: SubmapGraph, matcher: SubmapMatcher, tried: set[tuple[int, int]]
-) -> Iterator[Closure]:
-    """Compare nodes with old submaps that the graph is sure they are near."""
+def _aligned(matcher: SubmapMatcher, asked: Sequence[_Question]) -> list[Closure]:
+    """Return what aligns, in the order asked; each target's questions follow on each other.
+
+    So a target is prepared once, however few are kept.
+    """
+    by_target = sorted(range(len(asked)), key=lambda k: asked[k][1])
+    found = {k: matcher.align(*asked[k]) for k in by_target}
+    return [found[k] for k in range(len(asked)) if not found[k].reason]
+
+
+def _near(graph: SubmapGraph, tried: set[tuple[int, int]]) -> Iterator[_Question]:
+    """Ask for nodes in old submaps that the graph is sure they are near."""
     nodes = graph.poses()
     centers = np.array(
         [transform_points(nodes[i], s.center_m) for i, s in enumerate(graph.submaps)]
@@ -128,15 +140,13 @@ def _near(
         if sigma_m > _SURE_M or sigma_rad > _SURE_RAD:
             continue
         tried.add((i, j))
-        found = matcher.align(j, i, between(nodes[i], nodes[j]))
-        if not found.reason:
-            yield found
+        yield j, i, between(nodes[i], nodes[j])
 
 
 def _alike(
-    graph: SubmapGraph, matcher: SubmapMatcher, index: PlaceIndex, tried: set[tuple[int, int]]
-) -> Iterator[Closure]:
-    """Align nodes with the submaps that look most like their own, as they then lie."""
+    graph: SubmapGraph, index: PlaceIndex, tried: set[tuple[int, int]]
+) -> Iterator[_Question]:
+    """Ask for nodes in the submaps that look most like their own, as they then lie."""
     nodes = graph.poses()
     for j, old in _unlinked(graph):
         sigmas_m, _ = graph.sigmas_from(j)
@@ -151,9 +161,7 @@ def _alike(
             shift = between(between(nodes[i], nodes[j]), alike.place_from_query)
             if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
                 continue
-            found = matcher.align(j, i, alike.place_from_query)
-            if not found.reason:
-                yield found
+            yield j, i, alike.place_from_query
 
 
 def followed(

@@ -158,13 +158,19 @@ def transform_points(a_from_b: ArrayLike, points: ArrayLike) -> Floats:
     x, y, theta = np.asarray(a_from_b, dtype=np.float64)
     p = np.asarray(points, dtype=np.float64)
     c, s = math.cos(theta), math.sin(theta)
-    return np.stack([x + c * p[..., 0] - s * p[..., 1], y + s * p[..., 0] + c * p[..., 1]], axis=-1)
+    px, py = p[..., 0], p[..., 1]
+    out = np.empty(p.shape)
+    out[..., 0] = x + c * px - s * py
+    out[..., 1] = y + s * px + c * py
+    return out
 
 
 def one_per_cell(points: Floats, cell_m: float) -> Floats:
     """Keep the first of the points (K, 2) [m] in every square cell, in the order they came."""
-    _, first = np.unique(np.floor(points / cell_m), axis=0, return_index=True)
-    kept: Floats = points[np.sort(first)]
+    # Compiled code is loaded by whom it serves, not by all who need a pose.
+    from slarm_graph.raster.firsts import first_in_cells
+
+    kept: Floats = points[first_in_cells(points, cell_m)]
     return kept
 
 

@@ -117,7 +117,8 @@ def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> floa
     """Mean agreement of a scan (K, 2) at a pose (3,), what lies in the unseen being neutral."""
     if local_map.grid is None or not len(points):
         return 0.0
-    return float(_fits(points, pose[None], local_map, usual)[0])
+    seen = local_map.seen, local_map.seen_step
+    return _agreement_at(local_map.grid.lattice, *seen, points, pose, _UNSEEN * usual) / len(points)
 
 
 def _fits(points: Floats, poses: Floats, local_map: LocalMap, usual: float) -> Floats:
@@ -186,19 +187,32 @@ def _agreement(
     """Sum (N,) of the agreement of points (K, 2) at poses (N, 3); `neutral` in the unseen."""
     sums = np.empty(len(poses))
     for k in range(len(poses)):
-        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        total, unseen = 0.0, 0
-        for i in range(len(points)):
-            x = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
-            y = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
-            value, _, _ = interpolate(lattice, x, y)
-            if value > 0.01:
-                total += value
-                continue
-            col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
-            row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
-            is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
-            if not is_inside or not seen[row, col]:
-                unseen += 1
-        sums[k] = total + neutral * unseen
+        sums[k] = _agreement_at(lattice, seen, seen_step, points, poses[k], neutral)
     return sums
+
+
+@njit(cache=True, nogil=True)
+def _agreement_at(
+    lattice: Lattice,
+    seen: NDArray[np.bool_],
+    seen_step: int,
+    points: Floats,
+    pose: Floats,
+    neutral: float,
+) -> float:
+    """Sum of the agreement of points (K, 2) at one pose (3,)."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total, unseen = 0.0, 0
+    for i in range(len(points)):
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        value, _, _ = interpolate(lattice, x, y)
+        if value > 0.01:
+            total += value
+            continue
+        col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
+        row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
+        is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
+        if not is_inside or not seen[row, col]:
+            unseen += 1
+    return total + neutral * unseen

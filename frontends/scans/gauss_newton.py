@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
-from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
+from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, times3
 from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
@@ -111,7 +111,7 @@ def refine(
         _add_prior(a, b, pose, prior, prior_information)
         for k in range(3):
             a[k, k] += 1e-6 * a[k, k] + 1e-9
-        step = invert3(a) @ b
+        step = times3(invert3(a), b)
         length = math.hypot(step[0], step[1])
         longest = 3.0 * lattice.resolution
         step *= min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
@@ -236,7 +236,7 @@ def refine_motion(
     )
     pull = np.zeros(3)
     _add_prior(np.zeros((3, 3)), pull, pose, prior, information)
-    away = covariance @ pull
-    surprise = float(pull @ away)
+    away = times3(covariance, pull)
+    surprise = pull[0] * away[0] + pull[1] * away[1] + pull[2] * away[2]
     shift = math.hypot(away[0], away[1]) + abs(away[2])
     return pose, invert3(data + information), score, inliers, used, surprise, shift

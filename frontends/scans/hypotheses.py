@@ -13,11 +13,11 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, spread_about
+from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction, spread_about
 from slarm_graph.frontends.scans.places import Outlook, Place, best_story, claimed_covariance, fused
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
@@ -70,7 +70,9 @@ class Story:
         predictions = []
         for told in self.motion.predict(span_s, odom_from_robot, lag_s):
             covariance = told.covariance + carried3(self.covariance, told.motion)
-            predictions.append(replace(told, covariance=covariance))
+            predictions.append(
+                Prediction(told.motion, covariance, told.probability, told.unlearned)
+            )
         return Outlook(self.pose, tuple(predictions), self.motion.wheels.match_excess)
 
     def went(self, place: Place, outlook: Outlook, span_s: float) -> None:
@@ -83,7 +85,7 @@ class Story:
             measured = outlook.covariance_of(place.information)
             self.motion.judge(between3(before, place.pose), covariance + measured)
             if self.raw is not None:
-                claimed = np.diag(claimed_covariance(place.information))
+                claimed = claimed_covariance(place.information).diagonal().copy()
                 self.motion.learn(between3(self.raw, place.pose), claimed)
             moved = Pose2.from_array(between3(before, self.pose))
             self.motion.correct(span_s, moved, covariance + self.covariance)

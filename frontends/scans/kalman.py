@@ -11,7 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
+from slarm_graph.frontends.scans.small_matrix import product3, sandwich3, times3
 from slarm_graph.geometry import Floats
 
 
@@ -21,21 +23,34 @@ class KalmanFilter:
 
     Parameters
     ----------
-    x : (N,) float64
-    P : (N, N) float64
+    x : (3,) float64
+    P : (3, 3) float64
     """
 
     x: Floats
     P: Floats
 
     def predict(self, Q: Floats) -> None:
-        """Let time pass: the state stays, noise of covariance Q (N, N) is added."""
+        """Let time pass: the state stays, noise of covariance Q (3, 3) is added."""
         self.P = self.P + Q
 
     def update(self, z: Floats, R: Floats, H: Floats) -> None:
-        """Take in a measurement z (M,) = H x with noise of covariance R (M, M); Joseph's form."""
-        cross = self.P @ H.T
-        gain = cross @ np.linalg.inv(H @ cross + R)
-        self.x = self.x + gain @ (z - H @ self.x)
-        rest = np.eye(len(self.x)) - gain @ H
-        self.P = rest @ self.P @ rest.T + gain @ R @ gain.T
+        """Take in a measurement z (3,) = H x with noise of covariance R (3, 3); Joseph's form."""
+        cross, expected = _expected(self.P, R, H)
+        self.x, self.P = _updated(self.x, self.P, z, R, H, cross @ np.linalg.inv(expected))
+
+
+@njit(cache=True, nogil=True)
+def _expected(P: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
+    """Covariance (3, 3) of state and measurement, and of what is measured."""
+    cross = product3(P, H.T)
+    return cross, product3(H, cross) + R
+
+
+@njit(cache=True, nogil=True)
+def _updated(
+    x: Floats, P: Floats, z: Floats, R: Floats, H: Floats, gain: Floats
+) -> tuple[Floats, Floats]:
+    """State and covariance after a measurement."""
+    rest = np.eye(3) - product3(gain, H)
+    return x + times3(gain, z - times3(H, x)), sandwich3(rest, P) + sandwich3(gain, R)

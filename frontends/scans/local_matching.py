@@ -137,8 +137,7 @@ class LocalMatcher:
         """Whether a scan fits as others do, near where all agree that it should be."""
         if place.score < self._config.min_score or not _agree(outlook.predictions):
             return False
-        sigma = np.sqrt(np.diag(outlook.predictions[0].covariance))
-        if len(outlook.predictions) > 1 and (max(sigma[:2]) > _VAGUE_M or sigma[2] > _VAGUE_RAD):
+        if len(outlook.predictions) > 1 and _is_vague(outlook.predictions[0].covariance):
             return False
         if self._below(place, points, local_map) > _UNUSUAL:
             return False
@@ -148,7 +147,7 @@ class LocalMatcher:
         return squared_sigmas(away, spread) <= _SURPRISE
 
     def _below(self, place: Place, points: Floats, local_map: LocalMap) -> float:
-        fits = fit(points, place.pose, local_map, self.usual.mean)
+        fits = place.fit_of(points, local_map, self.usual)
         return self.usual.below(fits, pieces(points))
 
     def _proposals(
@@ -215,14 +214,11 @@ class LocalMatcher:
         )
         information = invert3(covariance) - invert3(prediction.covariance)
         information = along_the_weakest(information / evidence, grid, points, pose, outlook)
-        left = of_misfit(self._share_of_usual(points, pose, local_map))
-        return Place(pose, left * information, score, inliers, used)
-
-    def _share_of_usual(self, points: Floats, pose: Floats, local_map: LocalMap) -> float:
-        """How well a scan fits at a pose, as a share of how scans usually fit."""
         if self.usual.count < _FIRST_FITS:
-            return 1.0
-        return fit(points, pose, local_map, self.usual.mean) / max(self.usual.mean, _LEAST_FIT)
+            return Place(pose, information, score, inliers, used)
+        fits = fit(points, pose, local_map, self.usual.mean)
+        left = of_misfit(fits / max(self.usual.mean, _LEAST_FIT))
+        return Place(pose, left * information, score, inliers, used, fits=fits)
 
     def _all_round(
         self,
@@ -256,6 +252,12 @@ class LocalMatcher:
 def _loosened(prediction: Prediction) -> Prediction:
     """Widen a prediction, so that what the scan says is found; both are weighed afterwards."""
     return Prediction(prediction.motion, prediction.covariance + BASIN)
+
+
+def _is_vague(covariance: Floats) -> bool:
+    """Whether a prediction of this covariance (3, 3) agrees with anything."""
+    x, y, turn = np.sqrt(covariance.diagonal()).tolist()
+    return max(x, y) > _VAGUE_M or turn > _VAGUE_RAD
 
 
 def _agree(predictions: tuple[Prediction, ...]) -> bool:

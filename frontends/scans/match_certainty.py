@@ -19,6 +19,7 @@ from numba import njit
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, likelihoods
 from slarm_graph.frontends.scans.places import Outlook
+from slarm_graph.frontends.scans.small_matrix import fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
@@ -86,9 +87,17 @@ def along_the_weakest(
     covariances = np.array([p.covariance for p in outlook.predictions])
     chances = np.array([p.probability for p in outlook.predictions])
     steps_rad = _beam_steps_rad(points)
-    beams_rad = float(np.median(steps_rad)) if len(steps_rad) else math.nan
+    beams_rad = _median(steps_rad) if len(steps_rad) else math.nan
     seen = (grid.lattice, points, beams_rad, pose)
     return _lowered(information, *seen, aways, covariances, chances)
+
+
+def _median(values: Floats) -> float:
+    """Median of some values: `np.median` takes three times as long to begin."""
+    middle = len(values) // 2
+    if len(values) % 2:
+        return float(np.partition(values, middle)[middle])
+    return 0.5 * float(np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].sum())
 
 
 def of_misfit(share: float) -> float:
@@ -124,16 +133,13 @@ def _lowered(
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
     variance += walked * _walks(axes[:, 0], variance, walked, aways, covariances, chances)
     share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
-    kept = np.zeros((2, 2))
-    kept[0, 0], kept[1, 1] = math.sqrt(share), 1.0
-    turned = axes @ kept @ axes.T
     shrunk = np.zeros((3, 3))
     shrunk[2, 2] = 1.0
     for row in range(2):
         for col in range(2):
-            shrunk[row, col] = turned[row, col]
-    lowered: Floats = shrunk @ information @ shrunk.T
-    return lowered
+            along = axes[row, 0] * math.sqrt(share) * axes[col, 0]
+            shrunk[row, col] = fused(axes[row, 1], axes[col, 1], along)
+    return sandwich3(shrunk, information)
 
 
 @njit(cache=True, nogil=True)

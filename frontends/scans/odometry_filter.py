@@ -12,11 +12,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from slarm_graph.frontends.scans.kalman import KalmanFilter
+from slarm_graph.frontends.scans.small_matrix import with_diagonal3
 from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -33,6 +35,7 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _MEMORY = 0.95
 """Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
+_EYE = np.eye(3)
 _CONTRADICTION = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 _FADING = 0.7
@@ -71,11 +74,18 @@ def spread_about(motion: Floats, predictions: Iterable[Prediction]) -> Floats:
     """Covariance (3, 3) of a mixture of predictions about a motion (3,), in the body frame."""
     total, chances = np.zeros((3, 3)), 0.0
     for told in predictions:
-        apart = told.motion - motion
-        apart[2] = wrapped(float(apart[2]))
-        total += told.probability * (told.covariance + np.outer(apart, apart))
+        _add_spread(total, told.probability, told.covariance, told.motion - motion)
         chances += told.probability
     return np.asarray(total / chances)
+
+
+@njit(cache=True, nogil=True)
+def _add_spread(total: Floats, probability: float, covariance: Floats, apart: Floats) -> None:
+    """Add what one of several predictions, so far apart (3,), has in their spread (3, 3)."""
+    apart[2] = wrapped(apart[2])
+    for row in range(3):
+        for col in range(3):
+            total[row, col] += probability * (covariance[row, col] + apart[row] * apart[col])
 
 
 class OdometryFilter:
@@ -124,7 +134,7 @@ class OdometryFilter:
         if span_s > _MAX_COASTING_S:
             self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
-            self._kalman.predict(Q=self._unsteadiness * np.diag((_ACCELERATION * span) ** 2))
+            self._kalman.predict(Q=_accelerated(span, self._unsteadiness))
         steady = self._motion(span)
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
@@ -134,12 +144,13 @@ class OdometryFilter:
         self._holds = self._holds * (1.0 - self._failures / self._steps)
         self._holds += (1.0 - self._holds) * _RECOVERS
         motion, noise = self.wheels.predict(self._increment)
-        noise = noise + self.lag_covariance(lag_s)
+        if lag_s:
+            noise = noise + self.lag_covariance(lag_s)
         self._measured = wheels = Prediction(motion, noise, self._holds)
         self._steady_motion = Prediction(steady.motion, steady.covariance, 1.0 - self._holds)
         apart = squared_sigmas(motion - steady.motion, steady.covariance + noise)
         if apart < _CONTRADICTION:
-            self._kalman.update(motion, R=noise, H=span * np.eye(3))
+            self._kalman.update(motion, R=noise, H=span * _EYE)
             fused = self._motion(span)
             wheels = Prediction(fused.motion, fused.covariance, self._holds)
         unlearned = self.wheels.unlearned(self._increment)
@@ -200,8 +211,9 @@ class OdometryFilter:
         if steady is None:
             return told
         held = Prediction(told.motion, told.covariance, self._holds)
-        failed = replace(steady, probability=1.0 - self._holds)
-        return replace(told, covariance=spread_about(told.motion, (held, failed)))
+        failed = Prediction(steady.motion, steady.covariance, 1.0 - self._holds)
+        spread = spread_about(told.motion, (held, failed))
+        return WheelMotion(told.motion, spread, told.reading)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.
@@ -243,8 +255,15 @@ class OdometryFilter:
             return None
         increment = last.between(odom_from_robot).as_array()
         # Odometry that never moved is a placeholder, not a measurement of standing still.
-        self._odometry_lives = self._odometry_lives or bool(np.any(increment != 0.0))
+        self._odometry_lives = self._odometry_lives or bool((increment != 0.0).any())
         return increment if self._odometry_lives else None
+
+
+@njit(cache=True, nogil=True)
+def _accelerated(span_s: float, factor: float) -> Floats:
+    """Covariance (3, 3) that a velocity gains in a span, times a factor."""
+    gained = _ACCELERATION * span_s
+    return with_diagonal3(np.zeros((3, 3)), factor * (gained * gained))
 
 
 def _learned(factor: float, squared: float) -> float:

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 
 from slarm_graph.frontends.scans.fits import Drawn, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import invert3, product3, times3
 from slarm_graph.frontends.scans.small_pose import (
     between3,
     compose3,
@@ -51,6 +52,8 @@ class Place:
     inliers, iterations : int
     log_posterior : float
         Up to a constant that all places of a scan share.
+    fits : float or None
+        How well the scan fits there, where that is known already.
     """
 
     pose: Floats
@@ -59,6 +62,11 @@ class Place:
     inliers: int
     iterations: int
     log_posterior: float = 0.0
+    fits: float | None = None
+
+    def fit_of(self, points: Floats, local_map: LocalMap, usual: UsualFit) -> float:
+        """How well the scan (K, 2) that has this place fits there."""
+        return fit(points, self.pose, local_map, usual.mean) if self.fits is None else self.fits
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,13 +92,24 @@ class Outlook:
 
     def covariance_of(self, information: Floats) -> Floats:
         """Covariance (3, 3) of a match whose points alone have an information (3, 3)."""
-        inflated = np.sqrt(self.match_excess)
-        return np.asarray(claimed_covariance(information) * np.outer(inflated, inflated))
+        return np.asarray(_inflated(information, self.match_excess))
 
 
+@njit(cache=True, nogil=True)
 def claimed_covariance(information: Floats) -> Floats:
     """Covariance (3, 3) of a match by its points alone; 10 m and 10 rad where they say nothing."""
-    return np.asarray(invert3(information + _KEEPS_INVERTIBLE))
+    return invert3(information + _KEEPS_INVERTIBLE)
+
+
+@njit(cache=True, nogil=True)
+def _inflated(information: Floats, excess: Floats) -> Floats:
+    """Covariance (3, 3) of a match whose variances are so much more than claimed."""
+    covariance = claimed_covariance(information)
+    inflated = np.sqrt(excess)
+    for row in range(3):
+        for col in range(3):
+            covariance[row, col] *= inflated[row] * inflated[col]
+    return covariance
 
 
 def judged(
@@ -99,7 +118,7 @@ def judged(
     """Give a place its posterior: how much the fit speaks for it, and how probable the way was."""
     motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
-    fits = fit(points, place.pose, local_map, usual.mean)
+    fits = place.fit_of(points, local_map, usual)
     chance = outlook.drawn.chance_of(place.pose).log_density(fits) if outlook.drawn else 0.0
     evidence = usual.log_density(fits, pieces(points)) - chance
     return replace(
@@ -148,10 +167,18 @@ def distinct(places: Sequence[Place]) -> list[Place]:
 
 def best_story(place: Place, outlook: Outlook) -> Prediction:
     """Return the prediction that explains a place best."""
-    motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
+    return _best_story(between3(outlook.base, place.pose), spread, outlook.predictions)
+
+
+def _best_story(
+    motion: Floats, spread: Floats, predictions: tuple[Prediction, ...]
+) -> Prediction:
+    """Return the prediction that explains a motion (3,) of a covariance (3, 3) best."""
+    if len(predictions) == 1:
+        return predictions[0]
     return max(
-        outlook.predictions,
+        predictions,
         key=lambda p: (
             math.log(max(p.probability, 1e-12))
             + log_density(p.motion - motion, p.covariance + spread)
@@ -164,12 +191,19 @@ def fused(place: Place, outlook: Outlook) -> tuple[Floats, Floats]:
 
     A Kalman update whose measurement is the place, with as much noise as matches have shown.
     """
-    story = best_story(place, outlook)
     spread = outlook.covariance_of(place.information)
-    predicted = compose3(outlook.base, story.motion)
-    innovation = between3(predicted, place.pose)
+    story = _best_story(between3(outlook.base, place.pose), spread, outlook.predictions)
     prior = story.covariance + story.unlearned
-    gain = prior @ invert3(prior + spread)
-    pose = compose3(predicted, gain @ innovation)
-    covariance = prior - gain @ prior
+    return _drawn(compose3(outlook.base, story.motion), prior, place.pose, spread)
+
+
+@njit(cache=True, nogil=True)
+def _drawn(
+    predicted: Floats, prior: Floats, found: Floats, spread: Floats
+) -> tuple[Floats, Floats]:
+    """Draw a predicted pose (3,) of covariance (3, 3) to where it was found, with so much noise."""
+    innovation = between3(predicted, found)
+    gain = product3(prior, invert3(prior + spread))
+    pose = compose3(predicted, times3(gain, innovation))
+    covariance = prior - product3(gain, prior)
     return pose, 0.5 * (covariance + covariance.T)

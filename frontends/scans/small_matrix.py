@@ -1,13 +1,64 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Symmetric 3 x 3 matrices inside compiled loops, where a LAPACK call costs more than the work."""
+"""3 x 3 matrices inside compiled loops, where a call of BLAS or LAPACK costs more than the work.
+
+Products are summed in the order and with the rounding of OpenBLAS on a processor that multiplies
+and adds in one step, so numpy's `@` is their oracle to the last bit.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 from slarm_graph.geometry import Floats
+
+
+@intrinsic
+def fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
+    """Return a * b + c, rounded once."""
+    signature = types.float64(types.float64, types.float64, types.float64)
+    return signature, lambda _context, builder, _signature, values: builder.fma(*values)
+
+
+@njit(cache=True, nogil=True)
+def product3(a: Floats, b: Floats) -> Floats:
+    """Return a @ b of two matrices (3, 3)."""
+    out = np.empty((3, 3))
+    for row in range(3):
+        for col in range(3):
+            two = fused(a[row, 1], b[1, col], a[row, 0] * b[0, col])
+            out[row, col] = fused(a[row, 2], b[2, col], two)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def sandwich3(a: Floats, m: Floats) -> Floats:
+    """Return a @ m @ a.T of two matrices (3, 3)."""
+    return product3(product3(a, m), a.T)
+
+
+@njit(cache=True, nogil=True)
+def times3(a: Floats, v: Floats) -> Floats:
+    """Return a @ v of a matrix (3, 3) whose rows lie one after the other and a vector (3,)."""
+    out = np.empty(3)
+    for row in range(3):
+        two = fused(a[row, 0], v[0], a[row, 1] * v[1])
+        out[row] = fused(a[row, 2], v[2], two)
+    return out
+
+
+@njit(cache=True, nogil=True)
+def with_diagonal3(m: Floats, d: Floats) -> Floats:
+    """Return the sum of a matrix (3, 3) and a diagonal one (3,)."""
+    out = m.copy()
+    for k in range(3):
+        out[k, k] += d[k]
+    return out
 
 
 @njit(cache=True, nogil=True)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import invert3, sandwich3, times3
 from slarm_graph.geometry import Floats
 
 _TAILS = 4.0
@@ -65,7 +65,7 @@ def carried3(covariance: Floats, motion: Floats) -> Floats:
     adjoint[0, 2] = -c * motion[1] + s * motion[0]
     adjoint[1, 2] = s * motion[1] + c * motion[0]
     adjoint[2, 2] = 1.0
-    return adjoint @ covariance @ adjoint.T
+    return sandwich3(adjoint, covariance)
 
 
 @njit(cache=True, nogil=True)
@@ -73,7 +73,8 @@ def squared_sigmas(miss: Floats, covariance: Floats) -> float:
     """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
     away = miss.copy()
     away[2] = wrapped(away[2])
-    return float(away @ (invert3(covariance) @ away))
+    told = times3(invert3(covariance), away)
+    return float(away[0] * told[0] + away[1] * told[1] + away[2] * told[2])
 
 
 @njit(cache=True, nogil=True)

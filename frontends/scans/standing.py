@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import scan_segments
 from slarm_graph.frontends.scans.submaps import Keyframe
-from slarm_graph.geometry import Floats, transform_points
+from slarm_graph.geometry import Floats, one_per_cell, transform_points
 
 _CELL_M = 0.25
 """What is met again must lie in the same cell: a passer-by leaves it in half a second."""
@@ -66,7 +66,8 @@ def _touched(segments: Floats) -> _Cells:
     first = np.repeat(np.cumsum(steps) - steps, steps)
     along = (np.arange(len(which)) - first) / np.maximum(steps[which] - 1, 1)
     ends = segments[which]
-    return np.unique(_packed(ends[:, :2] + along[:, None] * (ends[:, 2:] - ends[:, :2])))
+    sampled = ends[:, :2] + along[:, None] * (ends[:, 2:] - ends[:, :2])
+    return _packed(one_per_cell(sampled, _CELL_M))
 
 
 def _packed(points: Floats) -> _Cells:

@@ -21,9 +21,15 @@ from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, doubt
 from slarm_graph.frontends.scans.standing import standing
-from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
+from slarm_graph.frontends.scans.submaps import (
+    Keyframe,
+    Submap,
+    SubmapCache,
+    joined_returns,
+    likelihood_of,
+)
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
-from slarm_graph.geometry import Floats, between, compose, one_per_cell, transform_points
+from slarm_graph.geometry import Floats, between, compose, one_per_cell
 
 _NEIGHBOURS = 2
 """Submaps to either side that a region reaches: 12 m of way, as far as drift does not blur it."""
@@ -69,6 +75,7 @@ class SubmapMatcher:
         self._loops, self._matching = loops.model_copy(update=bar), matching
         self._keyframes, self._submaps = standing(keyframes, matching), submaps
         self._all_returns = keyframes
+        self._poses = np.array([k.local_from_robot.as_array() for k in keyframes])
         self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(
             _MOST_GRIDS, partial(likelihood_of, matching=matching)
         )
@@ -90,10 +97,8 @@ class SubmapMatcher:
 
     def points_of(self, submap: Submap) -> Floats:
         """Return all returns (K, 2) of a submap in its frame [m]."""
-        poses = self._poses_of(submap)
         members = self._keyframes[submap.first : submap.last]
-        parts = [transform_points(p, m.points_m) for p, m in zip(poses, members, strict=True)]
-        return np.concatenate(parts)
+        return joined_returns([m.points_m for m in members], self._poses_of(submap))
 
     def align(self, query: int, target: int, start: Floats) -> Closure:
         """Align one submap with the region around another.
@@ -117,13 +122,14 @@ class SubmapMatcher:
             loosely = (_LOOSE_INFORMATION, POINT_INFORMATION, 2 * self._matching.max_iterations)
             pose, information, *_ = refine_near(grid, points, pose, *loosely)
         members = self._keyframes[submap.first : submap.last]
-        poses = compose(pose, self._poses_of(submap))
-        sides = self._sides.of(region, self._keyframes)
-        behind = np.median(
-            [share_from_behind(sides, m.points_m, p) for p, m in zip(poses, members, strict=True)]
-        )
-        score = self._agreement(grid, submap, pose)
-        reason = doubt(score, information, float(behind), self._loops)
+        placed = list(zip(compose(pose, self._poses_of(submap)), members, strict=True))
+        score = float(np.median([mean_likelihood(grid, m.points_m, p) for p, m in placed]))
+        # The cheapest question first: half of what looks alike does not fit.
+        reason = doubt(score, information, 0.0, self._loops)
+        if not reason:
+            sides = self._sides.of(region, self._keyframes)
+            behind = np.median([share_from_behind(sides, m.points_m, p) for p, m in placed])
+            reason = doubt(score, information, float(behind), self._loops)
         reason = reason or self._contradiction(query, target, pose)
         return Closure(target, submap.anchor, pose, information, score, True, reason)
 
@@ -134,17 +140,8 @@ class SubmapMatcher:
             return ""
         return "walls and free space of the two places do not speak for it"
 
-    def _agreement(self, grid: LikelihoodGrid, submap: Submap, pose: Floats) -> float:
-        """Median mean likelihood of a submap's keyframes at a pose (3,) of its frame."""
-        poses = compose(pose, self._poses_of(submap))
-        members = self._keyframes[submap.first : submap.last]
-        pairs = zip(poses, members, strict=True)
-        return float(np.median([mean_likelihood(grid, m.points_m, p) for p, m in pairs]))
-
     def _poses_of(self, submap: Submap) -> Floats:
-        members = self._keyframes[submap.first : submap.last]
-        anchor = self._keyframes[submap.anchor].local_from_robot.as_array()
-        return between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
+        return between(self._poses[submap.anchor], self._poses[submap.first : submap.last])
 
     def _thinned(self, submap: Submap) -> Floats:
         kept = one_per_cell(self.points_of(submap), _QUERY_CELL_M)
@@ -153,5 +150,5 @@ class SubmapMatcher:
 
 def _view(points: Sequence[Floats], poses: Floats) -> View:
     """What scans (each (K, 2) [m] in the robot's frame) at poses (M, 3) saw."""
-    returns = [transform_points(pose, part) for pose, part in zip(poses, points, strict=True)]
-    return view_of(returns, poses[:, :2])
+    ends = np.cumsum([len(part) for part in points])[:-1]
+    return view_of(np.split(joined_returns(points, poses), ends), poses[:, :2])

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -100,11 +101,20 @@ def likelihood_of(
     points: Sequence[Floats], poses: Floats, matching: MatchingConfig
 ) -> LikelihoodGrid:
     """Likelihood grid of scans (each (K, 2) [m] in the robot's frame) at poses (M, 3)."""
-    offsets = np.cumsum([0, *(len(p) for p in points)])
-    segments = _segments(np.concatenate(points), offsets, poses, matching.max_gap_m)
+    segments = _segments(*_flat(points), poses, matching.max_gap_m)
     return build_likelihood_grid(
         segments, resolution_m=matching.resolution_m, sigma_m=matching.sigma_m
     )
+
+
+def joined_returns(points: Sequence[Floats], poses: Floats) -> Floats:
+    """All returns (K, 2) of scans (each (K, 2) [m] in its robot's frame) at poses (M, 3) [m]."""
+    return np.asarray(_joined(*_flat(points), poses))
+
+
+def _flat(points: Sequence[Floats]) -> tuple[Floats, NDArray[np.int64]]:
+    """Scans one after the other (K, 2), and where each begins and the last one ends."""
+    return np.concatenate(points), np.cumsum([0, *(len(p) for p in points)])
 
 
 class SubmapCache(Generic[Prepared]):
@@ -158,3 +168,15 @@ def _segments(points: Floats, offsets: NDArray[np.int64], poses: Floats, max_gap
                 out[count, end] = part[i, end]
             count += 1
     return out[:count]
+
+
+@njit(cache=True, nogil=True)
+def _joined(points: Floats, offsets: NDArray[np.int64], poses: Floats) -> Floats:
+    """Points (K, 2) of all scans in the common frame."""
+    out = np.empty_like(points)
+    for k in range(len(poses)):
+        c, s = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        for i in range(offsets[k], offsets[k + 1]):
+            out[i, 0] = poses[k, 0] + c * points[i, 0] - s * points[i, 1]
+            out[i, 1] = poses[k, 1] + s * points[i, 0] + c * points[i, 1]
+    return out

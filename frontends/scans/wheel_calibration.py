@@ -23,7 +23,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import (
+    invert3,
+    product3,
+    sandwich3,
+    times3,
+    with_diagonal3,
+)
 from slarm_graph.frontends.scans.small_pose import wrapped
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats
@@ -93,7 +99,7 @@ class WheelCalibration:
 
         Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
         """
-        return np.diag(np.maximum(self.path_excess - self.excess, 0.0) * _noise(increment))
+        return _unlearned(increment, self.excess, self.path_excess)
 
     def along_path(self, increment: Floats) -> WheelMotion:
         """Return the motion that an increment (3,) means, as sure as one step of a path is."""
@@ -101,9 +107,7 @@ class WheelCalibration:
 
     def _told(self, increment: Floats, excess: Floats) -> tuple[Floats, Floats]:
         """Motion (3,) that an increment (3,) means, and its covariance with so much noise."""
-        effect = _effect(increment)
-        noise = np.diag(excess * _noise(increment))
-        return increment + effect @ self.errors, noise + effect @ self.covariance @ effect.T
+        return told(increment, excess, self.errors, self.covariance)
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""
@@ -127,48 +131,29 @@ class WheelCalibration:
         if share < 0.5 or (distance < _MOVED_M and abs(increment[2]) < _MOVED_RAD):
             self._last = None
             return
-        motion, _ = self.predict(increment)
-        miss = moved - motion
-        miss[2] = wrapped(float(miss[2]))
-        guess = _noise(increment)
-        # A match less certain than odometry tells nothing of it, such as along a bare corridor.
-        tells = claimed < guess
-        noise = self.excess * guess + 2.0 * self.match_excess * claimed
-        noise = np.where(tells, noise, _NOTHING)
-        self._learn_errors(_effect(increment), miss, np.diag(noise))
-        aged = self.covariance * (1.0 + distance / _CHANGES_M)
-        self.covariance = aged * min(1.0, float(np.min(_UNSURE**2 / np.diag(aged))))
-        # Beyond three sigmas a miss is an event, not noise.
-        limit = 3.0 * np.sqrt(noise)
-        self._learn_noise(np.clip(miss, -limit, limit), guess, claimed, tells)
+        noises = self.excess, self.match_excess
+        self.errors, self.covariance, miss, guess, tells = _learned(
+            self.errors, self.covariance, increment, moved, claimed, noises
+        )
+        self._learn_noise(miss, guess, claimed, tells)
 
     def _learn_noise(
         self, miss: Floats, guess: Floats, claimed: Floats, tells: NDArray[np.bool_]
     ) -> None:
-        if np.isnan(self._square[0]):
+        if math.isnan(self._square[0]):
             self._square, self._product = guess + 2.0 * claimed, -claimed
-            self._guess, self._claim = guess, claimed
+            self._guess, self._claim = guess.copy(), claimed.copy()
             self._sum_square = _PATH_STEPS * guess + 2.0 * claimed
         last, self._last = self._last, miss
         if last is None:
             self._sum, self._summed = np.zeros(3), 0
             return
         self._steps = min(self._steps + 1.0, _MOST_STEPS)
-        rate = tells / self._steps
-        self._square = self._square + rate * (miss**2 - self._square)
-        self._product = self._product + rate * (miss * last - self._product)
-        self._guess = self._guess + rate * (guess - self._guess)
-        self._claim = self._claim + rate * (claimed - self._claim)
-        ratio = np.minimum(-self._product, 0.5 * self._square) / self._claim
-        taken_back = np.clip(ratio, 1.0, _MOST_MATCH) * self._claim
+        averages = self._square, self._product, self._guess, self._claim
+        self.excess, self.match_excess, self.reading, taken_back = _learned_noise(
+            averages, miss, last, guess, claimed, tells / self._steps
+        )
         self._add_up(miss, taken_back, tells)
-        alike = (ratio < _ALIKE * ratio[_ASIDE]) & (_ALIKE * ratio > ratio[_ASIDE])
-        of_matches = ratio[alike].mean() if alike.any() else 1.0
-        self.match_excess = np.full(3, np.clip(of_matches, 1.0, _MOST_MATCH))
-        of_match = self.match_excess * self._claim
-        self.reading = np.maximum(taken_back - of_match, 0.0)
-        of_step = np.maximum(self._square - 2.0 * of_match, _LEAST_STEP * self._guess)
-        self.excess = of_step / self._guess
 
     def _add_up(self, miss: Floats, taken_back: Floats, tells: NDArray[np.bool_]) -> None:
         """Learn how the misses of many steps add up (Allan, Proc. IEEE 54(2), 1966)."""
@@ -180,10 +165,6 @@ class WheelCalibration:
         self._sum, self._summed = np.zeros(3), 0
         of_step = (self._sum_square - 2.0 * taken_back) / _PATH_STEPS
         self.path_excess = np.maximum(of_step / self._guess, _LEAST_STEP)
-
-    def _learn_errors(self, effect: Floats, miss: Floats, noise: Floats) -> None:
-        """Kalman update of the systematic errors."""
-        self.errors, self.covariance = _updated(self.errors, self.covariance, effect, miss, noise)
 
 
 @njit(cache=True, nogil=True)
@@ -205,12 +186,122 @@ def _noise(increment: Floats) -> Floats:
     return noise
 
 
+@njit(cache=True, nogil=True)
+def told(
+    increment: Floats, excess: Floats, errors: Floats, covariance: Floats
+) -> tuple[Floats, Floats]:
+    """Motion (3,) that an increment (3,) means, and its covariance, by the systematic errors."""
+    effect = _effect(increment)
+    noise = with_diagonal3(np.zeros((3, 3)), excess * _noise(increment))
+    return increment + times3(effect, errors), noise + sandwich3(effect, covariance)
+
+
+@njit(cache=True, nogil=True)
+def _unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
+    more = np.maximum(path_excess - excess, 0.0) * _noise(increment)
+    return with_diagonal3(np.zeros((3, 3)), more)
+
+
+@njit(cache=True, nogil=True)
+def _learned(
+    errors: Floats,
+    covariance: Floats,
+    increment: Floats,
+    moved: Floats,
+    claimed: Floats,
+    noises: tuple[Floats, Floats],
+) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
+    """Update the systematic errors by one step.
+
+    Parameters
+    ----------
+    errors, covariance : (3,), (3, 3) float64
+    increment, moved, claimed : (3,) float64
+        As for `WheelCalibration.learn`.
+    noises : tuple of two (3,) float64
+        Variances of odometry and of a match, over the guessed and the claimed one.
+
+    Returns
+    -------
+    errors, covariance : (3,), (3, 3) float64
+    miss, guess : (3,) float64
+        Of the motion, within three sigmas, and odometry's guessed variances.
+    tells : (3,) bool
+        Along which axes the match tells anything.
+    """
+    effect, guess = _effect(increment), _noise(increment)
+    miss = moved - (increment + times3(effect, errors))
+    miss[2] = wrapped(miss[2])
+    # A match less certain than odometry tells nothing of it, such as along a bare corridor.
+    tells = claimed < guess
+    noise = np.where(tells, noises[0] * guess + 2.0 * noises[1] * claimed, _NOTHING)
+    errors, covariance = _updated(errors, covariance, effect, miss, noise)
+    aged = covariance * (1.0 + math.hypot(increment[0], increment[1]) / _CHANGES_M)
+    share = 1.0
+    for k in range(3):
+        share = min(share, _UNSURE[k] * _UNSURE[k] / aged[k, k])
+    # Beyond three sigmas a miss is an event, not noise.
+    limit = 3.0 * np.sqrt(noise)
+    return errors, aged * share, np.minimum(np.maximum(miss, -limit), limit), guess, tells
+
+
+@njit(cache=True, nogil=True)
 def _updated(
     errors: Floats, covariance: Floats, effect: Floats, miss: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:
     """Kalman update of a state (3,) and its covariance by a miss (3,), in Joseph's form."""
-    innovation = effect @ covariance @ effect.T + noise
-    gain = covariance @ effect.T @ invert3(innovation)
-    left = np.eye(3) - gain @ effect
-    joseph = left @ covariance @ left.T + gain @ noise @ gain.T
-    return errors + gain @ miss, 0.5 * (joseph + joseph.T)
+    innovation = with_diagonal3(sandwich3(effect, covariance), noise)
+    gain = product3(product3(covariance, effect.T), invert3(innovation))
+    left = np.eye(3) - product3(gain, effect)
+    spread = with_diagonal3(np.zeros((3, 3)), noise)
+    joseph = sandwich3(left, covariance) + sandwich3(gain, spread)
+    return errors + times3(gain, miss), 0.5 * (joseph + joseph.T)
+
+
+@njit(cache=True, nogil=True)
+def _learned_noise(
+    averages: tuple[Floats, Floats, Floats, Floats],
+    miss: Floats,
+    last: Floats,
+    guess: Floats,
+    claimed: Floats,
+    rate: Floats,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Tell the noise of odometry from that of matches.
+
+    Parameters
+    ----------
+    averages : tuple of four (3,) float64
+        Of squared misses, of products of two misses that follow each other, and of what odometry
+        and matches were guessed to have; learned in place.
+    miss, last : (3,) float64
+        Of this step, and of the one before.
+    guess, claimed : (3,) float64
+        Variances of this step.
+    rate : (3,) float64
+        Weight of this step in the averages.
+
+    Returns
+    -------
+    excess, match_excess, reading, taken_back : (3,) float64
+        As in `WheelCalibration`; the last is the variance that the next match takes back.
+    """
+    square, product, guessed, claim = averages
+    ratio, taken_back = np.empty(3), np.empty(3)
+    for k in range(3):
+        square[k] += rate[k] * (miss[k] * miss[k] - square[k])
+        product[k] += rate[k] * (miss[k] * last[k] - product[k])
+        guessed[k] += rate[k] * (guess[k] - guessed[k])
+        claim[k] += rate[k] * (claimed[k] - claim[k])
+        ratio[k] = min(-product[k], 0.5 * square[k]) / claim[k]
+        taken_back[k] = min(max(ratio[k], 1.0), _MOST_MATCH) * claim[k]
+    total, count = 0.0, 0
+    for k in range(3):
+        if ratio[k] < _ALIKE * ratio[_ASIDE] and _ALIKE * ratio[k] > ratio[_ASIDE]:
+            total += ratio[k]
+            count += 1
+    of_matches = total / count if count else 1.0
+    match_excess = np.full(3, min(max(of_matches, 1.0), _MOST_MATCH))
+    of_match = match_excess * claim
+    of_step = np.maximum(square - 2.0 * of_match, _LEAST_STEP * guessed)
+    return of_step / guessed, match_excess, np.maximum(taken_back - of_match, 0.0), taken_back

@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.consistency.evidence import (
@@ -23,6 +25,8 @@ from slarm_graph.geometry import Floats, between
 
 USED_RANGE_M = 15.0
 """Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
+_LEAST_SINE = 0.01
+"""Of the angle at which a beam meets a wall: half a degree, that of the beams."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,22 +87,34 @@ def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
     return float(wrong_place_evidence(counts[:1], counts[1:])[0])
 
 
+@njit(cache=True, nogil=True)
 def _beams(returns: Floats, laser: Floats) -> Floats:
     """Start x, y, end x, y of returns (K, 2) and the length that they look through (M, 5) [m]."""
-    ranges = np.hypot(*(returns - laser).T)
-    clear = ranges - np.maximum(BEYOND_M, TOLERANCE_M / _incidence(laser, returns, ranges))
-    near = ranges < USED_RANGE_M
-    starts = np.broadcast_to(laser, (near.sum(), 2))
-    return np.concatenate([starts, returns[near], clear[near, None]], axis=1)
+    beams = np.empty((len(returns), 5))
+    count = 0
+    gap_before = np.inf
+    for i in range(len(returns)):
+        gap_after = _gap(returns, i) if i + 1 < len(returns) else np.inf
+        x, y = returns[i, 0] - laser[0], returns[i, 1] - laser[1]
+        length = math.hypot(x, y)
+        if length < USED_RANGE_M:
+            sine = 1.0
+            if len(returns) > 1:
+                side = i if gap_after <= gap_before else i - 1
+                across = x * (returns[side + 1, 1] - returns[side, 1])
+                across -= y * (returns[side + 1, 0] - returns[side, 0])
+                sine = abs(across) / (length * min(gap_after, gap_before) + 1e-9)
+            beams[count, 0], beams[count, 1] = laser[0], laser[1]
+            beams[count, 2], beams[count, 3] = returns[i, 0], returns[i, 1]
+            hidden = TOLERANCE_M / min(max(sine, _LEAST_SINE), 1.0)
+            beams[count, 4] = length - max(BEYOND_M, hidden)
+            count += 1
+        gap_before = gap_after
+    return beams[:count].copy()
 
 
-def _incidence(laser: Floats, ends: Floats, ranges: Floats) -> Floats:
-    """Sine (M,) of the angle at which each beam meets the line to the nearer neighbour's end."""
-    if len(ends) < 2:
-        return np.ones(len(ends))
-    along = np.diff(ends, axis=0)
-    gap = np.hypot(*along.T) + 1e-9
-    after = np.r_[gap, np.inf] <= np.r_[np.inf, gap]
-    side = np.where(after, np.arange(len(ends)), np.arange(-1, len(ends) - 1))
-    across = (ends - laser)[:, 0] * along[side, 1] - (ends - laser)[:, 1] * along[side, 0]
-    return np.asarray(np.clip(np.abs(across) / (ranges * gap[side] + 1e-9), 0.01, 1.0))
+@njit(cache=True, nogil=True)
+def _gap(returns: Floats, i: int) -> float:
+    """Way from one return of (K, 2) to the next [m]; never none."""
+    x, y = returns[i + 1, 0] - returns[i, 0], returns[i + 1, 1] - returns[i, 1]
+    return math.hypot(x, y) + 1e-9
