@@ -75,8 +75,8 @@ class Pose2:
     @staticmethod
     def from_array(values: ArrayLike) -> Pose2:
         """Build a pose from (3,) x [m], y [m], theta [rad]."""
-        x, y, theta = np.asarray(values, dtype=np.float64)
-        return Pose2(float(x), float(y), float(theta))
+        x, y, theta = np.asarray(values, dtype=np.float64).tolist()
+        return Pose2(x, y, theta)
 
     @staticmethod
     def exp(tangent: ArrayLike) -> Pose2:

@@ -70,10 +70,20 @@ class ChanceFit:
 def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> ChanceFit:
     """Measure how well a scan (K, 2) fits elsewhere around a pose (3,)."""
     few = points[:: max(1, len(points) // _CHANCE_POINTS)]
-    around = np.array([compose3(center, away) for away in _ELSEWHERE])
-    fits = _fits(np.ascontiguousarray(few), around, local_map, usual)
+    fits = _fits(np.ascontiguousarray(few), _around(center), local_map, usual)
     sigma = max(float(fits.std()), _LEAST_CHANCE)
     return ChanceFit(float(fits.mean()), sigma, pieces(points))
+
+
+@njit(cache=True, nogil=True)
+def _around(center: Floats) -> Floats:
+    """Poses (N, 3) all over the window around one (3,)."""
+    poses = np.empty_like(_ELSEWHERE)
+    for k in range(len(poses)):
+        pose = compose3(center, _ELSEWHERE[k])
+        for i in range(3):
+            poses[k, i] = pose[i]
+    return poses
 
 
 def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> float:
