@@ -83,7 +83,8 @@ class GraphReach:
         before = np.where(before < 0, np.arange(count), before).astype(np.int64)
         total = np.zeros((count, 3, 3))
         away = np.flatnonzero(before != np.arange(count))
-        at = [self._at[min(a, b), max(a, b)] for a, b in zip(away, before[away], strict=True)]
+        steps = zip(away.tolist(), before[away].tolist(), strict=True)
+        at = [self._at[(a, b) if a < b else (b, a)] for a, b in steps]
         bodies = np.array(self._bodies, dtype=np.int64)[at]
         total[away] = _carried(
             np.array(self._covariances).reshape(-1, 3, 3)[at], between(poses[node], poses[bodies])

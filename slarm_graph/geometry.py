@@ -75,8 +75,8 @@ class Pose2:
     @staticmethod
     def from_array(values: ArrayLike) -> Pose2:
         """Build a pose from (3,) x [m], y [m], theta [rad]."""
-        x, y, theta = np.asarray(values, dtype=np.float64)
-        return Pose2(float(x), float(y), float(theta))
+        x, y, theta = np.asarray(values, dtype=np.float64).tolist()
+        return Pose2(x, y, theta)
 
     @staticmethod
     def exp(tangent: ArrayLike) -> Pose2:
@@ -124,13 +124,10 @@ def compose(a_from_b: ArrayLike, b_from_c: ArrayLike) -> Floats:
     a = np.asarray(a_from_b, dtype=np.float64)
     b = np.asarray(b_from_c, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            a[..., 0] + c * b[..., 0] - s * b[..., 1],
-            a[..., 1] + s * b[..., 0] + c * b[..., 1],
-            wrap_angles(a[..., 2] + b[..., 2]),
-        ],
-        axis=-1,
+    return _poses(
+        a[..., 0] + c * b[..., 0] - s * b[..., 1],
+        a[..., 1] + s * b[..., 0] + c * b[..., 1],
+        a[..., 2] + b[..., 2],
     )
 
 
@@ -138,14 +135,14 @@ def invert(a_from_b: ArrayLike) -> Floats:
     """Invert pose arrays of shape (..., 3)."""
     a = np.asarray(a_from_b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
-    return np.stack(
-        [
-            -c * a[..., 0] - s * a[..., 1],
-            s * a[..., 0] - c * a[..., 1],
-            wrap_angles(-a[..., 2]),
-        ],
-        axis=-1,
-    )
+    return _poses(-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2])
+
+
+def _poses(x: Floats, y: Floats, theta: Floats) -> Floats:
+    """Poses (..., 3) of their parts (...), the heading not yet wrapped: `np.stack` is slower."""
+    out = np.empty((*theta.shape, 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, y, wrap_angles(theta)
+    return out
 
 
 def between(a_from_b: ArrayLike, a_from_c: ArrayLike) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.gauss_newton import refine_near
+from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
@@ -105,12 +105,31 @@ def drawn_to(points: Floats, local_map: LocalMap, center: Floats, usual: float) 
     """Find where a scan (K, 2) is drawn to from all over a window around a pose (3,)."""
     assert local_map.grid is not None
     few = np.ascontiguousarray(points[:: max(1, len(points) // _CHANCE_POINTS)])
-    around = np.array([compose3(center, away) for away in _ELSEWHERE])
-    # Each return for what it is worth: nothing else pulls.
-    loose = (np.zeros((3, 3)), 1.0, _DRAWN_STEPS)
-    poses = np.array([refine_near(local_map.grid, few, pose, *loose)[0] for pose in around])
+    around = _around(center)
+    poses = _drawn_from(around, local_map.grid.lattice, few)
     fits, before = (_fits(few, at, local_map, usual) for at in (poses, around))
     return Drawn(poses, fits, before, pieces(points))
+
+
+@njit(cache=True, nogil=True)
+def _drawn_from(poses: Floats, lattice: Lattice, points: Floats) -> Floats:
+    """Where refinement leads from poses (N, 3), nothing but the points (K, 2) pulling."""
+    drawn, nothing = np.empty_like(poses), np.zeros((3, 3))
+    for k in range(len(poses)):
+        start = poses[k].copy()
+        drawn[k] = refine(lattice, points, start, start, nothing, 1.0, _DRAWN_STEPS)[0]
+    return drawn
+
+
+@njit(cache=True, nogil=True)
+def _around(center: Floats) -> Floats:
+    """Poses (N, 3) all over the window around one (3,)."""
+    poses = np.empty_like(_ELSEWHERE)
+    for k in range(len(poses)):
+        pose = compose3(center, _ELSEWHERE[k])
+        for i in range(3):
+            poses[k, i] = pose[i]
+    return poses
 
 
 def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> float:

@@ -27,6 +27,10 @@ _TABLE_SIZE = 2048
 _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astype(np.float32)
 """Likelihood by squared distance, from none to that of the reach."""
 
+_WIDE_CELLS = 2.0
+"""Fall-off, in cells, from which a grid is drawn by distances first: at 2.3 cells that takes two
+thirds as long, at 0.8 cells longer."""
+
 
 class Lattice(NamedTuple):
     """A likelihood grid as compiled code takes it: the fields of `LikelihoodGrid`, lengths in m."""
@@ -76,7 +80,10 @@ def build_likelihood_grid(
     size = np.ceil((high + margin - low) / resolution_m).astype(int) + 1
     values = np.zeros((int(size[1]), int(size[0])), dtype=np.float32)
     grid = LikelihoodGrid(float(low[0]), float(low[1]), resolution_m, sigma_m, values)
-    add_segments(grid, segments)
+    if sigma_m >= _WIDE_CELLS * resolution_m:
+        _splat_wide(grid.lattice, _REACH_SIGMAS * sigma_m, segments)
+    else:
+        add_segments(grid, segments)
     return grid
 
 
@@ -169,6 +176,66 @@ def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
                 d2 = ex * ex + ey * ey
                 if d2 < reach * reach:
                     line[i] = max(line[i], _FALL_OFF[int(d2 * scale + 0.5)])
+
+
+@njit(cache=True, nogil=True)
+def _splat_wide(lattice: Lattice, reach: float, segments: Floats) -> None:
+    """As `_splat` on an empty grid, where most of what is near a segment is nearer to others."""
+    values = lattice.values
+    scale = (_TABLE_SIZE - 1) / (reach * reach)
+    squares: Floats = np.full(values.shape, reach * reach)
+    offsets = np.empty((2, values.shape[1]))
+    for k in range(len(segments)):
+        _lower(squares, offsets, lattice, reach, segments[k])
+    for row in range(len(squares)):
+        for col in range(values.shape[1]):
+            if squares[row, col] < reach * reach:
+                values[row, col] = _FALL_OFF[int(squares[row, col] * scale + 0.5)]
+
+
+@njit(cache=True, nogil=True)
+def _lower(
+    squares: Floats, offsets: Floats, lattice: Lattice, reach: float, segment: Floats
+) -> None:
+    """Lower every cell of squared distances [m^2] near a segment (4,) to that of the segment.
+
+    Cells of a row are worked on several at once, for which `offsets` (2, cols) has room.
+    """
+    _, origin_x, origin_y, resolution, _ = lattice
+    x0, y0 = segment[0], segment[1]
+    dx, dy = segment[2] - x0, segment[3] - y0
+    length2 = dx * dx + dy * dy
+    divisor = length2 if length2 > 0.0 else 1.0
+    rows, cols = squares.shape
+    col_low = max(math.floor((min(x0, segment[2]) - reach - origin_x) / resolution), 0)
+    row_low = max(math.floor((min(y0, segment[3]) - reach - origin_y) / resolution), 0)
+    row_high = math.ceil((max(y0, segment[3]) + reach - origin_y) / resolution)
+    col_high = math.ceil((max(x0, segment[2]) + reach - origin_x) / resolution)
+    left = origin_x + col_low * resolution - x0
+    width = min(col_high + 1, cols) - col_low
+    for i in range(width):
+        offsets[0, i] = left + i * resolution
+        offsets[1, i] = offsets[0, i] * dx
+    for row in range(row_low, min(row_high + 1, rows)):
+        py = origin_y + row * resolution - y0
+        # Only as much of a row as is within reach, and a cell more.
+        off = max(py - max(dy, 0.0), min(dy, 0.0) - py, 0.0)
+        half = math.sqrt(max(reach * reach - off * off, 0.0))
+        first = max(int((min(dx, 0.0) - half - left) / resolution), 0)
+        last = min(int((max(dx, 0.0) + half - left) / resolution) + 2, width)
+        if first >= last:
+            continue
+        # A slice tells the compiler that no index is negative.
+        line = squares[row, col_low + first : col_low + last]
+        xs, projected = offsets[0, first:last], offsets[1, first:last]
+        for i in range(len(line)):
+            px = xs[i]
+            along = (projected[i] + py * dy) / divisor
+            along = along if along > 0.0 else 0.0
+            along = along if along < 1.0 else 1.0
+            ex, ey = px - along * dx, py - along * dy
+            square = ex * ex + ey * ey
+            line[i] = square if square < line[i] else line[i]
 
 
 def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float:

@@ -257,7 +257,7 @@ def _loosened(prediction: Prediction) -> Prediction:
 def _is_vague(covariance: Floats) -> bool:
     """Whether a prediction of this covariance (3, 3) agrees with anything."""
     x, y, turn = np.sqrt(covariance.diagonal()).tolist()
-    return max(x, y) > _VAGUE_M or turn > _VAGUE_RAD
+    return bool(max(x, y) > _VAGUE_M or turn > _VAGUE_RAD)
 
 
 def _agree(predictions: tuple[Prediction, ...]) -> bool:

@@ -36,6 +36,7 @@ _MAX_COASTING_S = 1.0
 _MEMORY = 0.95
 """Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
 _EYE = np.eye(3)
+"""Every part of the velocity is measured, and none by another."""
 _CONTRADICTION = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 _FADING = 0.7

@@ -171,9 +171,7 @@ def best_story(place: Place, outlook: Outlook) -> Prediction:
     return _best_story(between3(outlook.base, place.pose), spread, outlook.predictions)
 
 
-def _best_story(
-    motion: Floats, spread: Floats, predictions: tuple[Prediction, ...]
-) -> Prediction:
+def _best_story(motion: Floats, spread: Floats, predictions: tuple[Prediction, ...]) -> Prediction:
     """Return the prediction that explains a motion (3,) of a covariance (3, 3) best."""
     if len(predictions) == 1:
         return predictions[0]

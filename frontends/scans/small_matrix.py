@@ -9,7 +9,7 @@ and adds in one step, so numpy's `@` is their oracle to the last bit.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numba import njit, types
@@ -18,11 +18,13 @@ from numba.extending import intrinsic
 from slarm_graph.geometry import Floats
 
 
-@intrinsic
-def fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
-    """Return a * b + c, rounded once."""
+def _fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
     signature = types.float64(types.float64, types.float64, types.float64)
     return signature, lambda _context, builder, _signature, values: builder.fma(*values)
+
+
+fused = cast(Callable[[float, float, float], float], intrinsic(_fused))
+"""a * b + c, rounded once; only for compiled code."""
 
 
 @njit(cache=True, nogil=True)

@@ -52,7 +52,7 @@ def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Ke
     parts = np.split(confirmed, np.cumsum(counts)[:-1])
     for keyframe, pose, cells, is_met in zip(keyframes, poses, touched, parts, strict=True):
         own = _packed(transform_points(pose, keyframe.points_m))
-        points = keyframe.points_m[np.isin(own, cells[is_met])]
+        points = keyframe.points_m[_among(own, np.sort(cells[is_met]))]
         enough = len(points) >= matching.min_points
         kept.append(replace(keyframe, points_m=points) if enough else keyframe)
     return kept
@@ -75,6 +75,14 @@ def _packed(points: Floats) -> _Cells:
     cells = np.floor(points / _CELL_M).astype(np.int64)
     packed: _Cells = cells[:, 0] * (1 << 31) + cells[:, 1]
     return packed
+
+
+def _among(cells: _Cells, known: _Cells) -> NDArray[np.bool_]:
+    """Which of some cells (K,) are among known ones (M,) in rising order."""
+    if not len(known):
+        return np.zeros(len(cells), dtype=np.bool_)
+    found: NDArray[np.bool_] = known[np.searchsorted(known[:-1], cells)] == cells
+    return found
 
 
 def _met_again(cells: _Cells, by: _Cells) -> NDArray[np.bool_]:

@@ -1,0 +1,71 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled short cuts against what they stand for, to the last bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.consistency.views import _beams
+from slarm_graph.frontends.scans import likelihood_grid
+from slarm_graph.frontends.scans.likelihood_grid import Lattice
+from slarm_graph.frontends.scans.match_certainty import _median
+from slarm_graph.frontends.scans.small_matrix import product3, sandwich3, times3, with_diagonal3
+from slarm_graph.frontends.scans.standing import _among
+from slarm_graph.geometry import one_per_cell
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_products_are_those_of_numpy(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    a, b, v = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=3)
+    # BLAS rounds as its processor does: the last bit is that of those with fused operations.
+    np.testing.assert_allclose(product3(a, b), a @ b, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(product3(a, b.T), a @ b.T, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(sandwich3(a, b), a @ b @ a.T, rtol=1e-14, atol=1e-13)
+    np.testing.assert_allclose(times3(a, v), a @ v, rtol=1e-14, atol=1e-14)
+    np.testing.assert_array_equal(with_diagonal3(a, v), a + np.diag(v))
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 3000])
+def test_the_first_point_of_a_cell_is_kept(count: int) -> None:
+    points = np.random.default_rng(count).normal(size=(count, 2)) * 3.0
+    points[: count // 4] = -0.0
+    _, first = np.unique(np.floor(points / 0.1), axis=0, return_index=True)
+    np.testing.assert_array_equal(one_per_cell(points, 0.1), points[np.sort(first)])
+
+
+def test_a_wide_grid_is_drawn_as_a_narrow_one() -> None:
+    rng = np.random.default_rng(0)
+    starts = rng.uniform(-1.0, 9.0, (200, 2))
+    ends = starts + rng.choice([0.0, 0.05, 2.0], (200, 1)) * rng.normal(size=(200, 2))
+    ends[:20, 0] = starts[:20, 0]
+    grids = [Lattice(np.zeros((70, 60), dtype=np.float32), 0.0, -1.0, 0.15, 0.35) for _ in "ab"]
+    segments = np.concatenate([starts, ends], axis=1)
+    likelihood_grid._splat(grids[0], 1.05, segments)
+    likelihood_grid._splat_wide(grids[1], 1.05, segments)
+    assert grids[0].values.any()
+    np.testing.assert_array_equal(grids[0].values, grids[1].values)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 40, 181])
+def test_a_median_is_that_of_numpy(count: int) -> None:
+    values = np.random.default_rng(count).exponential(size=count)
+    assert _median(values) == np.median(values)
+
+
+def test_cells_are_found_among_others() -> None:
+    rng = np.random.default_rng(0)
+    cells, known = rng.integers(0, 50, 40), np.unique(rng.integers(-5, 60, 30))
+    np.testing.assert_array_equal(_among(cells, known), np.isin(cells, known))
+    assert not _among(cells, known[:0]).any()
+
+
+def test_beams_look_through_less_where_walls_are_grazed() -> None:
+    returns = np.stack([np.linspace(0.5, 20.0, 60), np.full(60, 2.0)], axis=1)
+    beams, laser = _beams(returns, np.zeros(2)), np.zeros(2)
+    lengths = np.hypot(*beams[:, 2:4].T)
+    np.testing.assert_array_equal(beams[:, 2:4], returns[np.hypot(*returns.T) < 15.0])
+    assert (beams[:, :2] == laser).all()
+    assert (np.diff(lengths - beams[:, 4]) >= -1e-12).all()
