@@ -44,8 +44,8 @@ NICHE_EVERY_M = 3.0
 SPEED_M_S = 1.0
 """Of a robot in corridors, at a walk."""
 APART_M, BEAMS = 0.5, 181
-"""Between two scans, and of a scan: a fifth of what 5 Hz and 361 beams give, and enough for the way to
-be followed."""
+"""Between two scans, and of a scan: a fifth of what 5 Hz and 361 beams give, and enough for the way
+to be followed."""
 
 
 @dataclass(frozen=True, slots=True)
