@@ -56,6 +56,7 @@ def _at_most(cells: int, radio: RadioMap) -> RadioMap:
         line_of_sight=radio.line_of_sight[:, ::step, ::step],
         los_probability=None,
         los_unknown=None,
+        tiles=None,
     )
 
 
