@@ -101,6 +101,7 @@ def line_of_sight_past_cells(
     if mount_radius_m > 0.0:
         _empty_mount(geometry, filled, np.array([x, y]), mount_radius_m)
     boxes, tops = boxes_of_cells(filled, 0.0, known_tiles(where))
+    del filled
     scales = _scales(np.full(len(tops), np.inf), z, antenna_height_m)
     return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 

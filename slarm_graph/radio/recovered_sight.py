@@ -26,7 +26,7 @@ from slarm_graph.radio.line_of_sight import (
 )
 from slarm_graph.radio.uncertain_sight import told_apart, weigh
 from slarm_graph.raster.bands import by_windows, cells_of, windows
-from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.patches import joined, larger_than
 from slarm_graph.raster.segments import cells_passed
@@ -108,22 +108,24 @@ def _past_solids(
 ) -> NDArray[np.float32]:
     """Probability of line of sight (rows, cols) past certain and uncertain solids."""
     geometry, where = geographic.geometry, geographic.where
-    in_solid = inside_solids(geometry, geographic.solids, where)
-    on_face = by_windows(where, 0, lambda window: free[window] & in_solid[window])
+    plans = Polygons.of_solids(geometry, geographic.solids)
+    on_face = by_windows(where, 0, lambda window: free[window] & plans.any(window))
     position_m = _on_room_side(geographic, free, on_face, position_m, config.mount_radius_m)
     antenna_m = config.antenna_height_m
     solids = [solid for solid in geographic.solids if solid.height_m > 0.0]
     sure, groups = told_apart(
         geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
     )
-    past = line_of_sight_past_solids(geometry, sure, position_m, antenna_m, where=where)
-    clear = by_windows(where, 0, lambda window: past[window] & free[window])
+    clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m, where=where)
+    for part in windows(where):
+        clear[part.cells] &= free[part.cells]
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
     faces = cells_of(on_face, where)
     points_m = moved_to_faces(geometry.center_of(faces), solids)
     at_face = line_of_sight_to_points(points_m, sure, position_m, antenna_m)
     clear[faces[:, 0], faces[:, 1]] = at_face
     probability = _certain(clear, where)
+    del clear
     weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m, where)
     return probability
 
@@ -134,11 +136,21 @@ def unseen_pockets(geographic: GeographicMap) -> Mask:
     What walls enclose has the walls' height; behind an open border there may be anything. Gaps
     narrower than a robot are places where a wall was not hit, not ways in.
     """
-    states, geometry = geographic.states, geographic.geometry
-    outlined = _outlined(geometry, geographic.solids)
+    states, where = geographic.states, geographic.where
+    least = math.ceil(round(_GAP_M / geographic.geometry.resolution_m, 9))
+    wide = larger_than(_open_border(geographic), least - 1, where)
+    if not len(cells_of(wide, where)):
+        return wide
+    unknown = by_windows(where, 0, lambda window: states[window] == CellState.UNKNOWN)
+    return joined(unknown, wide, where, through=True)
+
+
+def _open_border(geographic: GeographicMap) -> Mask:
+    """Unknown cells (rows, cols) beside a free one and with no wall beside them."""
+    states, outlined = geographic.states, _outlined(geographic.geometry, geographic.solids)
 
     def border(window: Window) -> Mask:
-        """Unknown cells, of a window, beside a free one and with no wall beside them."""
+        """Those of a window."""
         # A wall one cell deep has holes where its face lies on centres, none without wall beside.
         wall = (states[window] == CellState.OBSTACLE) | outlined[window]
         free = np.isin(states[window], _FREE).view(np.uint8)
@@ -146,13 +158,7 @@ def unseen_pockets(geographic: GeographicMap) -> Mask:
         beside = cv2.dilate(free, _SIDES).view(np.bool_) & ~near_wall
         return np.asarray(beside & (states[window] == CellState.UNKNOWN))
 
-    where = geographic.where
-    least = math.ceil(round(_GAP_M / geometry.resolution_m, 9))
-    wide = larger_than(by_windows(where, 1, border), least - 1, where)
-    if not len(cells_of(wide, where)):
-        return wide
-    unknown = by_windows(where, 0, lambda window: states[window] == CellState.UNKNOWN)
-    return joined(unknown, wide, where, through=True)
+    return by_windows(geographic.where, 1, border)
 
 
 def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:

@@ -196,6 +196,24 @@ def found_in_band(
     return np.sort(np.concatenate(found))
 
 
+def side_by_side(where: Where, *layers: NDArray[Scalar]) -> tuple[NDArray[Scalar], ...]:
+    """Lay layers (rows, cols) of a byte a cell, zero outside of tiles, into memory cell by cell.
+
+    A page of memory is a stretch of one row, of which a corridor across the rows takes a tenth: of
+    layers beside each other it takes one page a row, and not one for each of them. Without tiles
+    they stay as they are.
+    """
+    if isinstance(where, tuple):
+        return layers
+    kinds = [(str(n), layer.dtype) for n, layer in enumerate(layers)]
+    together = np.zeros(shape_of(where), dtype=kinds)
+    found = tuple(together[name] for name, _ in kinds)
+    for part in windows(where):
+        for to, layer in zip(found, layers, strict=True):
+            to[part.cells] = layer[part.cells]
+    return found
+
+
 def cells_of(mask: Mask, where: Where) -> NDArray[np.int64]:
     """Return row and column (N, 2) of the cells of a mask that is false outside of tiles, in order.
 

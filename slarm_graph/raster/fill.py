@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.raster.bands import by_windows
-from slarm_graph.tiles import TILE_CELLS, KnownTiles, Where, Window
+from slarm_graph.tiles import TILE_CELLS, KnownTiles, Window
 from slarm_graph.world import Solid
 
 EVERYWHERE: Window = (slice(None), slice(None))
@@ -95,12 +94,9 @@ class Polygons:
         return (top, left), (past - top, end - left)
 
 
-def inside_solids(
-    geometry: GridGeometry, solids: Sequence[Solid], where: Where | None = None
-) -> Mask:
-    """Mark cells, of all or of known tiles, whose centre lies inside the plan of a solid."""
-    plans = Polygons.of_solids(geometry, solids)
-    return plans.any() if where is None else by_windows(where, 0, plans.any)
+def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
+    """Mark cells whose centre lies inside the plan of at least one solid."""
+    return Polygons.of_solids(geometry, solids).any()
 
 
 @njit(cache=True, nogil=True)

@@ -21,7 +21,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGro
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
-from slarm_graph.raster.bands import by_windows, put, windows
+from slarm_graph.raster.bands import by_windows, put, side_by_side, windows
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import set_aside
@@ -124,12 +124,14 @@ def recover(
     put(observed, visited, True, where)
     changed = changed_cells(seen, states, where)
     set_aside(grid.probability)
+    beside = tiles.grown(math.ceil(config.robot_radius_m / target.resolution_m)) if tiles else where
+    states, *covered = side_by_side(beside, states, observed, visited, footprint)
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(observed, visited, footprint),
+        coverage=Coverage(*(mask.view(np.bool_) for mask in covered)),
         changed_cells=changed,
         solids=(*blocks, *strips),
         height_groups=groups,
