@@ -19,7 +19,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping.beams import beams_in_map
 from slarm_graph.raster.bands import windows
-from slarm_graph.raster.layers import blank_layer
+from slarm_graph.raster.layers import blank_layer, sparse_layer
 from slarm_graph.raster.lines import next_on_line
 from slarm_graph.readings import LaserScan
 from slarm_graph.tiles import TILE_CELLS, KnownTiles, Where, Window
@@ -209,7 +209,7 @@ def _padded(
     counts: NDArray[np.int32], shape: tuple[int, int], below: int, left: int, where: Where
 ) -> NDArray[np.int32]:
     """Counts in a larger grid; only where there are any, as what stays zero takes no memory."""
-    larger = np.zeros(shape, dtype=np.int32)
+    larger = sparse_layer(shape, np.int32)
     for part in windows(where):
         here = counts[part.cells]
         cols = np.flatnonzero(here.any(axis=0))

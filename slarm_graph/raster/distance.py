@@ -62,7 +62,7 @@ def _within(mask: Mask, radius: float, cell: float, where: Where) -> Mask:
         """Look around where there is anything."""
         here = mask[window]
         if not here.any():
-            return here
+            return np.zeros_like(here)
         if reach > _MOST_DILATED_CELLS:
             return np.asarray(distance_to(here) * np.float32(cell) <= radius)
         return cv2.dilate(here.view(np.uint8), disc).view(np.bool_)

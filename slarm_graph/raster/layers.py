@@ -35,6 +35,8 @@ the cells of a tile's row that lie in them (1,024 of 4 bytes, 256 of a tile)."""
 _BLANK_BYTES: Final = 1 << 22
 """Of the file that stands for what nobody writes; with half, a layer has twice the mappings, 800
 for a square kilometre at 0.05 m of the 65,530 that Linux allows (vm.max_map_count)."""
+_NO_RESERVE: Final = 0x4000
+"""MAP_NORESERVE of the kernel's mman.h: what is never written is not asked for."""
 _PRIVATE_FIXED: Final = 0x12
 """MAP_PRIVATE | MAP_FIXED of the kernel's mman.h; the second is not in Python's module."""
 
@@ -54,7 +56,20 @@ def new_layer(
     if size >= _LARGE_BYTES and sys.platform == "linux" and not _is_little(where):
         with suppress(OSError):
             return np.ndarray(tuple(shape), dtype, buffer=_on_disk(size))
+    return sparse_layer(shape, dtype) if _is_little(where) else np.zeros(shape, dtype=dtype)
+
+
+def sparse_layer(shape: Sequence[int], dtype: type[Scalar]) -> NDArray[Scalar]:
+    """Return an array of zeros of which little will be written: it may exceed the memory."""
+    size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+    if size >= _LARGE_BYTES and sys.platform == "linux":
+        return np.ndarray(tuple(shape), dtype, buffer=_set_apart(size))
     return np.zeros(shape, dtype=dtype)
+
+
+def _set_apart(size: int) -> mmap.mmap:
+    """Set addresses apart for so many bytes; only what is written of them becomes memory."""
+    return mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS | _NO_RESERVE)
 
 
 def _is_little(where: Where | None) -> bool:
@@ -85,7 +100,7 @@ def _on_disk(size: int) -> mmap.mmap:
 
 def _mostly_blank(size: int) -> mmap.mmap:
     """Map a file of nan again and again, so many bytes; what is written becomes memory's own."""
-    whole = mmap.mmap(-1, size, mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    whole = _set_apart(size)
     place = ctypes.addressof(ctypes.c_char.from_buffer(whole))
     library = ctypes.CDLL(None, use_errno=True)
     library.mmap.restype = ctypes.c_void_p
