@@ -107,6 +107,23 @@ def test_layers_are_looked_up_and_written_out_as_they_are(seed: int) -> None:
 
 
 @SEEDS
+def test_what_is_left_out_is_what_is_blank(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rows with nothing, rows known throughout, and stretches between: in every order."""
+    monkeypatch.setattr(bands, "_FEW_CELLS", 70)
+    monkeypatch.setattr(bands, "_BAND_CELLS", 20_000)
+    rng = np.random.default_rng(seed)
+    tiles = KnownTiles((600, 330), rng.random((10, 6)) < rng.uniform(0.2, 0.8, (10, 1)))
+    tiles.known[rng.random(10) < 0.4] = True
+    tiles.known[rng.random(10) < 0.3] = False
+    known = np.kron(tiles.known, np.ones((TILE_CELLS, TILE_CELLS), dtype=np.bool_))[:600, :330]
+    layer = np.where(known, rng.integers(1, 200, known.shape), 0).astype(np.uint8)
+    runs = list(in_runs(layer, tiles))
+    found = [np.zeros(run, np.uint8) if isinstance(run, int) else run.ravel() for run in runs]
+    np.testing.assert_array_equal(np.concatenate(found), layer.ravel())
+    assert any(isinstance(run, int) for run in runs)
+
+
+@SEEDS
 def test_outlines_and_boxes_of_tiles_are_those_of_the_grid(seed: int) -> None:
     mask, tiles = some_places(seed)
     geometry = GridGeometry(-3.0, 2.0, 0.1, *mask.shape)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,12 +38,15 @@ class InParts:
     def write(self, file: Deflated) -> None:
         """Write it as an NPY file."""
         file.write(_header(self.dtype, self.shape))
-        blank = np.array(self.blank).astype(self.dtype).tobytes()
+        blank, begun = np.array(self.blank).astype(self.dtype).tobytes(), file.size
         for part in self.parts:
             if isinstance(part, int):
                 file.repeat(blank, part)
             else:
                 file.write(part.tobytes())
+        size = math.prod(self.shape) * self.dtype.itemsize
+        if file.size - begun != size:
+            raise RuntimeError(f"{file.size - begun} bytes for an array of {size}")
 
 
 def write_npz(path: Path, arrays: Iterable[tuple[str, ArrayLike | InParts]]) -> None:

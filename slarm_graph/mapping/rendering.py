@@ -20,6 +20,8 @@ from slarm_graph.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
 
+_DIGITS = 9
+"""Of a side in metres: 3 x 0.05 m is 0.15, and not 0.15000000000000002."""
 _SLACK_CELLS = 4.0
 """A box covers a cell more than its length says, and the mapper keeps one free on either side."""
 
@@ -55,7 +57,8 @@ def _drawable(
     cells = _cells(ends, config, 0.0)
     if cells <= config.max_cells:
         return config
-    coarser_m = config.resolution_m * math.ceil(math.sqrt(cells / config.max_cells))
+    times = math.ceil(math.sqrt(cells / config.max_cells))
+    coarser_m = round(config.resolution_m * times, _DIGITS)
     wide, high = np.ptp(ends, axis=0)
     _log.warning(
         f"the map is {wide:.0f} x {high:.0f} m, more than mapping.max_cells of"

@@ -153,6 +153,9 @@ def in_runs(
         stretches = list(_together(columns_of(where, rows)))
         parts = [looked_up(layer, where, (rows, cols), blank) for cols in stretches]
         if [part.shape[1] for part in parts] == [layer.shape[1]]:
+            if left_out:
+                yield left_out
+            left_out = 0
             yield parts[0]
             continue
         for row in range(rows.stop - rows.start):
