@@ -26,7 +26,15 @@ from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.radio.shadows import boxes_of_cells, shadowed_cells
 from slarm_graph.raster import bands
-from slarm_graph.raster.bands import by_windows, cells_of, copy_of, in_runs, looked_up, put
+from slarm_graph.raster.bands import (
+    by_windows,
+    cells_of,
+    copy_of,
+    every_so_many,
+    in_runs,
+    looked_up,
+    put,
+)
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import blank_layer, new_layer
@@ -104,6 +112,9 @@ def test_layers_are_looked_up_and_written_out_as_they_are(seed: int) -> None:
     np.testing.assert_array_equal(np.concatenate(found), layer.ravel())
     window = np.s_[17 : mask.shape[0] - 40, 30 : mask.shape[1] - 3]
     np.testing.assert_array_equal(looked_up(layer, tiles, window, np.nan), layer[window])
+    for step in (1, 7, 80):
+        few = every_so_many(layer, tiles, step, np.nan)
+        np.testing.assert_array_equal(few, layer[::step, ::step])
 
 
 @SEEDS

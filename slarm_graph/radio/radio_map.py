@@ -190,6 +190,8 @@ def _map_of(
     ):
         for part in windows(where, aside=[loss_db, probability]):
             here, at = free[part.cells], part.cells
+            # What is read again is written whole, or pages around it come in from the blank file.
+            ap_loss_db[at] = np.nan
             distances_m = _distances_m(geometry, ap, config, at)[here]
             ap_loss_db[at][here] = expected_path_loss_db(
                 distances_m,

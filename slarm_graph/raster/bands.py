@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask, Scalar
 from slarm_graph.raster.layers import set_aside
-from slarm_graph.tiles import Where, Window, columns_of, shape_of
+from slarm_graph.tiles import TILE_CELLS, Where, Window, columns_of, shape_of
 
 _BAND_CELLS = 2_000_000
 """Cells of a band: some layers of it fit into a processor's cache. Recovery of a site of 50 million
@@ -52,10 +52,15 @@ def bands(
     Layers of it that lie on disk may leave the memory again after every band (`set_aside`).
     """
     rows, cols = shape
-    count = max(4 * halo, _BAND_CELLS // max(1, cols), 1)
+    count = _height(cols, halo)
     for first in range(0, rows, count):
         yield slice(first, min(rows, first + count))
         set_aside(*aside)
+
+
+def _height(cols: int, halo: int) -> int:
+    """Rows of a band."""
+    return max(4 * halo, _BAND_CELLS // max(1, cols), 1)
 
 
 def windows(
@@ -72,7 +77,7 @@ def windows(
         As in `bands`.
     """
     shape = shape_of(where)
-    for rows in bands(shape, halo, aside=aside):
+    for rows in _rows_of(where, halo):
         for cols in columns_of(where, rows):
             cells = rows, cols
             low = [max(0, at.start - halo) for at in cells]
@@ -80,6 +85,18 @@ def windows(
             inner = [slice(at.start - n, at.stop - n) for at, n in zip(cells, low, strict=True)]
             around = slice(low[0], high[0]), slice(low[1], high[1])
             yield Part(cells, around, (inner[0], inner[1]))
+        set_aside(*aside)
+
+
+def _rows_of(where: Where, halo: int) -> Iterator[slice]:
+    """Cut a grid into bands of rows; of tiles, into such as end where tiles do."""
+    rows, cols = shape_of(where)
+    if isinstance(where, tuple):
+        yield from bands(where, halo)
+        return
+    high = _height(cols, halo) // TILE_CELLS * TILE_CELLS or TILE_CELLS
+    for first in range(0, rows, high):
+        yield slice(first, min(rows, first + high))
 
 
 def by_windows(
@@ -136,12 +153,35 @@ def looked_up(
         return layer[window]
     rows, cols = window
     found = np.full((rows.stop - rows.start, cols.stop - cols.start), blank, dtype=layer.dtype)
-    for known in columns_of(where, rows):
-        first, past = max(known.start, cols.start), min(known.stop, cols.stop)
-        if first < past:
-            here = slice(first - cols.start, past - cols.start)
-            found[:, here] = layer[rows, first:past]
+    for some in _tile_rows(rows):
+        for known in columns_of(where, some):
+            first, past = max(known.start, cols.start), min(known.stop, cols.stop)
+            if first < past:
+                high = slice(some.start - rows.start, some.stop - rows.start)
+                wide = slice(first - cols.start, past - cols.start)
+                found[high, wide] = layer[some, first:past]
     return found
+
+
+def every_so_many(layer: NDArray[Scalar], where: Where, step: int, blank: float) -> NDArray[Scalar]:
+    """Return every so many rows and columns of a layer, which is blank outside of tiles."""
+    if isinstance(where, tuple):
+        return layer[::step, ::step]
+    found = np.full([-(-n // step) for n in layer.shape], blank, dtype=layer.dtype)
+    for rows in _tile_rows(slice(0, layer.shape[0])):
+        for cols in columns_of(where, rows):
+            few = tuple(slice(-(-at.start // step), -(-at.stop // step)) for at in (rows, cols))
+            found[few] = layer[tuple(slice(n.start * step, n.stop * step, step) for n in few)]
+    return found
+
+
+def _tile_rows(rows: slice) -> Iterator[slice]:
+    """Cut rows where tiles begin."""
+    first = rows.start
+    while first < rows.stop:
+        past = min(first // TILE_CELLS * TILE_CELLS + TILE_CELLS, rows.stop)
+        yield slice(first, past)
+        first = past
 
 
 def in_runs(

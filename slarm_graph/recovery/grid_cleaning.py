@@ -67,17 +67,7 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     cell_m = grid.geometry.resolution_m
     radius_cells = config.robot_radius_m / cell_m
     where, reach = grid.where, math.ceil(radius_cells) + 1
-    # What is only written where it is true takes no memory elsewhere.
-    aside = [grid.probability]
-    held = by_windows(where, 0, lambda w: grid.in_window(w).occupied, aside=aside)
-    occupied = larger_than(held, config.speck_cells, where)
-    put(occupied, visited, False, where)
-    free = by_windows(
-        where,
-        0,
-        lambda w: (grid.in_window(w).free | visited[w] | held[w]) & ~occupied[w],
-        aside=aside,
-    )
+    occupied, free = _without_specks(grid, visited, config.speck_cells)
     passable = by_windows(
         where, reach, lambda w: (farther_than(occupied[w], radius_cells) & free[w]) | visited[w]
     )
@@ -85,11 +75,27 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     put(occupied, closed, True, where)
     put(free, closed, False, where)
     del closed
-    holes = _small_holes(free, occupied, config.hole_area_m2 / cell_m**2, where)
-    put(free, holes, True, where)
+    most_cells = config.hole_area_m2 / cell_m**2
+    put(free, _small_holes(free, occupied, most_cells, where), True, where)
     reached = _reached(free, visited, radius_cells, where)
     passable = by_windows(where, 0, lambda w: passable[w] & reached[w])
     return CleanGrid(grid.geometry, occupied, free, reached, passable, grid.tiles)
+
+
+def _without_specks(grid: OccupancyGrid, visited: Mask, speck_cells: int) -> tuple[Mask, Mask]:
+    """Occupied cells without specks and without those that were visited, and free cells."""
+    # What is only written where it is true takes no memory elsewhere.
+    where, aside = grid.where, [grid.probability]
+    held = by_windows(where, 0, lambda w: grid.in_window(w).occupied, aside=aside)
+    occupied = larger_than(held, speck_cells, where)
+    put(occupied, visited, False, where)
+    free = by_windows(
+        where,
+        0,
+        lambda w: (grid.in_window(w).free | visited[w] | held[w]) & ~occupied[w],
+        aside=aside,
+    )
+    return occupied, free
 
 
 def _closed(occupied: Mask) -> Mask:

@@ -117,8 +117,8 @@ def recover(
     heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config), where)
     source = height_source(blocks, strips, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m, tiles)
-    walls = by_windows(where, 0, lambda w: footprint[w] & (states[w] == CellState.OBSTACLE))
-    put(footprint, walls, False, where)
+    for part in windows(where):
+        footprint[part.cells] &= states[part.cells] != CellState.OBSTACLE
     seen = grid.on(target)
     observed = observed_cells(seen, states, where)
     put(observed, visited, True, where)

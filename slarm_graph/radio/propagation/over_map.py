@@ -19,7 +19,7 @@ from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.propagation.crossings import wall_crossings
 from slarm_graph.radio.propagation.links import Links, PropagationModel
 from slarm_graph.radio.radio_map import radio_map
-from slarm_graph.raster.bands import by_windows, cells_of
+from slarm_graph.raster.bands import by_windows, cells_of, windows
 from slarm_graph.raster.layers import blank_layer
 
 STANDARD = "3gpp"
@@ -67,6 +67,8 @@ def by_model(
     """
     loss_db = blank_layer(radio.path_loss_db.shape, radio.where)
     for index, ap in enumerate(radio.access_points):
+        for part in windows(radio.where):
+            loss_db[index][part.cells] = np.nan
         known = _known(radio, index)
         points_m = radio.geometry.center_of(known)
         at = known[:, 0], known[:, 1]
