@@ -9,13 +9,16 @@ from collections.abc import Sequence
 
 import numpy as np
 import plotly.graph_objects as go
+from numpy.typing import NDArray
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.eval.page import COLORS, Figure, plain, single
 from slarm_graph.eval.report_figures import aspect, metric_axes
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask, window_of
+from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.raster.bands import windows
+from slarm_graph.tiles import Where, Window
 
 _MAX_CELLS = 60_000
 """Of all access points together; a page stays below half a megabyte for them."""
@@ -29,7 +32,7 @@ _CLEAR = "rgba(0,0,0,0)"
 def gain_figure(radio: RadioMap) -> Figure:
     """Return all layers of a radio map to choose from: gains on one scale, sight, best server."""
     fig = go.Figure()
-    rows, cols, x, y = _shown_cells(radio.geometry, np.isfinite(radio.path_loss_db), _MAX_CELLS)
+    rows, cols, x, y = _shown_cells(radio.geometry, radio.path_loss_db, _MAX_CELLS, radio.where)
     gain_db = single(np.round(-radio.path_loss_db[:, rows, cols], 2))
     clear = radio.line_of_sight[:, rows, cols]
     at = single(x), single(y)
@@ -44,7 +47,7 @@ def gain_figure(radio: RadioMap) -> Figure:
 
 
 def _shown_cells(
-    geometry: GridGeometry, known: Mask, most: int
+    geometry: GridGeometry, layers: NDArray[np.float32] | Floats, most: int, where: Where
 ) -> tuple[slice, slice, Floats, Floats]:
     """Return the rows and columns to draw of layers (A, rows, cols), and their x and y [m].
 
@@ -53,20 +56,34 @@ def _shown_cells(
     Parameters
     ----------
     geometry : GridGeometry
-    known : (A, rows, cols) bool
-        Where there is a value.
+    layers : (A, rows, cols)
+        nan where there is no value.
     most : int
         Values of all layers together.
+    where : (rows, cols) or KnownTiles
     """
-    anywhere: Mask = np.asarray(known.any(axis=0))
-    rows, cols = window_of(anywhere if anywhere.any() else np.ones_like(anywhere))
+    rows, cols = _window_of_values(layers, where)
     size = (rows.stop - rows.start) * (cols.stop - cols.start)
-    step = max(1, math.ceil(math.sqrt(size / (most / len(known)))))
+    step = max(1, math.ceil(math.sqrt(size / (most / len(layers)))))
     rows, cols = slice(rows.start, rows.stop, step), slice(cols.start, cols.stop, step)
     side_m = geometry.resolution_m
-    x = geometry.origin_x_m + (np.arange(cols.start, cols.stop, step) + 0.5) * side_m
-    y = geometry.origin_y_m + (np.arange(rows.start, rows.stop, step) + 0.5) * side_m
+    x, y = (
+        np.asarray(origin_m + (np.arange(at.start, at.stop, step) + 0.5) * side_m, np.float64)
+        for origin_m, at in ((geometry.origin_x_m, cols), (geometry.origin_y_m, rows))
+    )
     return rows, cols, x, y
+
+
+def _window_of_values(layers: NDArray[np.float32] | Floats, where: Where) -> Window:
+    """Return the rows and columns in which any layer has a value; all where none has."""
+    valued = [np.zeros(n, dtype=np.bool_) for n in layers.shape[1:]]
+    for layer in layers:
+        for part in windows(where):
+            known = np.isfinite(layer[part.cells])
+            for axis in range(2):
+                valued[axis][part.cells[axis]] |= known.any(axis=1 - axis)
+    rows, cols = (np.flatnonzero(one if one.any() else ~one) for one in valued)
+    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(cols[0]), int(cols[-1]) + 1)
 
 
 def _over_cells(fig: go.Figure, x: Floats, y: Floats, side_m: float, words: str) -> Figure:
@@ -189,8 +206,8 @@ def gain_curves(radio: RadioMap) -> Figure:
     fig = go.Figure()
     shares = np.linspace(0.0, 1.0, _CURVE_POINTS)
     for index, ap in enumerate(radio.access_points):
-        loss_db = radio.path_loss_db[index]
-        known = -loss_db[np.isfinite(loss_db)]
+        parts = [radio.path_loss_db[index][part.cells] for part in windows(radio.where)]
+        known = -np.concatenate([loss_db[np.isfinite(loss_db)] for loss_db in parts])
         if not known.size:
             continue
         fig.add_scatter(
@@ -210,8 +227,8 @@ def gain_curves(radio: RadioMap) -> Figure:
 
 def measured_figure(measured: MeasuredMap) -> Figure:
     """Return the expected level of every access point, cells left out where too many."""
-    known = np.isfinite(measured.mean_dbm)
-    rows, cols, x, y = _shown_cells(measured.geometry, known, _MAX_CELLS)
+    layers, where = measured.mean_dbm, measured.geometry.shape
+    rows, cols, x, y = _shown_cells(measured.geometry, layers, _MAX_CELLS, where)
     fig = go.Figure()
     for index, ap in enumerate(measured.access_points):
         fig.add_heatmap(

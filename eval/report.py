@@ -8,6 +8,8 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table as BackendTable
 from slarm_graph.eval.gain_figure import gain_curves, gain_figure, measured_figure
@@ -29,11 +31,12 @@ from slarm_graph.eval.page import (
 from slarm_graph.eval.report_figures import HEIGHT_WORDS, MAP_WORDS, geographic_figure
 from slarm_graph.eval.run_figures import error_figure, table_figure
 from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_figure
-from slarm_graph.geographic import GeographicMap
+from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio.measured.files import fitted_rows
 from slarm_graph.radio.measured.heard_height import HeardHeight, height_rows
 from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.raster.bands import windows
 from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
@@ -169,7 +172,11 @@ def _error_part(content: ReportContent) -> tuple[Block, ...]:
 
 def _geographic_part(geographic: GeographicMap) -> tuple[Block, ...]:
     cell_m2 = geographic.geometry.resolution_m**2
-    area_m2 = float(geographic.accessible.sum()) * cell_m2
+    accessible = sum(
+        int(np.count_nonzero(geographic.states[part.cells] == CellState.ACCESSIBLE))
+        for part in windows(geographic.where)
+    )
+    area_m2 = accessible * cell_m2
     words = (
         f"{area_m2:.1f} m² accessible, in cells of {geographic.geometry.resolution_m:g} m; recovery"
         f" changed {geographic.changed_cells} of {geographic.states.size} cells. Obstacle heights:"

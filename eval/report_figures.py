@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from slarm_graph.eval.page import Figure, plain, png_uri, single
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.raster.bands import bands
+from slarm_graph.raster.bands import bands, windows
 from slarm_graph.raster.layers import set_aside
+from slarm_graph.tiles import columns_of
 from slarm_graph.world import Solid
 
 _MAX_MAP_PIXELS = 1_500_000
@@ -61,10 +62,13 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
     g = grid.geometry
     step = max(1, math.ceil(math.sqrt(g.rows * g.cols / _MAX_MAP_PIXELS)))
     rows, cols = (-(-n // step) for n in g.shape)
-    picture = np.empty((rows, cols), dtype=np.uint8)
+    picture = np.full((rows, cols), _UNKNOWN, dtype=np.uint8)
     for band in bands((rows, cols * step * step)):
-        fine = slice(band.rows.start * step, min(band.rows.stop * step, g.rows))
-        picture[band.rows] = _darkest(grid.in_rows(fine), step)
+        fine = slice(band.start * step, min(band.stop * step, g.rows))
+        for some in columns_of(grid.where, fine):
+            across = slice(some.start // step, -(-some.stop // step))
+            wide = slice(across.start * step, min(across.stop * step, g.cols))
+            picture[band, across] = _darkest(grid.in_window((fine, wide)), step)
         set_aside(grid.probability)
     return _sharp_uri(picture), _coarser(g, step, picture.shape)
 
@@ -97,7 +101,7 @@ def geographic_figure(geographic: GeographicMap) -> Figure:
     fig = go.Figure()
     picture, geometry = _class_picture(geographic.states, geographic.geometry, _STATES)
     put_map_below(fig, picture, geometry)
-    _put_legend(fig, (v for s, v in _STATES.items() if (geographic.states == s).any()))
+    _put_legend(fig, (v for s, v in _STATES.items() if s in _found(geographic)))
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
     known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
     _put_outlines(fig, known[:_MOST_TOLD], told=True)
@@ -105,6 +109,14 @@ def geographic_figure(geographic: GeographicMap) -> Figure:
     _put_heights(fig, known[:_MOST_TOLD], px_per_m(geometry))
     metric_axes(fig, geometry)
     return Figure(fig, "Recovered map by the state of its cells", aspect=aspect(geometry))
+
+
+def _found(geographic: GeographicMap) -> set[int]:
+    """Return which states cells have."""
+    found = {int(CellState.UNKNOWN)} if geographic.tiles else set()
+    for part in windows(geographic.where):
+        found.update(np.flatnonzero(np.bincount(geographic.states[part.cells].ravel())).tolist())
+    return found
 
 
 def difference_figure(

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.raster.bands import windows
+from slarm_graph.tiles import KnownTiles, Where
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,8 @@ class RadioMap:
         Kept from obstacles, rounded up to cells (the paper's R_e) [m].
     los_unknown : (A, rows, cols) bool, optional
         Links that pass cells nobody has seen; `line_of_sight` is false there. None for none.
+    tiles : KnownTiles, optional
+        Of a large map, those outside of which no antenna can be.
     """
 
     geometry: GridGeometry
@@ -80,6 +84,12 @@ class RadioMap:
     los_probability: NDArray[np.float32] | None = None
     los_unknown: Mask | None = None
     expansion_radius_m: float = 0.0
+    tiles: KnownTiles | None = None
+
+    @property
+    def where(self) -> Where:
+        """Where it has to be looked at: everywhere, unless it has tiles."""
+        return self.tiles or self.geometry.shape
 
     @property
     def sight_probability(self) -> NDArray[np.float32]:
@@ -114,6 +124,11 @@ class RadioMap:
 
     def gain_span_db(self) -> tuple[float, float]:
         """Return the least and the greatest gain anywhere [dB]; nan where there is none."""
-        if not np.isfinite(self.path_loss_db).any():
-            return float("nan"), float("nan")
-        return -float(np.nanmax(self.path_loss_db)), -float(np.nanmin(self.path_loss_db))
+        least, most = np.inf, -np.inf
+        for layer in self.path_loss_db:
+            for part in windows(self.where):
+                known = layer[part.cells]
+                known = known[np.isfinite(known)]
+                least = min(least, float(known.min(initial=np.inf)))
+                most = max(most, float(known.max(initial=-np.inf)))
+        return (-most, -least) if most >= least else (float("nan"), float("nan"))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.tiles import KnownTiles, Where
 from slarm_graph.world import Solid
 
 
@@ -85,6 +86,8 @@ class GeographicMap:
         Which of them have an uncertain height; that of the solid itself is the median.
     expansion_radius_m : float
         Kept from obstacles, rounded up to cells (the paper's R_e) [m].
+    tiles : KnownTiles, optional
+        Of a large map, those outside of which all cells are unknown.
     """
 
     geometry: GridGeometry
@@ -96,6 +99,12 @@ class GeographicMap:
     solids: tuple[Solid, ...] = ()
     height_groups: tuple[HeightGroup, ...] = ()
     expansion_radius_m: float = 0.0
+    tiles: KnownTiles | None = None
+
+    @property
+    def where(self) -> Where:
+        """Where it has to be looked at: everywhere, unless it has tiles."""
+        return self.tiles or self.geometry.shape
 
     @property
     def accessible(self) -> Mask:

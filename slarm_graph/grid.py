@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.tiles import KnownTiles, Where, Window
 
 Cells = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -169,12 +170,15 @@ class OccupancyGrid:
         Of being occupied, 0 to 1; nan where the cell was never seen.
     occupied_at, free_at : float
         A cell is occupied from `occupied_at` on, free up to `free_at` and unknown in between.
+    tiles : KnownTiles, optional
+        Of a large grid, where any cell was seen, and those beside.
     """
 
     geometry: GridGeometry
     probability: NDArray[np.float32]
     occupied_at: float = 0.65
     free_at: float = 0.196
+    tiles: KnownTiles | None = None
 
     def __post_init__(self) -> None:
         if self.probability.shape != self.geometry.shape:
@@ -182,13 +186,20 @@ class OccupancyGrid:
 
     def on(self, target: GridGeometry) -> OccupancyGrid:
         """Return the grid looked up at the centres of another grid's cells."""
+        if target == self.geometry:
+            return self
         probability = self.geometry.resample(self.probability, target, np.nan)
-        return replace(self, geometry=target, probability=probability)
+        return replace(self, geometry=target, probability=probability, tiles=None)
 
-    def in_rows(self, rows: slice) -> OccupancyGrid:
-        """Return some of the rows, without a copy."""
-        part = self.geometry.part(rows, slice(None))
-        return replace(self, geometry=part, probability=self.probability[rows])
+    @property
+    def where(self) -> Where:
+        """Where it has to be looked at: everywhere, unless it has tiles."""
+        return self.tiles or self.geometry.shape
+
+    def in_window(self, window: Window) -> OccupancyGrid:
+        """Return some of the rows and columns, without a copy."""
+        part, cells = self.geometry.part(*window), self.probability[window]
+        return replace(self, geometry=part, probability=cells, tiles=None)
 
     @property
     def occupied(self) -> Mask:

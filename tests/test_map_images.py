@@ -97,8 +97,8 @@ def test_a_mask_takes_memory_where_it_is_true() -> None:
         "row = np.zeros((1, 2**20), dtype=np.bool_)\n"
         "row[0, 0] = row[0, -1] = True\n"
         "before = memory_mb()\n"
-        "mask = bands.by_bands((64, 2**20), 0, "
-        "lambda r: np.repeat(row, r.stop - r.start, 0))\n"
+        "mask = bands.by_windows((64, 2**20), 0, "
+        "lambda w: np.repeat(row, w[0].stop - w[0].start, 0))\n"
         "print(memory_mb() - before)\n"
         "assert mask.sum() == 128"
     )

@@ -114,6 +114,23 @@ def test_a_map_that_grows_too_large_is_refused() -> None:
         mapper.add(scan_of([10.0] * 180), np.zeros(3))
 
 
+def test_a_map_that_would_be_too_large_is_drawn_in_coarser_cells(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    """Scans far from each other, as where a trajectory is wrong: nothing is refused after SLAM."""
+    scans = [scan_of([10.0] * 180)] * 2
+    path = Trajectory(np.array([0, 10**10]), np.array([[0.0, 0.0, 0.0], [300.0, 200.0, 1.0]]))
+    whole = render(scans, path, MappingConfig(resolution_m=0.1))
+    assert not caplog.records
+    few = render(scans, path, MappingConfig(resolution_m=0.1, max_cells=1_000_000))
+    assert "mapping.max_cells" in caplog.text
+    assert few.geometry.resolution_m == pytest.approx(0.3)
+    assert few.geometry.rows * few.geometry.cols <= 1_000_000
+    for low, high in zip(few.geometry.extent_m, whole.geometry.extent_m, strict=True):
+        assert low == pytest.approx(high, abs=0.31)
+    assert few.occupied.any()
+
+
 def test_motion_within_the_scan_is_undone() -> None:
     """A wall seen while turning is straight once every beam has its own pose."""
     beams, period_s = 180, 0.1

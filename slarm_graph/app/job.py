@@ -105,7 +105,8 @@ class Run:
         """Return what a user should know."""
         problem = (self.log.problem,) if self.log.problem else ()
         points = self.radio.access_points if self.radio else ()
-        radio = radio_notices(self.geographic.geometry, points, self.config.radio)
+        tiles = self.geographic.tiles
+        radio = radio_notices(self.geographic.geometry, points, self.config.radio, tiles)
         placed = placement_notices(self.geographic, points, self.config.radio.mount_radius_m)
         heard = self.measured.notices if self.measured else ()
         verdict = self.consistency.notices()

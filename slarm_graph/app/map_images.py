@@ -14,6 +14,7 @@ from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.config.maps import LargeImage
 from slarm_graph.files.maps import Masks, map_yaml, write_trinary
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.tiles import KnownTiles, Where, Window, columns_of
 
 _log = logging.getLogger(__name__)
 
@@ -27,6 +28,7 @@ def save_map(
     geometry: GridGeometry,
     masks: Masks,
     large: LargeImage = "whole",
+    tiles: KnownTiles | None = None,
 ) -> None:
     """Write `<name>.pgm` and `<name>.yaml`, map_server's trinary form.
 
@@ -35,42 +37,48 @@ def save_map(
     folder : RunFolder
     name : str
     geometry : GridGeometry
-    masks : function of rows
-        Returns the cells of some rows that are occupied, and those that are free.
+    masks : function of a window
+        Returns the cells of a window that are occupied, and those that are free.
     large : str
         What to do where a side is longer than many programs read: write it `whole` and tell;
         `split` it, into `<name>_ROW_COLUMN.pgm` that each have their place in the map; or write
         it `coarse`, in cells that are occupied where any of theirs is, and free where all are.
+    tiles : KnownTiles, optional
+        Outside of which cells are unknown.
     """
+    where = tiles or geometry.shape
     if max(geometry.shape) <= MOST_IMAGE_CELLS:
-        _save(folder, name, geometry, masks)
+        _save(folder, name, geometry, masks, where)
         return
     step = math.ceil(max(geometry.shape) / MOST_IMAGE_CELLS)
     size = f"{name}.pgm has {geometry.cols} x {geometry.rows} cells"
     if large == "split":
         _log.warning(f"{size}, and is split: {name}_0_0.pgm ...")
+        whole = _everywhere(masks, where)
         for tile, rows, cols in _tiles(geometry):
-            _save(folder, f"{name}_{tile}", geometry.part(rows, cols), _window(masks, rows, cols))
+            part = geometry.part(rows, cols)
+            _save(folder, f"{name}_{tile}", part, _window(whole, rows, cols), part.shape)
     elif large == "coarse":
         _log.warning(f"{size}; it is written in cells of {geometry.resolution_m * step:g} m")
-        _save(folder, name, *_coarser(geometry, masks, step))
+        coarse, cells = _coarser(geometry, _everywhere(masks, where), step)
+        _save(folder, name, coarse, cells, coarse.shape)
     else:
         _log.warning(
             f"{size}, and many programs read at most {MOST_IMAGE_CELLS} a side; --set"
             " mapping.large_image=split or =coarse, or mapping.resolution_m="
             f"{geometry.resolution_m * step:g} make them fewer"
         )
-        _save(folder, name, geometry, masks)
+        _save(folder, name, geometry, masks, where)
 
 
 def of_layers(occupied: Mask, free: Mask) -> Masks:
-    """Return what is occupied and free of some rows of two layers (rows, cols)."""
-    return lambda rows: (occupied[rows], free[rows])
+    """Return what is occupied and free of windows of two layers (rows, cols)."""
+    return lambda window: (occupied[window], free[window])
 
 
-def _save(folder: RunFolder, name: str, geometry: GridGeometry, masks: Masks) -> None:
+def _save(folder: RunFolder, name: str, geometry: GridGeometry, masks: Masks, where: Where) -> None:
     with folder.replacing(f"{name}.pgm") as temporary:
-        write_trinary(temporary, geometry.shape, masks)
+        write_trinary(temporary, where, masks)
     folder.write_text(f"{name}.yaml", map_yaml(f"{name}.pgm", geometry))
 
 
@@ -84,13 +92,36 @@ def _tiles(geometry: GridGeometry) -> Iterator[tuple[str, slice, slice]]:
             yield f"{row}_{col}", rows, cols
 
 
+def _everywhere(masks: Masks, where: Where) -> Masks:
+    """Look only into tiles, and answer for any window."""
+
+    def part(window: Window) -> tuple[Mask, Mask]:
+        """Look up a window."""
+        rows, cols = window
+        size = rows.stop - rows.start, cols.stop - cols.start
+        found = np.zeros(size, dtype=np.bool_), np.zeros(size, dtype=np.bool_)
+        for known in columns_of(where, rows):
+            some = slice(max(known.start, cols.start), min(known.stop, cols.stop))
+            if some.start < some.stop:
+                here = slice(some.start - cols.start, some.stop - cols.start)
+                found[0][:, here], found[1][:, here] = masks((rows, some))
+        return found
+
+    return part
+
+
 def _window(masks: Masks, rows: slice, cols: slice) -> Masks:
     """Cut a part out of a map."""
 
-    def part(some: slice) -> tuple[Mask, Mask]:
-        """Look up some of its rows."""
-        occupied, free = masks(slice(rows.start + some.start, rows.start + some.stop))
-        return occupied[:, cols], free[:, cols]
+    def part(some: Window) -> tuple[Mask, Mask]:
+        """Look up a window of it."""
+        high, wide = some
+        return masks(
+            (
+                slice(rows.start + high.start, rows.start + high.stop),
+                slice(cols.start + wide.start, cols.start + wide.stop),
+            )
+        )
 
     return part
 
@@ -102,9 +133,13 @@ def _coarser(geometry: GridGeometry, masks: Masks, step: int) -> tuple[GridGeome
         geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m * step, rows, cols
     )
 
-    def part(some: slice) -> tuple[Mask, Mask]:
-        """Take the cells of some of its rows together."""
-        occupied, free = masks(slice(some.start * step, min(some.stop * step, geometry.rows)))
+    def part(some: Window) -> tuple[Mask, Mask]:
+        """Take the cells of a window of it together."""
+        high, wide = (
+            slice(at.start * step, min(at.stop * step, most))
+            for at, most in zip(some, geometry.shape, strict=True)
+        )
+        occupied, free = masks((high, wide))
         return ~_all(~occupied, step), _all(free, step)
 
     return coarse, part

@@ -31,8 +31,10 @@ from slarm_graph.files.trajectory_covariances import (
 )
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import Mask, OccupancyGrid
+from slarm_graph.raster.bands import windows
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.stamps import ns_to_seconds
+from slarm_graph.tiles import Window
 from slarm_graph.trajectory import Trajectory
 
 _log = logging.getLogger(__name__)
@@ -62,7 +64,7 @@ def save_slam(
         known = TrajectoryCovariance(slam.trajectory.stamps_ns, slam.covariances)
         with folder.replacing("trajectory_covariance.npz") as temporary:
             write_trajectory_covariance(temporary, known)
-    save_map(folder, "map", grid.geometry, masks_of(grid), large)
+    save_map(folder, "map", grid.geometry, masks_of(grid), large, grid.tiles)
     if slam.pose_graph is not None:
         with folder.replacing("graph.g2o") as temporary:
             write_g2o(temporary, slam.pose_graph)
@@ -85,13 +87,13 @@ def save_geographic(
     of the cells are in `coverage.npz`.
     """
 
-    def masks(rows: slice) -> tuple[Mask, Mask]:
-        """Obstacles of some rows, and what is without."""
-        states = geographic.states[rows]
+    def masks(window: Window) -> tuple[Mask, Mask]:
+        """Obstacles of a window, and what is without."""
+        states = geographic.states[window]
         free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
         return states == CellState.OBSTACLE, free
 
-    save_map(folder, "geographic_map", geographic.geometry, masks, large)
+    save_map(folder, "geographic_map", geographic.geometry, masks, large, geographic.tiles)
     with folder.replacing("coverage.npz") as temporary:
         write_coverage(temporary, geographic)
 
@@ -116,7 +118,11 @@ def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -
         ("radio_map.nc", write_radio_netcdf),
         ("radio_map.png", write_radio_png),
     ]
-    lines = np.count_nonzero(np.isfinite(radio.path_loss_db))
+    lines = sum(
+        int(np.count_nonzero(np.isfinite(loss_db[part.cells])))
+        for loss_db in radio.path_loss_db
+        for part in windows(radio.where)
+    )
     if lines <= config.csv_most_lines:
         forms.insert(2, ("radio_map.csv", write_radio_csv))
     elif config.csv_most_lines > 0:

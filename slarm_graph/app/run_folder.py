@@ -58,6 +58,7 @@ class RunFolder:
         self._claim = claim or FolderClaim(path)
         self._facts: Facts = dict(earlier or {})
         self._stages: dict[str, float] = {}
+        self._stages_cpu_s: dict[str, float] = {}
         self._peaks_mb: dict[str, float] = {}
         self._earlier_s = _seconds(self._facts, "wall_s"), _seconds(self._facts, "cpu_s")
         self._started_s = time.monotonic()
@@ -100,12 +101,13 @@ class RunFolder:
     def stage(self, name: str, progress: Progress) -> Iterator[None]:
         """Show and time a stage of the flow."""
         progress.start(name)
-        started_s = time.monotonic()
+        started_s, cpu_started_s = time.monotonic(), time.process_time()
         try:
             yield
         finally:
             spent_s = time.monotonic() - started_s
-            self._stages[name] = round(self._stages.get(name, 0.0) + spent_s, 3)
+            _add(self._stages, name, spent_s)
+            _add(self._stages_cpu_s, name, time.process_time() - cpu_started_s)
             return_freed()
             self._peaks_mb[name] = round(_peak_memory_mb(), 1)
             _log.info("%s took %.2f s", name, spent_s)
@@ -121,6 +123,7 @@ class RunFolder:
             "cpu_s": round(cpu_s, 3),
             "peak_memory_mb": round(_peak_memory_mb(), 1),
             "stages": dict(self._stages),
+            "stage_cpu_s": dict(self._stages_cpu_s),
             "stage_peak_mb": dict(self._peaks_mb),
         }
         self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
@@ -272,6 +275,11 @@ def _point_to(out: Path, name: str) -> None:
     except (OSError, NotImplementedError):
         temporary.unlink(missing_ok=True)
         (out / _LINK_TEXT).write_text(f"{name}\n", encoding="utf-8")
+
+
+def _add(spent: dict[str, float], name: str, seconds: float) -> None:
+    """Add to the seconds of a stage, in milliseconds."""
+    spent[name] = round(spent.get(name, 0.0) + seconds, 3)
 
 
 def _seconds(facts: Facts, key: str) -> float:

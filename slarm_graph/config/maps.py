@@ -30,8 +30,9 @@ class MappingConfig(Stage):
     large_image: LargeImage = "whole"
     """What becomes of map_server's image with more than 16,384 cells a side, which many programs do
     not read: it is written whole all the same, split, or in coarser cells."""
-    max_cells: int = Field(default=400_000_000, gt=0, le=4_000_000_000)
-    """A larger map is refused before it fills the memory."""
+    max_cells: int = Field(default=1_000_000_000, gt=0, le=4_000_000_000)
+    """Cells of the box around a map, mapped or not: 1.6 x 1.6 km at 0.05 m. Where there would be
+    more, the map is drawn in coarser cells, and that is told."""
 
 
 class RecoveryConfig(Stage):

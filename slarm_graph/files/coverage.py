@@ -7,11 +7,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.files.arrays import arrays_of
-from slarm_graph.files.npz import write_npz
+from slarm_graph.files.npz import InParts, write_npz
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
-from slarm_graph.grid import GridGeometry
+from slarm_graph.grid import GridGeometry, Scalar
+from slarm_graph.raster.bands import in_runs
 
 
 def write_coverage(path: Path, geographic: GeographicMap) -> None:
@@ -20,19 +22,24 @@ def write_coverage(path: Path, geographic: GeographicMap) -> None:
     write_npz(
         path,
         (
-            ("states", geographic.states),
+            ("states", _in_parts(geographic.states, geographic)),
             ("state_names", np.array([state.name.lower() for state in CellState])),
-            ("heights_m", geographic.heights_m),
+            ("heights_m", _in_parts(geographic.heights_m, geographic)),
             ("height_source", np.array(geographic.height_source)),
-            ("observed", coverage.observed),
-            ("visited", coverage.visited),
-            ("footprint", coverage.footprint),
+            ("observed", _in_parts(coverage.observed, geographic)),
+            ("visited", _in_parts(coverage.visited, geographic)),
+            ("footprint", _in_parts(coverage.footprint, geographic)),
             ("changed_cells", geographic.changed_cells),
             ("expansion_radius_m", geographic.expansion_radius_m),
             ("resolution_m", g.resolution_m),
             ("origin_m", np.array([g.origin_x_m, g.origin_y_m])),
         ),
     )
+
+
+def _in_parts(layer: NDArray[Scalar], geographic: GeographicMap) -> InParts:
+    """A layer in bands of rows, of which only tiles are read."""
+    return InParts(layer.shape, layer.dtype, in_runs(layer, geographic.where))
 
 
 def read_coverage(path: Path) -> GeographicMap:

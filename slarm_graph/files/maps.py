@@ -22,11 +22,12 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.raster.bands import bands
 from slarm_graph.raster.layers import set_aside
+from slarm_graph.tiles import Where, Window, columns_of, shape_of
 
 _log = logging.getLogger(__name__)
 
-Masks = Callable[[slice], tuple[Mask, Mask]]
-"""Of some rows of a map the cells that are occupied, and those that are free."""
+Masks = Callable[[Window], tuple[Mask, Mask]]
+"""Of a window of a map the cells that are occupied, and those that are free."""
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
@@ -56,12 +57,24 @@ def trinary_image(occupied: Mask, free: Mask) -> NDArray[np.uint8]:
     return np.ascontiguousarray(image[::-1])
 
 
-def write_trinary(path: Path, shape: tuple[int, int], masks: Masks) -> None:
-    """Write a map (rows, cols) as binary PGM (P5), in bands of rows, as whole it takes memory."""
+def write_trinary(path: Path, where: Where, masks: Masks) -> None:
+    """Write a map as binary PGM (P5), in bands of rows, as whole it takes memory.
+
+    Parameters
+    ----------
+    path : Path
+    where : (rows, cols) or KnownTiles
+        Outside of tiles cells are unknown.
+    masks : function of a window
+    """
+    rows, cols = shape_of(where)
     with path.open("wb") as file:
-        file.write(b"P5\n%d %d\n255\n" % shape[::-1])
-        for band in reversed(list(bands(shape))):
-            file.write(trinary_image(*masks(band.rows)).tobytes())
+        file.write(b"P5\n%d %d\n255\n" % (cols, rows))
+        for band in reversed(list(bands((rows, cols)))):
+            image = np.full((band.stop - band.start, cols), UNKNOWN, dtype=np.uint8)
+            for some in columns_of(where, band):
+                image[:, some] = trinary_image(*masks((band, some)))
+            file.write(image.tobytes())
 
 
 def png_bytes(image: NDArray[np.uint8]) -> bytes:
@@ -86,11 +99,11 @@ def map_yaml(image_name: str, geometry: GridGeometry) -> str:
 
 
 def masks_of(grid: OccupancyGrid) -> Masks:
-    """Return what is occupied and free of some rows of a grid, which then leaves the memory."""
+    """Return what is occupied and free of windows of a grid, which then leaves the memory."""
 
-    def masks(rows: slice) -> tuple[Mask, Mask]:
+    def masks(window: Window) -> tuple[Mask, Mask]:
         """Look it up."""
-        part = grid.in_rows(rows)
+        part = grid.in_window(window)
         found = part.occupied, part.free
         set_aside(grid.probability)
         return found
@@ -108,7 +121,7 @@ def write_map(path: Path, grid: OccupancyGrid) -> None:
     grid : OccupancyGrid
     """
     image = path.with_suffix(".pgm")
-    write_trinary(image, grid.geometry.shape, masks_of(grid))
+    write_trinary(image, grid.where, masks_of(grid))
     path.write_text(map_yaml(image.name, grid.geometry), encoding="utf-8")
 
 

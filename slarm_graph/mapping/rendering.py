@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,10 +13,17 @@ import numpy as np
 from slarm_graph.config import MappingConfig
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
-from slarm_graph.mapping.beams import pose_rates
+from slarm_graph.mapping.beams import end_points_m, pose_rates
 from slarm_graph.mapping.mapper import GridMapper
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
+
+_log = logging.getLogger(__name__)
+
+_DIGITS = 9
+"""Of a side in metres: 3 x 0.05 m is 0.15, and not 0.15000000000000002."""
+_SLACK_CELLS = 4.0
+"""A box covers a cell more than its length says, and the mapper keeps one free on either side."""
 
 
 def render(
@@ -28,11 +37,41 @@ def render(
     trajectory : Trajectory of N poses
         `map_from_robot` at each scan's first beam.
     config : MappingConfig
+        Cells are coarser where there would be more than `max_cells`.
     """
-    mapper = GridMapper(config)
+    mapper = GridMapper(_drawable(scans, trajectory, config))
     for scan, pose, rate in zip(scans, trajectory.poses, pose_rates(trajectory), strict=True):
         mapper.add(scan, pose, rate)
     return mapper.grid()
+
+
+def _drawable(
+    scans: Sequence[LaserScan], trajectory: Trajectory, config: MappingConfig
+) -> MappingConfig:
+    """Make cells so coarse that no more than `max_cells` lie in the box around all beams."""
+    reach_m = min(config.max_range_m, max((scan.range_max_m for scan in scans), default=0.0))
+    places = trajectory.poses[:, :2]
+    if len(scans) == 0 or _cells(places, config, 2.0 * reach_m) <= config.max_cells:
+        return config
+    ends = np.concatenate([places, end_points_m(scans, trajectory, config)])
+    cells = _cells(ends, config, 0.0)
+    if cells <= config.max_cells:
+        return config
+    times = math.ceil(math.sqrt(cells / config.max_cells))
+    coarser_m = round(config.resolution_m * times, _DIGITS)
+    wide, high = np.ptp(ends, axis=0)
+    _log.warning(
+        f"the map is {wide:.0f} x {high:.0f} m, more than mapping.max_cells of"
+        f" {config.resolution_m:g} m; it is drawn in cells of {coarser_m:g} m. Where the site is"
+        " smaller, the trajectory is wrong"
+    )
+    return config.model_copy(update={"resolution_m": coarser_m})
+
+
+def _cells(points: Floats, config: MappingConfig, beyond_m: float) -> float:
+    """Cells of the box around points (N, 2) [m], wider and higher by so much."""
+    sides = np.ptp(points, axis=0) + beyond_m
+    return float(np.prod(np.floor(sides / config.resolution_m) + _SLACK_CELLS))
 
 
 class Rendering:

@@ -12,7 +12,10 @@ from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.grid import GridGeometry, Scalar
+from slarm_graph.tiles import Window
 
+At = slice | Window | tuple[NDArray[np.int64], ...]
+"""Some rows of a layer, a window of it, or cells by their rows and columns."""
 AP_FIELDS = {
     "x_m": "m",
     "y_m": "m",
@@ -32,12 +35,12 @@ def column(radio: RadioMap, name: str) -> NDArray[np.float64]:
     return np.array([getattr(ap, name) for ap in radio.access_points], dtype=np.float64)
 
 
-def three_classes(radio: RadioMap, index: int, rows: slice) -> NDArray[np.int8]:
-    """Line of sight of some rows: 1 clear, 0 blocked, -1 past cells nobody has seen."""
-    classes = radio.line_of_sight[index, rows].astype(np.int8)
+def three_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
+    """Line of sight of some cells: 1 clear, 0 blocked, -1 past cells nobody has seen."""
+    classes = radio.line_of_sight[index][at].astype(np.int8)
     if radio.los_unknown is not None:
-        classes[radio.los_unknown[index, rows]] = -1
-    return classes
+        classes[radio.los_unknown[index][at]] = -1
+    return np.asarray(classes)
 
 
 def from_values(values: Mapping[str, NDArray[Any]]) -> RadioMap:

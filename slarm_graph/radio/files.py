@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -25,7 +26,9 @@ from slarm_graph.radio.columns import (
     from_values,
     three_classes,
 )
-from slarm_graph.raster.bands import bands
+from slarm_graph.raster.bands import bands, found_in_band, in_runs
+from slarm_graph.raster.layers import set_aside
+from slarm_graph.tiles import Where
 
 _ROWS_AT_A_TIME = 5_000
 """Lines formatted together: half a megabyte of text at a time, instead of all of it."""
@@ -38,28 +41,31 @@ def write_radio_npz(path: Path, radio: RadioMap) -> None:
 
 def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
     """Yield all arrays with their names."""
-    yield "path_loss_db", _in_parts(radio.path_loss_db)
-    yield "channel_power_gain_db", _in_parts(radio.path_loss_db, minus=True)
-    yield "line_of_sight", radio.line_of_sight
+    yield "path_loss_db", _in_parts(radio.path_loss_db, radio.where, math.nan)
+    yield "channel_power_gain_db", _in_parts(radio.path_loss_db, radio.where, math.nan, minus=True)
+    yield "line_of_sight", _in_parts(radio.line_of_sight, radio.where)
     yield "access_point", np.array([ap.name for ap in radio.access_points])
     yield from ((f"access_point_{name}", column(radio, name)) for name in AP_FIELDS)
     yield from ((name, getattr(radio.geometry, name)) for name in GRID)
     yield from ((name, getattr(radio, name)) for name in SCALARS + WORDS)
     for name in LAYERS:
         if (layer := getattr(radio, name)) is not None:
-            yield name, _in_parts(layer)
+            yield name, _in_parts(layer, radio.where)
 
 
-def _in_parts(layers: NDArray[np.float32] | Mask, *, minus: bool = False) -> InParts:
-    """Layers (A, rows, cols), or minus them, in bands of rows, one layer after the other."""
+def _in_parts(
+    layers: NDArray[np.float32] | Mask, where: Where, blank: float = 0.0, *, minus: bool = False
+) -> InParts:
+    """Layers (A, rows, cols), or minus them, one after the other, blank outside of tiles."""
 
-    def parts() -> Iterator[NDArray[np.generic]]:
-        """Yield every band once."""
+    def parts() -> Iterator[NDArray[np.generic] | int]:
+        """Yield every value once."""
         for layer in layers:
-            for band in bands(layer.shape, aside=[layers]):
-                yield -layer[band.rows] if minus else layer[band.rows]
+            for run in in_runs(layer, where, blank):
+                yield -run if minus and not isinstance(run, int) else run
+            set_aside(layers)
 
-    return InParts(layers.shape, layers.dtype, parts())
+    return InParts(layers.shape, layers.dtype, parts(), blank)
 
 
 def read_radio_npz(path: Path) -> RadioMap:
@@ -97,15 +103,13 @@ def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
     # Names are quoted as RFC 4180 asks, so that a comma in one does not shift the columns.
     quoted = radio.access_points[index].name.replace('"', '""').replace("%", "%%")
     line = f'"{quoted}",%.4f,%.4f,%.4f,%.4f,%.4f,%d\n'
+    loss_db = radio.path_loss_db[index]
     for band in bands(radio.geometry.shape):
-        loss_db = radio.path_loss_db[index, band.rows]
-        classes = three_classes(radio, index, band.rows)
-        valued = np.flatnonzero(np.isfinite(loss_db))
+        valued = found_in_band(loss_db, radio.where, band, np.isfinite)
         for first in range(0, len(valued), _ROWS_AT_A_TIME):
             at = np.unravel_index(valued[first : first + _ROWS_AT_A_TIME], loss_db.shape)
-            centers = radio.geometry.center_of(
-                np.stack(at, axis=1) + np.array([band.rows.start, 0])
-            )
             values = loss_db[at].astype(np.float64)
-            rows = np.column_stack([centers, values, -values, power_dbm - values, classes[at]])
+            classes = three_classes(radio, index, at)
+            centers = radio.geometry.center_of(np.stack(at, axis=1))
+            rows = np.column_stack([centers, values, -values, power_dbm - values, classes])
             yield (line * len(rows)) % tuple(rows.ravel().tolist())

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.convex import convex_plans, nearest_on_outline
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import GridGeometry, Mask, Scalar
+from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains, counter_clockwise
 from slarm_graph.radio.shadows import (
     GRAZE_CELLS,
@@ -32,6 +32,8 @@ from slarm_graph.radio.shadows import (
     outlines_of_shadows,
     shadowed_cells,
 )
+from slarm_graph.raster.bands import by_windows, copy_of
+from slarm_graph.tiles import Where, Window, known_tiles
 from slarm_graph.world import Solid
 
 _ENDLESS = 1e7
@@ -48,6 +50,7 @@ def line_of_sight_over_cells(
     antenna_height_m: float,
     *,
     mount_radius_m: float = 0.0,
+    where: Where | None = None,
 ) -> Mask:
     """Decide for every cell whether the antenna at its centre is in sight.
 
@@ -61,17 +64,22 @@ def line_of_sight_over_cells(
     antenna_height_m : float
     mount_radius_m : float
         Cells whose centre is this near to the access point in plan carry it and do not hide it.
+    where : (rows, cols) or KnownTiles, optional
+        Tiles hold all obstacles; outside of them nothing is said to be in sight.
 
     Returns
     -------
     (rows, cols) bool
     """
+    where = where or geometry.shape
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     heights = np.asarray(heights_m)
     if mount_radius_m > 0.0:
-        heights = _without_mount(geometry, heights, np.array([x, y]), mount_radius_m)
-    boxes, tops = boxes_of_cells(heights, min(float(z), antenna_height_m))
-    return _past_boxes(geometry, boxes, np.array([x, y]), _scales(tops, z, antenna_height_m))
+        heights = copy_of(heights, where)
+        _empty_mount(geometry, heights, np.array([x, y]), mount_radius_m)
+    boxes, tops = boxes_of_cells(heights, min(float(z), antenna_height_m), known_tiles(where))
+    scales = _scales(tops, z, antenna_height_m)
+    return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 
 
 def line_of_sight_past_cells(
@@ -81,25 +89,36 @@ def line_of_sight_past_cells(
     antenna_height_m: float,
     *,
     mount_radius_m: float = 0.0,
+    where: Where | None = None,
 ) -> Mask:
-    """As `line_of_sight_over_cells`, of cells (rows, cols) that nothing passes at any height."""
+    """As `line_of_sight_over_cells`, of cells (rows, cols) that nothing passes at any height.
+
+    With tiles, the cells lie in them, and outside of them nothing is said to be in sight.
+    """
+    where = where or geometry.shape
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
-    filled = cells.view(np.uint8)
+    filled = copy_of(cells, where).view(np.uint8)
     if mount_radius_m > 0.0:
-        filled = _without_mount(geometry, filled, np.array([x, y]), mount_radius_m)
-    boxes, tops = boxes_of_cells(filled, 0.0)
-    endless = np.full(len(tops), np.inf)
-    return _past_boxes(geometry, boxes, np.array([x, y]), _scales(endless, z, antenna_height_m))
+        _empty_mount(geometry, filled, np.array([x, y]), mount_radius_m)
+    boxes, tops = boxes_of_cells(filled, 0.0, known_tiles(where))
+    del filled
+    scales = _scales(np.full(len(tops), np.inf), z, antenna_height_m)
+    return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 
 
 def _past_boxes(
-    geometry: GridGeometry, boxes: NDArray[np.int64], plan: Floats, scales: Floats
+    geometry: GridGeometry,
+    boxes: NDArray[np.int64],
+    plan: Floats,
+    scales: Floats,
+    where: Where,
 ) -> Mask:
     """Cells (rows, cols) in no shadow of boxes (N, 4): first and past columns and rows."""
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2).astype(np.float64)
     starts = np.arange(0, len(corners) + 1, 4)
     eye = _in_cells(geometry, plan)
-    return ~shadowed_cells(geometry.shape, eye, corners, starts, scales, 1.0)
+    shadow = shadowed_cells(where, eye, corners, starts, scales, 1.0)
+    return by_windows(where, 0, lambda window: ~shadow[window])
 
 
 def line_of_sight_past_solids(
@@ -110,6 +129,7 @@ def line_of_sight_past_solids(
     *,
     boundary_m: Floats | None = None,
     mount_radius_m: float = 0.0,
+    where: Where | None = None,
 ) -> Mask:
     """Decide for every cell whether the antenna at its centre is in sight past vector solids.
 
@@ -124,15 +144,18 @@ def line_of_sight_past_solids(
         Counter-clockwise outer wall that nothing passes.
     mount_radius_m : float
         An access point at most this deep in a solid, or beyond the boundary, is put on its face.
+    where : (rows, cols) or KnownTiles, optional
+        Outside of tiles nothing is decided, and said to be hidden.
 
     Returns
     -------
     (rows, cols) bool
     """
+    where = where or geometry.shape
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     plan = _on_face(np.array([x, y]), float(z), solids, boundary_m, mount_radius_m)
     eye = _in_cells(geometry, plan)
-    blocked = np.zeros(geometry.shape, dtype=np.bool_)
+    shadows = []
     whole, cut = _plans(solids, boundary_m)
     # Cut solids are closed sets: a ray along the cut must not slip through.
     for plans, slack in ((whole, 1.0), (cut, -1.0)):
@@ -141,8 +164,16 @@ def line_of_sight_past_solids(
         corners, starts, tops_m = _end_to_end(plans)
         scales = _scales(tops_m, z, antenna_height_m)
         inside = _in_cells(geometry, corners)
-        blocked |= shadowed_cells(geometry.shape, eye, inside, starts, scales, slack)
-    return ~blocked
+        shadows.append(shadowed_cells(where, eye, inside, starts, scales, slack))
+
+    def part(window: Window) -> Mask:
+        """What is in no shadow."""
+        blocked = np.zeros([at.stop - at.start for at in window], dtype=np.bool_)
+        for shadow in shadows:
+            blocked |= shadow[window]
+        return ~blocked
+
+    return by_windows(where, 0, part)
 
 
 def shadow_outlines(
@@ -177,20 +208,18 @@ def shadow_outlines(
     return outlines, begins, GRAZE_CELLS * np.array(sides), np.array(of, dtype=np.int64)
 
 
-def _without_mount(
-    geometry: GridGeometry, heights: NDArray[Scalar], plan: Floats, radius_m: float
-) -> NDArray[Scalar]:
-    """Heights without the cells whose centre is within the radius of a plan point."""
+def _empty_mount(
+    geometry: GridGeometry, heights: NDArray[np.generic], plan: Floats, radius_m: float
+) -> None:
+    """Take the cells whose centre is within the radius of a plan point out of heights."""
     low = np.maximum(geometry.cell_of(plan - radius_m), 0)
     high = np.minimum(geometry.cell_of(plan + radius_m) + 1, geometry.shape)
     if (low >= high).any():
-        return heights
+        return
     near = (slice(low[0], high[0]), slice(low[1], high[1]))
     cells = np.moveaxis(np.mgrid[near], 0, -1)
     off = np.linalg.norm(geometry.center_of(cells) - plan, axis=-1)
-    heights = heights.copy()
     heights[near] = np.where(off <= radius_m, 0, heights[near])
-    return heights
 
 
 def line_of_sight_to_points(

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -23,7 +24,9 @@ from slarm_graph.radio.columns import (
     from_values,
     three_classes,
 )
+from slarm_graph.raster.bands import looked_up
 from slarm_graph.raster.layers import set_aside
+from slarm_graph.tiles import columns_of
 
 _CHUNK = (1, 256, 1024)
 """Cells that are compressed together, 1 MB of a layer: a viewer reads a part without the rest."""
@@ -62,6 +65,8 @@ def read_radio_netcdf(path: Path) -> RadioMap:
                 values[name] = np.asarray(file.getncattr(name))
         if (np.asarray(values["line_of_sight"]) < 0).any():
             values["los_unknown"] = np.asarray(values["line_of_sight"]) < 0
+        if "los_probability" in values:  # blank where no antenna can be
+            values["los_probability"] = np.nan_to_num(values["los_probability"])
         return from_values(values)
     except (TypeError, ValueError, KeyError, AttributeError, IndexError, OSError) as error:
         raise BadInput(f"{path}: not a radio map written by slarm ({error})") from error
@@ -105,17 +110,38 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
     if radio.los_probability is not None:
         likely = _layer(file, "los_probability", "probability of line of sight", "1")
     for index, power in enumerate(power_dbm):
-        for first in range(0, radio.geometry.rows, _CHUNK[1]):
-            part = slice(first, first + _CHUNK[1])
-            values: NDArray[np.float32] = radio.path_loss_db[index, part]
-            loss_db[index, part] = values
-            gain_db[index, part] = -values
-            rss_dbm[index, part] = power - values
-            sight[index, part] = three_classes(radio, index, part)
-            if likely is not None and radio.los_probability is not None:
-                likely[index, part] = radio.los_probability[index, part]
-                set_aside(radio.los_probability)
-            set_aside(radio.path_loss_db)
+        for rows in _chunk_rows(radio):
+            sight[index, rows] = three_classes(radio, index, rows)
+            for cols in _chunk_columns(radio, rows):
+                at = rows, cols
+                values = looked_up(radio.path_loss_db[index], radio.where, at, math.nan)
+                loss_db[index, rows, cols] = values
+                gain_db[index, rows, cols] = -values
+                rss_dbm[index, rows, cols] = power - values
+                if likely is not None and radio.los_probability is not None:
+                    likely[index, rows, cols] = radio.los_probability[index, rows, cols]
+            set_aside(radio.path_loss_db, *_given(radio.los_probability))
+
+
+def _given(layer: NDArray[np.float32] | None) -> tuple[NDArray[np.float32], ...]:
+    return () if layer is None else (layer,)
+
+
+def _chunk_rows(radio: RadioMap) -> Iterator[slice]:
+    """Yield the rows of every row of chunks."""
+    for first in range(0, radio.geometry.rows, _CHUNK[1]):
+        yield slice(first, min(first + _CHUNK[1], radio.geometry.rows))
+
+
+def _chunk_columns(radio: RadioMap, rows: slice) -> Iterator[slice]:
+    """Yield columns of whole chunks; one that no tile lies in is left blank, and takes no room."""
+    cols, wide = radio.geometry.cols, _CHUNK[2]
+    known = np.zeros(-(-cols // wide), dtype=np.bool_)
+    for some in columns_of(radio.where, rows):
+        known[some.start // wide : -(-some.stop // wide)] = True
+    edges = np.flatnonzero(np.diff(known, prepend=False, append=False))
+    for first, past in edges.reshape(-1, 2).tolist():
+        yield slice(first * wide, min(past * wide, cols))
 
 
 def _layer(

@@ -19,6 +19,7 @@ from matplotlib.patheffects import withStroke
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.grid import GridGeometry
+from slarm_graph.raster.bands import every_so_many
 
 _DPI = 130
 """Of pictures on a screen: with the width 910 pixels across."""
@@ -47,7 +48,9 @@ def _at_most(cells: int, radio: RadioMap) -> RadioMap:
     step = math.ceil(math.sqrt(g.rows * g.cols / cells))
     if step <= 1:
         return radio
-    loss_db = radio.path_loss_db[:, ::step, ::step]
+    loss_db = np.stack(
+        [every_so_many(layer, radio.where, step, math.nan) for layer in radio.path_loss_db]
+    )
     side_m, shape = g.resolution_m * step, loss_db.shape[1:]
     return replace(
         radio,
@@ -56,6 +59,7 @@ def _at_most(cells: int, radio: RadioMap) -> RadioMap:
         line_of_sight=radio.line_of_sight[:, ::step, ::step],
         los_probability=None,
         los_unknown=None,
+        tiles=None,
     )
 
 

@@ -22,8 +22,9 @@ from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.recovered_sight import recovered_sight
-from slarm_graph.raster.bands import bands, by_bands
-from slarm_graph.raster.layers import new_layer, set_aside
+from slarm_graph.raster.bands import by_windows, windows
+from slarm_graph.raster.layers import blank_layer, new_layer
+from slarm_graph.tiles import KnownTiles, Where, Window
 from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import WorldMap
 
@@ -50,7 +51,7 @@ def radio_map(
         Without an access point, for an unknown scenario or a frequency outside its range.
     """
     for notice in (
-        *radio_notices(geographic.geometry, access_points, config),
+        *radio_notices(geographic.geometry, access_points, config, geographic.tiles),
         *placement_notices(geographic, access_points, config.mount_radius_m),
     ):
         _log.warning(notice)
@@ -64,12 +65,12 @@ def radio_map(
     ]
     del free
     for sight in sights:
-        for band in bands(reachable.shape, aside=[sight.probability]):
-            rows = band.rows
-            sight.probability[rows][sight.unknown[rows] | ~reachable[rows]] = 0.0
-            sight.unknown[rows] &= reachable[rows]
-    probability = _layers([sight.probability for sight in sights])
-    unknown = _layers([sight.unknown for sight in sights])
+        for part in windows(geographic.where, aside=[sight.probability]):
+            at = part.cells
+            sight.probability[at][sight.unknown[at] | ~reachable[at]] = 0.0
+            sight.unknown[at] &= reachable[at]
+    probability = _layers([sight.probability for sight in sights], geographic.where)
+    unknown = _layers([sight.unknown for sight in sights], geographic.where)
     del sights
     radio = _map_of(
         geographic.geometry,
@@ -78,11 +79,16 @@ def radio_map(
         config,
         probability,
         geographic.height_source,
+        geographic.where,
+    )
+    unsure = any(
+        bool(layer[part.cells].any()) for layer in unknown for part in windows(geographic.where)
     )
     return replace(
         radio,
-        los_unknown=unknown if unknown.any() else None,
+        los_unknown=unknown if unsure else None,
         expansion_radius_m=geographic.expansion_radius_m,
+        tiles=geographic.tiles,
     )
 
 
@@ -122,13 +128,18 @@ def theoretical_radio_map(world: WorldMap, geometry: GridGeometry, config: Radio
         config,
         np.stack([(mask & free).astype(np.float32) for mask in clear]),
         "truth",
+        geometry.shape,
     )
 
 
 def radio_notices(
-    geometry: GridGeometry, access_points: Sequence[AccessPoint], config: RadioConfig
+    geometry: GridGeometry,
+    access_points: Sequence[AccessPoint],
+    config: RadioConfig,
+    tiles: KnownTiles | None = None,
 ) -> tuple[str, ...]:
-    """Say what a user should know before trusting a radio map on this grid."""
+    """Say what a user should know before trusting a radio map on this grid, or its tiles."""
+    where, size = tiles or geometry.shape, tiles.cells if tiles else geometry.rows * geometry.cols
     x_min, x_max, y_min, y_max = geometry.extent_m
     notices = []
     for ap in access_points:
@@ -144,12 +155,12 @@ def radio_notices(
         far = sum(
             np.count_nonzero(outside_range(distances_m, config.scenario))
             for distances_m in (
-                _distances_m(geometry, ap, config, band.rows) for band in bands(geometry.shape)
+                _distances_m(geometry, ap, config, part.cells) for part in windows(where)
             )
         )
         if far:
             notices.append(
-                f"{far / (geometry.rows * geometry.cols):.1%} of the cells are outside the"
+                f"{far / size:.1%} of the cells are outside the"
                 f" {low:g} to {high:g} m for which {config.scenario} holds (access point {ap.name})"
             )
     return tuple(notices)
@@ -169,25 +180,27 @@ def _map_of(
     config: RadioConfig,
     probability: NDArray[np.float32],
     height_source: str,
+    where: Where,
 ) -> RadioMap:
     """Expected path loss, eq. (2), and line of sight; nan, or probability 0, where none can be."""
-    loss_db = new_layer(probability.shape, np.float32)
+    loss_db = blank_layer(probability.shape, where)
     clear, unsure = np.zeros(probability.shape, dtype=np.bool_), False
     for n, (ap, likely, ap_loss_db) in enumerate(
         zip(access_points, probability, loss_db, strict=True)
     ):
-        for band in bands(free.shape, aside=[loss_db, probability]):
-            here, rows = free[band.rows], band.rows
-            ap_loss_db[rows] = np.nan
-            distances_m = _distances_m(geometry, ap, config, rows)[here]
-            ap_loss_db[rows][here] = expected_path_loss_db(
+        for part in windows(where, aside=[loss_db, probability]):
+            here, at = free[part.cells], part.cells
+            # What is read again is written whole, or pages around it come in from the blank file.
+            ap_loss_db[at] = np.nan
+            distances_m = _distances_m(geometry, ap, config, at)[here]
+            ap_loss_db[at][here] = expected_path_loss_db(
                 distances_m,
                 ap.frequency_hz,
-                likely[rows][here].astype(np.float64),
+                likely[at][here].astype(np.float64),
                 config.scenario,
             )
-            clear[n, rows] = likely[rows] > 0.5
-            unsure |= bool(((likely[rows] > 0.0) & (likely[rows] < 1.0)).any())
+            clear[n][at] = likely[at] > 0.5
+            unsure |= bool(((likely[at] > 0.0) & (likely[at] < 1.0)).any())
     return RadioMap(
         geometry=geometry,
         access_points=tuple(access_points),
@@ -201,20 +214,20 @@ def _map_of(
     )
 
 
-def _layers(layers: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
+def _layers(layers: Sequence[NDArray[Scalar]], where: Where) -> NDArray[Scalar]:
     """Stack layers (rows, cols) of access points; one alone is not copied."""
     if len(layers) == 1:
         return layers[0][None]
-    stack = new_layer((len(layers), *layers[0].shape), layers[0].dtype.type)
+    stack = new_layer((len(layers), *layers[0].shape), layers[0].dtype.type, where)
     for n, layer in enumerate(layers):
-        stack[n] = layer
-        set_aside(stack, layer)
+        for part in windows(where, aside=[stack, layer]):
+            stack[n][part.cells] = layer[part.cells]
     return stack
 
 
 def _cells_of(geographic: GeographicMap, *states: CellState) -> Mask:
     """Cells (rows, cols) of any of some classes."""
-    return by_bands(geographic.states.shape, 0, lambda r: np.isin(geographic.states[r], states))
+    return by_windows(geographic.where, 0, lambda w: np.isin(geographic.states[w], states))
 
 
 def expected_path_loss_db(
@@ -250,10 +263,11 @@ def expected_path_loss_db(
 
 
 def _distances_m(
-    geometry: GridGeometry, ap: AccessPoint, config: RadioConfig, rows: slice
+    geometry: GridGeometry, ap: AccessPoint, config: RadioConfig, window: Window
 ) -> Floats:
-    """3D distance from the access point to the antenna over every cell of some rows [m]."""
-    x = geometry.origin_x_m + (np.arange(geometry.cols) + 0.5) * geometry.resolution_m
-    y = geometry.origin_y_m + (np.arange(geometry.rows)[rows] + 0.5) * geometry.resolution_m
+    """3D distance from the access point to the antenna over every cell of a window [m]."""
+    rows, cols = (np.arange(at.start, at.stop) for at in window)
+    x = geometry.origin_x_m + (cols + 0.5) * geometry.resolution_m
+    y = geometry.origin_y_m + (rows + 0.5) * geometry.resolution_m
     flat_sq = (y[:, None] - ap.y_m) ** 2 + (x[None, :] - ap.x_m) ** 2
     return np.sqrt(flat_sq + (ap.z_m - config.antenna_height_m) ** 2)

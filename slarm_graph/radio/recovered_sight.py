@@ -25,11 +25,12 @@ from slarm_graph.radio.line_of_sight import (
     moved_to_faces,
 )
 from slarm_graph.radio.uncertain_sight import told_apart, weigh
-from slarm_graph.raster.bands import bands, by_bands
-from slarm_graph.raster.fill import inside_solids
+from slarm_graph.raster.bands import by_windows, cells_of, windows
+from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer, set_aside
 from slarm_graph.raster.patches import joined, larger_than
 from slarm_graph.raster.segments import cells_passed
+from slarm_graph.tiles import Where, Window
 from slarm_graph.world import Solid
 
 _GAP_M = 0.36
@@ -84,18 +85,21 @@ def recovered_sight(
             position_m,
             config.antenna_height_m,
             mount_radius_m=config.mount_radius_m,
+            where=geographic.where,
         )
-        probability = _certain(clear & free)
-    asked = by_bands(probability.shape, 0, lambda rows: probability[rows] > 0.0)
+        where = geographic.where
+        seen = by_windows(where, 0, lambda window: clear[window] & free[window])
+        probability = _certain(seen, where)
+    asked = by_windows(geographic.where, 0, lambda window: probability[window] > 0.0)
     set_aside(probability)
     return RecoveredSight(probability, _past_unseen(geographic, asked, position_m, config))
 
 
-def _certain(clear: Mask) -> NDArray[np.float32]:
+def _certain(clear: Mask, where: Where) -> NDArray[np.float32]:
     """Probability (rows, cols) 1 in clear cells; the rest of a large site takes no memory."""
-    probability = new_layer(clear.shape, np.float32)
-    for band in bands(clear.shape, aside=[probability]):
-        probability[band.rows][clear[band.rows]] = 1.0
+    probability = new_layer(clear.shape, np.float32, where)
+    for part in windows(where, aside=[probability]):
+        probability[part.cells][clear[part.cells]] = 1.0
     return probability
 
 
@@ -103,21 +107,26 @@ def _past_solids(
     geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
 ) -> NDArray[np.float32]:
     """Probability of line of sight (rows, cols) past certain and uncertain solids."""
-    geometry = geographic.geometry
-    on_face = free & inside_solids(geometry, geographic.solids)
-    position_m = _on_room_side(geographic, free & ~on_face, position_m, config.mount_radius_m)
+    geometry, where = geographic.geometry, geographic.where
+    plans = Polygons.of_solids(geometry, geographic.solids)
+    on_face = by_windows(where, 0, lambda window: free[window] & plans.any(window))
+    position_m = _on_room_side(geographic, free, on_face, position_m, config.mount_radius_m)
     antenna_m = config.antenna_height_m
     solids = [solid for solid in geographic.solids if solid.height_m > 0.0]
     sure, groups = told_apart(
         geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
     )
-    clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m)
-    clear &= free
+    clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m, where=where)
+    for part in windows(where):
+        clear[part.cells] &= free[part.cells]
     # The centre of a free cell on a wall's face may come to lie a little inside the wall.
-    points_m = moved_to_faces(geometry.center_of(np.argwhere(on_face)), solids)
-    clear[on_face] = line_of_sight_to_points(points_m, sure, position_m, antenna_m)
-    probability = _certain(clear)
-    weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m)
+    faces = cells_of(on_face, where)
+    points_m = moved_to_faces(geometry.center_of(faces), solids)
+    at_face = line_of_sight_to_points(points_m, sure, position_m, antenna_m)
+    clear[faces[:, 0], faces[:, 1]] = at_face
+    probability = _certain(clear, where)
+    del clear
+    weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m, where)
     return probability
 
 
@@ -127,21 +136,29 @@ def unseen_pockets(geographic: GeographicMap) -> Mask:
     What walls enclose has the walls' height; behind an open border there may be anything. Gaps
     narrower than a robot are places where a wall was not hit, not ways in.
     """
-    states, geometry = geographic.states, geographic.geometry
-    outlined = _outlined(geometry, geographic.solids)
+    states, where = geographic.states, geographic.where
+    least = math.ceil(round(_GAP_M / geographic.geometry.resolution_m, 9))
+    wide = larger_than(_open_border(geographic), least - 1, where)
+    if not len(cells_of(wide, where)):
+        return wide
+    unknown = by_windows(where, 0, lambda window: states[window] == CellState.UNKNOWN)
+    return joined(unknown, wide, where, through=True)
 
-    def border(rows: slice) -> Mask:
-        """Unknown cells, of some rows, beside a free one and with no wall beside them."""
+
+def _open_border(geographic: GeographicMap) -> Mask:
+    """Unknown cells (rows, cols) beside a free one and with no wall beside them."""
+    states, outlined = geographic.states, _outlined(geographic.geometry, geographic.solids)
+
+    def border(window: Window) -> Mask:
+        """Those of a window."""
         # A wall one cell deep has holes where its face lies on centres, none without wall beside.
-        wall = (states[rows] == CellState.OBSTACLE) | outlined[rows]
-        free = np.isin(states[rows], _FREE).view(np.uint8)
+        wall = (states[window] == CellState.OBSTACLE) | outlined[window]
+        free = np.isin(states[window], _FREE).view(np.uint8)
         near_wall = cv2.dilate(wall.view(np.uint8), _AROUND).view(np.bool_)
         beside = cv2.dilate(free, _SIDES).view(np.bool_) & ~near_wall
-        return np.asarray(beside & (states[rows] == CellState.UNKNOWN))
+        return np.asarray(beside & (states[window] == CellState.UNKNOWN))
 
-    least = math.ceil(round(_GAP_M / geometry.resolution_m, 9))
-    wide = larger_than(by_bands(geometry.shape, 1, border), least - 1)
-    return joined(states == CellState.UNKNOWN, wide) if wide.any() else wide
+    return by_windows(geographic.where, 1, border)
 
 
 def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
@@ -159,20 +176,37 @@ def _past_unseen(
     geographic: GeographicMap, asked: Mask, position_m: Floats, config: RadioConfig
 ) -> Mask:
     """Links (rows, cols), of those asked, that pass unseen cells: nobody knows if clear."""
-    unseen, past = unseen_pockets(geographic), np.zeros(asked.shape, dtype=np.bool_)
-    window = _around(geographic.geometry, asked, position_m)
+    unseen, geometry = unseen_pockets(geographic), geographic.geometry
+    if geographic.tiles is not None:
+        return _hidden_by(unseen, geometry, asked, position_m, config, geographic.tiles)
+    past, window = np.zeros(asked.shape, dtype=np.bool_), _around(geometry, asked, position_m)
     if unseen[window].any():
-        past[window] = asked[window] & ~line_of_sight_past_cells(
-            geographic.geometry.part(*window),
-            np.ascontiguousarray(unseen[window]),
-            position_m,
-            config.antenna_height_m,
-            mount_radius_m=config.mount_radius_m,
-        )
+        cut = np.ascontiguousarray(unseen[window]), geometry.part(*window), asked[window]
+        past[window] = _hidden_by(*cut, position_m, config, cut[0].shape)
     return past
 
 
-def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> tuple[slice, slice]:
+def _hidden_by(
+    unseen: Mask,
+    geometry: GridGeometry,
+    asked: Mask,
+    position_m: Floats,
+    config: RadioConfig,
+    where: Where,
+) -> Mask:
+    """Links (rows, cols), of those asked, that pass some cells."""
+    clear = line_of_sight_past_cells(
+        geometry,
+        unseen,
+        position_m,
+        config.antenna_height_m,
+        mount_radius_m=config.mount_radius_m,
+        where=where,
+    )
+    return by_windows(where, 0, lambda window: asked[window] & ~clear[window])
+
+
+def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> Window:
     """Rows and columns of a grid that all links from a position to some cells stay within."""
     here = np.maximum(geometry.cell_of(position_m[:2]), 0)
     ends = [np.flatnonzero(cells.any(axis=1 - axis)) for axis in range(2)]
@@ -182,7 +216,7 @@ def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> tuple[sl
 
 
 def _on_room_side(
-    geographic: GeographicMap, free: Mask, position_m: Floats, radius_m: float
+    geographic: GeographicMap, free: Mask, on_face: Mask, position_m: Floats, radius_m: float
 ) -> Floats:
     """Move an access point that a recovered wall has swallowed to the wall's face in the room.
 
@@ -194,7 +228,8 @@ def _on_room_side(
     reach_m = radius_m + geometry.resolution_m
     low = np.maximum(geometry.cell_of(plan - reach_m), 0)
     high = np.maximum(geometry.cell_of(plan + reach_m) + 1, 0)
-    cells = geometry.center_of(np.argwhere(free[low[0] : high[0], low[1] : high[1]]) + low)
+    near = slice(low[0], high[0]), slice(low[1], high[1])
+    cells = geometry.center_of(np.argwhere(free[near] & ~on_face[near]) + low)
     away_m = np.linalg.norm(cells - plan, axis=1)
     if not len(cells) or away_m.min() > reach_m:
         return position_m

@@ -12,16 +12,22 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import by_windows
 from slarm_graph.raster.fill import cover_strictly
+from slarm_graph.tiles import TILE_CELLS, Where, Window
 
 GRAZE_CELLS = 1e-9
 """A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
 
 
 @njit(cache=True, nogil=True)
-def boxes_of_cells(heights: NDArray[np.generic], above: float) -> tuple[NDArray[np.int64], Floats]:
-    """Cover cells higher than `above` by rectangles of one height, col0, row0, col1, row1."""
+def boxes_of_cells(
+    heights: NDArray[np.generic], above: float, known: Mask
+) -> tuple[NDArray[np.int64], Floats]:
+    """Cover cells higher than `above` by rectangles of one height, col0, row0, col1, row1.
+
+    None are in tiles that are not `known` (R, C).
+    """
     rows, cols = heights.shape
     boxes = np.empty((1024, 4), dtype=np.int64)
     tops = np.empty(1024)
@@ -30,6 +36,9 @@ def boxes_of_cells(heights: NDArray[np.generic], above: float) -> tuple[NDArray[
     for row in range(rows):
         col = 0
         while col < cols:
+            if col % TILE_CELLS == 0 and not known[row // TILE_CELLS, col // TILE_CELLS]:
+                col += TILE_CELLS
+                continue
             top = heights[row, col]
             first = col
             col += 1
@@ -55,18 +64,22 @@ def boxes_of_cells(heights: NDArray[np.generic], above: float) -> tuple[NDArray[
 
 
 def shadowed_cells(
-    shape: tuple[int, int],
+    where: Where,
     eye: Floats,
     corners: Floats,
     starts: NDArray[np.int64],
     scales: Floats,
     slack: float,
 ) -> Mask:
-    """Union of all shadows as a mask; lengths in cells."""
+    """Union of all shadows as a mask, of all cells or in known tiles; lengths in cells."""
     hulls, hull_starts = outlines_of_shadows(eye, corners, starts, scales)
-    return by_bands(
-        shape, 0, lambda rows: _filled(rows.start, rows.stop, shape[1], hulls, hull_starts, slack)
-    )
+
+    def part(window: Window) -> Mask:
+        """Those of a window."""
+        rows, cols = ((at.start, at.stop) for at in window)
+        return _filled(rows, cols, hulls, hull_starts, slack)
+
+    return by_windows(where, 0, part)
 
 
 @njit(cache=True, nogil=True)
@@ -103,21 +116,21 @@ def outlines_of_shadows(
 
 @njit(cache=True, nogil=True)
 def _filled(
-    first_row: int,
-    past_row: int,
-    cols: int,
+    row_span: tuple[int, int],
+    col_span: tuple[int, int],
     hulls: Floats,
     hull_starts: NDArray[np.int64],
     slack: float,
 ) -> Mask:
-    """Cells of some rows that any outline holds."""
-    rows = past_row - first_row
+    """Cells of some rows and columns that any outline holds."""
+    first_row, first_col = row_span[0], col_span[0]
+    rows, cols = row_span[1] - first_row, col_span[1] - first_col
     steps = np.zeros((rows, cols + 1), dtype=np.int32)
     left, right = np.empty(rows), np.empty(rows)
     for i in range(len(hull_starts) - 1):
         if hull_starts[i] < hull_starts[i + 1]:
             hull = hulls[hull_starts[i] : hull_starts[i + 1]]
-            cover_strictly(steps, first_row, left, right, hull, slack * GRAZE_CELLS)
+            cover_strictly(steps, first_row, first_col, left, right, hull, slack * GRAZE_CELLS)
     mask = np.empty((rows, cols), dtype=np.bool_)
     for row in range(rows):
         covers = 0

@@ -19,8 +19,9 @@ from slarm_graph.geographic import HeightGroup
 from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.line_of_sight import line_of_sight_to_points, shadow_outlines
-from slarm_graph.raster.bands import bands
+from slarm_graph.raster.bands import cells_of, windows
 from slarm_graph.raster.fill import row_spans
+from slarm_graph.tiles import Where
 from slarm_graph.world import Solid
 
 Ints = NDArray[np.int64]
@@ -54,6 +55,7 @@ def weigh(
     points_m: Floats,
     position_m: Floats,
     antenna_height_m: float,
+    where: Where | None = None,
 ) -> None:
     """Multiply the probability of line of sight (rows, cols) by that of every group, in place.
 
@@ -70,12 +72,16 @@ def weigh(
     position_m : (3,)
         Of the access point [m].
     antenna_height_m : float
+    where : (rows, cols) or KnownTiles, optional
+        Outside of tiles the probability is 0.
     """
-    at_face = probability[on_face]
+    where = where or geometry.shape
+    faces = tuple(cells_of(on_face, where).T)
+    at_face = probability[faces]
     asked = at_face > 0.0
     at_face[asked] *= _share_of_points(points_m[asked], groups, position_m, antenna_height_m)
-    _weigh_cells(probability, geometry, groups, position_m, antenna_height_m)
-    probability[on_face] = at_face
+    _weigh_cells(probability, geometry, groups, position_m, antenna_height_m, where)
+    probability[faces] = at_face
 
 
 def told_apart(
@@ -132,6 +138,7 @@ def _weigh_cells(
     groups: Sequence[Levels],
     position_m: Floats,
     antenna_height_m: float,
+    where: Where,
 ) -> None:
     """Multiply by the probability past the shadows of every group at the cells' centres."""
     sets = [standing for group in groups for standing in group.standing]
@@ -139,9 +146,9 @@ def _weigh_cells(
     first = np.searchsorted(of_set, np.arange(len(sets) + 1))
     group_starts = np.cumsum([0, *(len(group.counts) for group in groups)])
     counts = np.array([count for group in groups for count in group.counts], dtype=np.int64)
-    for band in bands(geometry.shape, aside=[probability]):
-        rows = probability[band.rows]
-        _weigh(rows, band.rows.start, outlines, starts, slacks, first, group_starts, counts)
+    for part in windows(where, aside=[probability]):
+        here, begin = probability[part.cells], (part.cells[0].start, part.cells[1].start)
+        _weigh(here, begin, outlines, starts, slacks, first, group_starts, counts)
 
 
 def _share_of_points(
@@ -182,7 +189,7 @@ def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
 @njit(cache=True, nogil=True)
 def _weigh(
     probability: NDArray[np.float32],
-    first_row: int,
+    begin: tuple[int, int],
     outlines: Floats,
     starts: Ints,
     slacks: Floats,
@@ -190,8 +197,9 @@ def _weigh(
     group_starts: Ints,
     counts: Ints,
 ) -> None:
-    """Of some rows: count in how many levels of a group a cell is hidden, then weigh it once."""
+    """Of a window: count in how many levels of a group a cell is hidden, then weigh it once."""
     rows, cols = probability.shape
+    first_row, first_col = begin
     hidden = np.zeros((rows, cols), dtype=np.int32)
     latest = np.full((rows, cols), -1, dtype=np.int32)
     left, right = np.empty(rows), np.empty(rows)
@@ -204,9 +212,13 @@ def _weigh(
                     if starts[i] == starts[i + 1]:
                         continue
                     outline = outlines[starts[i] : starts[i + 1]]
-                    low, past = row_spans(spans, first_row, cols, left, right, outline, slacks[i])
+                    low, past = row_spans(
+                        spans, first_row, first_col + cols, left, right, outline, slacks[i]
+                    )
                     for row in range(low, past):
-                        for col in range(spans[row, 0], spans[row, 1]):
+                        for col in range(
+                            max(0, spans[row, 0] - first_col), spans[row, 1] - first_col
+                        ):
                             if probability[row, col] == 0.0:
                                 continue
                             if counting:

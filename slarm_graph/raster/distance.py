@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import by_windows
+from slarm_graph.tiles import Where, Window
 
 Distances = NDArray[np.float32]
 
@@ -38,30 +39,37 @@ def clearance(free: Mask) -> Distances:
     return _to_zero(np.pad(free, 1).astype(np.uint8))[1:-1, 1:-1]
 
 
-def within(mask: Mask, radius_m: float, resolution_m: float) -> Mask:
-    """Cells whose centre is at most a radius away from the centre of a cell of the mask."""
-    return _within(mask, radius_m + _SLACK_M, resolution_m)
+def within(mask: Mask, radius_m: float, resolution_m: float, where: Where | None = None) -> Mask:
+    """Cells whose centre is at most a radius away from the centre of a cell of the mask.
+
+    Of a mask that is false outside of tiles, only cells in them are looked for.
+    """
+    return _within(mask, radius_m + _SLACK_M, resolution_m, where or mask.shape)
 
 
 def farther_than(mask: Mask, radius_cells: float) -> Mask:
     """Cells whose centre is farther than a radius from the centre of every cell of the mask."""
-    return ~_within(mask, radius_cells, 1.0)
+    return ~_within(mask, radius_cells, 1.0, mask.shape)
 
 
-def _within(mask: Mask, radius: float, cell: float) -> Mask:
-    """Cells at most a radius away from the mask, band by band."""
+def _within(mask: Mask, radius: float, cell: float, where: Where) -> Mask:
+    """Cells at most a radius away from the mask, window by window."""
     reach = math.floor(radius / cell)
-    if reach > _MOST_DILATED_CELLS:
-        return np.asarray(distance_to(mask) * np.float32(cell) <= radius)
-    offsets = np.arange(-reach, reach + 1) * cell
-    disc = (np.hypot(offsets[:, None], offsets) <= radius).astype(np.uint8)
+    few = np.arange(-reach, reach + 1) * cell if reach <= _MOST_DILATED_CELLS else np.zeros(1)
+    disc = (np.hypot(few[:, None], few) <= radius).astype(np.uint8)
 
-    def part(rows: slice) -> Mask:
-        """Dilate where there is anything."""
-        here = mask[rows]
-        return cv2.dilate(here.view(np.uint8), disc).view(np.bool_) if here.any() else here
+    def part(window: Window) -> Mask:
+        """Look around where there is anything."""
+        here = mask[window]
+        if not here.any():
+            return np.zeros_like(here)
+        if reach > _MOST_DILATED_CELLS:
+            return np.asarray(distance_to(here) * np.float32(cell) <= radius)
+        return cv2.dilate(here.view(np.uint8), disc).view(np.bool_)
 
-    return by_bands(mask.shape, reach, part)
+    if reach > _MOST_DILATED_CELLS and isinstance(where, tuple):
+        return part((slice(None), slice(None)))
+    return by_windows(where, reach, part)
 
 
 def nearest_of(mask: Mask) -> NDArray[np.int64]:

@@ -18,14 +18,15 @@ from numpy.typing import NDArray
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.tiles import TILE_CELLS, KnownTiles, Window
 from slarm_graph.world import Solid
 
-EVERYWHERE = slice(None)
+EVERYWHERE: Window = (slice(None), slice(None))
 
 
 @dataclass(frozen=True, slots=True)
 class Polygons:
-    """Polygons laid onto a grid, to be filled in it or in some rows of it.
+    """Polygons laid onto a grid, to be filled in it or in a window of it.
 
     Parameters
     ----------
@@ -56,19 +57,41 @@ class Polygons:
         cut = convex_plans([solid.corners_m for solid in solids])
         return Polygons.on(geometry, [piece for pieces in cut for piece in pieces])
 
-    def odd(self, rows: slice = EVERYWHERE) -> Mask:
-        """Mark cells, of some rows, whose centre lies inside an odd number of the polygons."""
-        first, last, _ = rows.indices(self.shape[0])
-        flips = np.zeros((last - first, self.shape[1] + 1), dtype=np.bool_)
-        _flip(flips, self.corners, self.starts, first)
+    def odd(self, window: Window = EVERYWHERE) -> Mask:
+        """Mark cells, of a window, whose centre lies inside an odd number of the polygons."""
+        low, (high, wide) = self._box(window)
+        flips = np.zeros((high, wide + 1), dtype=np.bool_)
+        _flip(flips, self.corners, self.starts, *low)
         return np.asarray(np.logical_xor.accumulate(flips[:, :-1], axis=1))
 
-    def any(self, rows: slice = EVERYWHERE) -> Mask:
-        """Mark cells, of some rows, whose centre lies inside at least one; convex polygons only."""
-        first, last, _ = rows.indices(self.shape[0])
-        mask = np.zeros((last - first, self.shape[1]), dtype=np.bool_)
-        _cover(mask, self.corners, self.starts, first)
+    def any(self, window: Window = EVERYWHERE) -> Mask:
+        """Mark cells, of a window, whose centre lies inside at least one; convex polygons only."""
+        low, size = self._box(window)
+        mask = np.zeros(size, dtype=np.bool_)
+        _cover(mask, self.corners, self.starts, *low)
         return mask
+
+    def tiles_of(self, tiles: KnownTiles) -> KnownTiles:
+        """Add the tiles in which convex polygons lie to those of the grid."""
+        size = tiles.known.shape
+        inside = Polygons(size, (self.corners + 0.5) / TILE_CELLS - 0.5, self.starts).any()
+        # What no centre of a tile tells is narrow: all of it is near a side.
+        after = np.arange(1, len(self.corners) + 1)
+        after[self.starts[1:] - 1] = self.starts[:-1]
+        step = self.corners[after] - self.corners
+        count = np.ceil(np.abs(step).max(axis=1, initial=0.0) / TILE_CELLS).astype(np.int64) + 1
+        side = np.repeat(np.arange(len(count)), count)
+        rank = np.arange(len(side)) - np.repeat(np.cumsum(count) - count, count)
+        at = self.corners[side] + (rank / count[side])[:, None] * step[side]
+        cells = np.floor(np.clip(at[:, ::-1], -TILE_CELLS, np.array(self.shape) + TILE_CELLS))
+        found = KnownTiles(self.shape, tiles.known | inside)
+        return found.with_boxes(cells.astype(np.int64), cells.astype(np.int64))
+
+    def _box(self, window: Window) -> tuple[tuple[int, int], tuple[int, int]]:
+        """First row and column of a window, and its size."""
+        spans = [at.indices(most)[:2] for at, most in zip(window, self.shape, strict=True)]
+        (top, past), (left, end) = spans
+        return (top, left), (past - top, end - left)
 
 
 def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
@@ -77,9 +100,12 @@ def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
 
 
 @njit(cache=True, nogil=True)
-def _cover(mask: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int) -> None:
+def _cover(
+    mask: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int, first_col: int
+) -> None:
     """Mark the cells of every row between the two crossings of convex polygons."""
     rows, cols = mask.shape
+    past = first_col + cols
     for p in range(len(starts) - 1):
         polygon = corners[starts[p] : starts[p + 1]]
         low, high = polygon[:, 1].min(), polygon[:, 1].max()
@@ -94,16 +120,19 @@ def _cover(mask: Mask, corners: Floats, starts: NDArray[np.int64], first_row: in
                     x = x0 + (row - y0) * (x1 - x0) / (y1 - y0)
                     left, right = min(left, x), max(right, x)
             if left < right:
-                first = max(0, math.ceil(min(max(left, -1.0), float(cols))))
-                last = min(cols, math.ceil(min(max(right, 0.0), float(cols))))
+                first = max(first_col, math.ceil(min(max(left, -1.0), float(past))))
+                last = min(past, math.ceil(min(max(right, 0.0), float(past))))
                 for col in range(first, last):
-                    mask[row - first_row, col] = True
+                    mask[row - first_row, col - first_col] = True
 
 
 @njit(cache=True, nogil=True)
-def _flip(flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int) -> None:
+def _flip(
+    flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int, first_col: int
+) -> None:
     """Flip the first cell right of every crossing of a row of centres; centres are whole."""
     rows, last = flips.shape[0], flips.shape[1] - 1
+    past = float(first_col + last)
     for p in range(len(starts) - 1):
         polygon = corners[starts[p] : starts[p + 1]]
         for k in range(len(polygon)):
@@ -116,7 +145,7 @@ def _flip(flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: in
             end = math.ceil(min(high, float(first_row + rows)))
             for row in range(begin, min(end, first_row + rows)):
                 x = x0 + (row - y0) * (x1 - x0) / (y1 - y0)
-                col = min(max(math.ceil(min(max(x, -1.0), float(last))), 0), last)
+                col = min(max(math.ceil(min(max(x, -1.0), past)) - first_col, 0), last)
                 flips[row - first_row, col] = not flips[row - first_row, col]
 
 
@@ -124,22 +153,25 @@ def _flip(flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: in
 def cover_strictly(
     steps: NDArray[np.int32],
     first_row: int,
+    first_col: int,
     left: Floats,
     right: Floats,
     polygon: Floats,
     slack: float,
 ) -> None:
-    """Add one to every cell, of some rows, whose centre lies inside a convex polygon.
+    """Add one to every cell, of a window, whose centre lies inside a convex polygon.
 
-    `steps` (rows, cols + 1) holds differences along each row from `first_row` on; the rest is as
-    in `row_spans`.
+    `steps` (rows, cols + 1) holds differences along each row of the window, which begins at
+    `first_row` and `first_col`; the rest is as in `row_spans`.
     """
     spans = np.empty((len(left), 2), dtype=np.int64)
-    first, past = row_spans(spans, first_row, steps.shape[1] - 1, left, right, polygon, slack)
+    past_col = first_col + steps.shape[1] - 1
+    first, past = row_spans(spans, first_row, past_col, left, right, polygon, slack)
     for row in range(first, past):
-        if spans[row, 0] < spans[row, 1]:
-            steps[row, spans[row, 0]] += 1
-            steps[row, spans[row, 1]] -= 1
+        begin = max(spans[row, 0], first_col)
+        if begin < spans[row, 1]:
+            steps[row, begin - first_col] += 1
+            steps[row, spans[row, 1] - first_col] -= 1
 
 
 @njit(cache=True, nogil=True)

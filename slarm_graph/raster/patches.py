@@ -10,7 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import by_windows, cells_of
+from slarm_graph.tiles import TILE_CELLS, KnownTiles, Where, Window
 
 Labels = NDArray[np.int32]
 Sizes = NDArray[np.int64]
@@ -34,27 +35,83 @@ def patches(mask: Mask, *, over_corners: bool) -> tuple[Labels, Sizes]:
     return np.asarray(labels), sizes
 
 
-def larger_than(mask: Mask, cells: int) -> Mask:
-    """Drop the patches (over sides and corners) of a mask that have at most so many cells."""
+def larger_than(mask: Mask, cells: int, where: Where | None = None) -> Mask:
+    """Drop the patches (over sides and corners) of a mask that have at most so many cells.
 
-    def part(rows: slice) -> Mask:
-        """Patches that are small in a band reach no further than its halo, large ones are large."""
-        labels, sizes = patches(mask[rows], over_corners=True)
-        return np.asarray((sizes > cells)[labels] & mask[rows])
+    Parameters
+    ----------
+    mask : (rows, cols) bool
+        False outside of tiles.
+    cells : int
+    where : (rows, cols) or KnownTiles, optional
+    """
 
-    return by_bands(mask.shape, cells + 1, part)
+    def part(window: Window) -> Mask:
+        """Patches small in a window reach no further than its halo, large ones are large."""
+        labels, sizes = patches(mask[window], over_corners=True)
+        return np.asarray((sizes > cells)[labels] & mask[window])
+
+    return by_windows(where or mask.shape, cells + 1, part)
 
 
-def joined(mask: Mask, seeds: Mask) -> Mask:
-    """Cells of a mask joined over sides to seeds in it; where there are none, its largest patch."""
-    begun = np.flatnonzero(seeds & mask)
+def joined(mask: Mask, seeds: Mask, where: Where | None = None, *, through: bool = False) -> Mask:
+    """Cells of a mask joined over sides to seeds in it; where there are none, its largest patch.
+
+    Parameters
+    ----------
+    mask, seeds : (rows, cols) bool
+        False outside of tiles.
+    where : (rows, cols) or KnownTiles, optional
+    through : bool
+        Whether what lies outside of tiles joins cells as well; it is not in the result.
+    """
+    both = by_windows(where or mask.shape, 0, lambda window: mask[window] & seeds[window])
+    begun = np.ravel_multi_index(tuple(cells_of(both, where or mask.shape).T), mask.shape)
     if len(begun):
-        reached = np.zeros(mask.shape, dtype=np.bool_)
-        reached.flat[begun] = True
-        _flood(np.ascontiguousarray(mask), reached, begun)
+        reached = both
+        mask = np.ascontiguousarray(mask)
+        _flood(mask, reached, begun)
+        if through and isinstance(where, KnownTiles):
+            _flood_around(mask, reached, where)
         return reached
     labels, sizes = patches(mask, over_corners=False)
     return np.asarray((labels == sizes.argmax()) & mask)
+
+
+def _flood_around(mask: Mask, reached: Mask, tiles: KnownTiles) -> None:
+    """Go on with what steps through the tiles outside, all of whose cells count as the mask's."""
+    rows, cols, outside = rim_of(tiles)
+    while True:
+        entered = np.unique(outside[reached[rows, cols]])
+        fresh = np.isin(outside, entered) & mask[rows, cols] & ~reached[rows, cols]
+        if not fresh.any():
+            return
+        begun = np.unique(rows[fresh] * mask.shape[1] + cols[fresh])
+        reached.flat[begun] = True
+        _flood(mask, reached, begun)
+
+
+def rim_of(tiles: KnownTiles) -> tuple[Sizes, Sizes, Labels]:
+    """Cells (N,) of known tiles at the side of one outside: row, column, and its patch of tiles."""
+    labels, _ = patches(~tiles.known, over_corners=False)
+    along = np.arange(TILE_CELLS)
+    found = []
+    for up, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+        beside = np.zeros_like(labels)
+        to = [slice(max(0, -n), min(0, -n) or None) for n in (up, right)]
+        of = [slice(max(0, n), min(0, n) or None) for n in (up, right)]
+        beside[to[0], to[1]] = labels[of[0], of[1]]
+        at = np.argwhere(tiles.known & (beside > 0))
+        edge = (TILE_CELLS - 1) * (up + right > 0)
+        rows, cols = (
+            at[:, axis, None] * TILE_CELLS + (edge if step else along)
+            for axis, step in enumerate((up, right))
+        )
+        patch = np.repeat(beside[at[:, 0], at[:, 1]], TILE_CELLS)
+        found.append((*np.broadcast_arrays(rows, cols), patch.reshape(-1, TILE_CELLS)))
+    rows, cols, outside = (np.concatenate([f[k].ravel() for f in found]) for k in range(3))
+    inside = (rows < tiles.shape[0]) & (cols < tiles.shape[1])
+    return rows[inside], cols[inside], outside[inside]
 
 
 @njit(cache=True, nogil=True)

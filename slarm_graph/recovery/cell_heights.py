@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.raster.bands import bands
+from slarm_graph.raster.bands import windows
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer
+from slarm_graph.tiles import Where, Window
 from slarm_graph.world import Solid
 
 Heights = NDArray[np.float32]
@@ -32,6 +33,7 @@ def cell_heights(
     blocks: Sequence[Solid],
     strips: Sequence[Solid],
     height_m: float | None,
+    where: Where,
 ) -> Heights:
     """Return the top of every obstacle cell (rows, cols) [m]; 0 where there is none.
 
@@ -46,23 +48,26 @@ def cell_heights(
         What else has a face.
     height_m : float or None
         Of all that has no known size; None where every strip has its own.
+    where : (rows, cols) or KnownTiles
+        That hold all obstacles.
     """
-    heights_m = new_layer(target.shape, np.float32)
+    heights_m = new_layer(target.shape, np.float32, where)
     strips_of: dict[float, list[Floats]] = {}
     for strip in strips:
         top_m = strip.height_m if height_m is None else height_m
         strips_of.setdefault(top_m, []).append(strip.corners_m)
     walls: Laid = [(m, Polygons.on(target, plans)) for m, plans in sorted(strips_of.items())]
     known: Laid = [(b.height_m, Polygons.on(target, [b.corners_m])) for b in blocks]
-    for band in bands(target.shape, 1, aside=[heights_m]):
-        obstacle = states[band.around] == CellState.OBSTACLE
-        tops_m = _tops(obstacle, band.around, walls, known, height_m or math.inf)
-        heights_m[band.rows] = tops_m[band.inner]
+    for part in windows(where, 1, aside=[heights_m]):
+        obstacle = states[part.around] == CellState.OBSTACLE
+        if obstacle.any():
+            tops_m = _tops(obstacle, part.around, walls, known, height_m or math.inf)
+            heights_m[part.cells] = tops_m[part.inner]
     return heights_m
 
 
-def _tops(obstacle: Mask, rows: slice, walls: Laid, known: Laid, other_m: float) -> Heights:
-    """Tops of the obstacle cells of some rows.
+def _tops(obstacle: Mask, window: Window, walls: Laid, known: Laid, other_m: float) -> Heights:
+    """Tops of the obstacle cells of a window.
 
     A cell at the face of a block that no solid fills is part of the block: by centres, cells and
     the straightened face differ by one.
@@ -70,11 +75,11 @@ def _tops(obstacle: Mask, rows: slice, walls: Laid, known: Laid, other_m: float)
     tops_m = np.where(obstacle, np.float32(other_m), np.float32(0.0))
     filled, beside_m = ~obstacle, np.zeros_like(tops_m)
     for top_m, plan in walls:
-        inside = plan.any(rows) & obstacle
+        inside = plan.any(window) & obstacle
         tops_m[inside] = top_m
         filled |= inside
     for top_m, plan in known:
-        inside = plan.odd(rows) & obstacle
+        inside = plan.odd(window) & obstacle
         if inside.any():
             tops_m[inside] = top_m
             filled |= inside

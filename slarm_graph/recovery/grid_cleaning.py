@@ -12,9 +12,10 @@ import numpy as np
 
 from slarm_graph.config import RecoveryConfig
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.raster.bands import by_bands
+from slarm_graph.raster.bands import by_windows, put
 from slarm_graph.raster.distance import farther_than
 from slarm_graph.raster.patches import joined, larger_than, patches
+from slarm_graph.tiles import KnownTiles, Where, Window, shape_of
 
 _LEAST_CELLS = 3
 """Free lines of one or two cells are single beams through gaps; a door of 0.7 m is 14 cells of 0.05
@@ -34,6 +35,8 @@ class CleanGrid:
         Free cells that those the robot visited lead to, by ways wider than a beam is seen to be.
     passable : (rows, cols) bool
         Those of them that it visited or where its disc fits.
+    tiles : KnownTiles, optional
+        As the grid's.
     """
 
     geometry: GridGeometry
@@ -41,6 +44,12 @@ class CleanGrid:
     free: Mask
     reached: Mask
     passable: Mask
+    tiles: KnownTiles | None = None
+
+    @property
+    def where(self) -> Where:
+        """Where it has to be looked at: everywhere, unless it has tiles."""
+        return self.tiles or self.geometry.shape
 
 
 def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
@@ -57,29 +66,36 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
     """
     cell_m = grid.geometry.resolution_m
     radius_cells = config.robot_radius_m / cell_m
-    shape, reach = grid.geometry.shape, math.ceil(radius_cells) + 1
+    where, reach = grid.where, math.ceil(radius_cells) + 1
+    occupied, free = _without_specks(grid, visited, config.speck_cells)
+    passable = by_windows(
+        where, reach, lambda w: (farther_than(occupied[w], radius_cells) & free[w]) | visited[w]
+    )
+    closed = by_windows(where, 2, lambda w: _closed(occupied[w]) & ~passable[w])
+    put(occupied, closed, True, where)
+    put(free, closed, False, where)
+    del closed
+    most_cells = config.hole_area_m2 / cell_m**2
+    put(free, _small_holes(free, occupied, most_cells, where), True, where)
+    reached = _reached(free, visited, radius_cells, where)
+    passable = by_windows(where, 0, lambda w: passable[w] & reached[w])
+    return CleanGrid(grid.geometry, occupied, free, reached, passable, grid.tiles)
+
+
+def _without_specks(grid: OccupancyGrid, visited: Mask, speck_cells: int) -> tuple[Mask, Mask]:
+    """Occupied cells without specks and without those that were visited, and free cells."""
     # What is only written where it is true takes no memory elsewhere.
-    aside = [grid.probability]
-    held = by_bands(shape, 0, lambda rows: grid.in_rows(rows).occupied, aside=aside)
-    occupied = larger_than(held, config.speck_cells)
-    occupied[visited] = False
-    free = by_bands(
-        shape,
+    where, aside = grid.where, [grid.probability]
+    held = by_windows(where, 0, lambda w: grid.in_window(w).occupied, aside=aside)
+    occupied = larger_than(held, speck_cells, where)
+    put(occupied, visited, False, where)
+    free = by_windows(
+        where,
         0,
-        lambda r: (grid.in_rows(r).free | visited[r] | held[r]) & ~occupied[r],
+        lambda w: (grid.in_window(w).free | visited[w] | held[w]) & ~occupied[w],
         aside=aside,
     )
-    passable = by_bands(
-        shape, reach, lambda r: (farther_than(occupied[r], radius_cells) & free[r]) | visited[r]
-    )
-    closed = by_bands(shape, 2, lambda rows: _closed(occupied[rows]) & ~passable[rows])
-    occupied[closed] = True
-    free[closed] = False
-    del closed
-    free[_small_holes(free, occupied, config.hole_area_m2 / cell_m**2)] = True
-    reached = _reached(free, visited, radius_cells)
-    passable[passable & ~reached] = False
-    return CleanGrid(grid.geometry, occupied, free, reached, passable)
+    return occupied, free
 
 
 def _closed(occupied: Mask) -> Mask:
@@ -89,25 +105,24 @@ def _closed(occupied: Mask) -> Mask:
     return cv2.morphologyEx(framed, cv2.MORPH_CLOSE, around)[1:-1, 1:-1].view(np.bool_)
 
 
-def _small_holes(free: Mask, occupied: Mask, most_cells: float) -> Mask:
+def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) -> Mask:
     """Unknown patches no larger than a size that touch free cells only, none of them a wall's."""
-    rows, cols = free.shape
 
-    def part(band: slice) -> Mask:
-        """A patch that is small in a band, and reaches into it, ends within its halo."""
-        unknown = ~(free[band] | occupied[band])
+    def part(window: Window) -> Mask:
+        """A patch that is small in a window, and reaches into it, ends within its halo."""
+        unknown = ~(free[window] | occupied[window])
         labels, sizes = patches(unknown, over_corners=True)
         small = sizes <= most_cells
         small[0] = False
-        small[labels[_widened(occupied[band]) & unknown]] = False
-        small[labels[:, [0, -1]]] = False
-        if band.start == 0:
-            small[labels[0]] = False
-        if band.stop == rows:
-            small[labels[-1]] = False
+        small[labels[_widened(occupied[window]) & unknown]] = False
+        for lines, at, most in zip((labels, labels.T), window, shape_of(where), strict=True):
+            if at.start == 0:
+                small[lines[0]] = False
+            if at.stop == most:
+                small[lines[-1]] = False
         return np.asarray(small[labels])
 
-    return by_bands((rows, cols), math.floor(most_cells) + 2, part)
+    return by_windows(where, math.floor(most_cells) + 2, part)
 
 
 def _widened(mask: Mask) -> Mask:
@@ -115,7 +130,7 @@ def _widened(mask: Mask) -> Mask:
     return cv2.dilate(mask.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
 
 
-def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
+def _reached(free: Mask, visited: Mask, radius_cells: float, where: Where) -> Mask:
     """Free cells that visited ones lead to, by ways of three cells and more.
 
     A beam through a window or between the legs of a chair leaves a free line behind it, one or two
@@ -123,22 +138,22 @@ def _reached(free: Mask, visited: Mask, radius_cells: float) -> Mask:
     way counts.
     """
     if 2.0 * radius_cells < _LEAST_CELLS:
-        return joined(free, visited)
+        return joined(free, visited, where)
     around = np.ones((_LEAST_CELLS, _LEAST_CELLS), dtype=np.uint8)
 
-    def wide(rows: slice) -> Mask:
-        """Ways of three cells, of some rows, and where the robot was."""
-        ways = cv2.erode(free[rows].view(np.uint8), around).view(np.bool_)
-        return ways | (visited[rows] & free[rows])
+    def wide(window: Window) -> Mask:
+        """Ways of three cells, of a window, and where the robot was."""
+        ways = cv2.erode(free[window].view(np.uint8), around).view(np.bool_)
+        return ways | (visited[window] & free[window])
 
-    region = joined(by_bands(free.shape, _LEAST_CELLS, wide), visited)
+    region = joined(by_windows(where, _LEAST_CELLS, wide), visited, where)
     steps = _LEAST_CELLS - 1
 
-    def widened(rows: slice) -> Mask:
-        """The region, of some rows, as far as one way is wide."""
-        here = region[rows]
+    def widened(window: Window) -> Mask:
+        """The region, of a window, as far as one way is wide."""
+        here = region[window]
         for _ in range(steps):
-            here = _widened(here) & free[rows]
+            here = _widened(here) & free[window]
         return here
 
-    return by_bands(free.shape, steps, widened)
+    return by_windows(where, steps, widened)

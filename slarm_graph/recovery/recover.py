@@ -21,7 +21,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGro
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
-from slarm_graph.raster.bands import bands, by_bands
+from slarm_graph.raster.bands import by_windows, put, side_by_side, windows
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import set_aside
@@ -29,7 +29,12 @@ from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.readings import LaserScan
 from slarm_graph.recovery.cell_classes import changed_cells, cut_off, expanded, whole_cells_m
 from slarm_graph.recovery.cell_heights import cell_heights
-from slarm_graph.recovery.coverage import footprint_cells, observed_cells, visited_cells
+from slarm_graph.recovery.coverage import (
+    footprint_cells,
+    observed_cells,
+    visited_cells,
+    with_way,
+)
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     cleaned,
@@ -44,6 +49,7 @@ from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
 from slarm_graph.recovery.returns import gathered, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straightened
+from slarm_graph.tiles import Where, Window
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import NUDGE_M
 from slarm_graph.world import Solid, WorldMap
@@ -95,34 +101,42 @@ def recover(
         own when left out.
     """
     target = grid.geometry if geometry is None else geometry
+    grid = with_way(grid, trajectory)
     visited = visited_cells(target, trajectory)
     shape = _shape(grid, trajectory, config, end_points)
     laid = _Laid.on(target, shape)
-    states = _states(shape.clean, target, _region(shape, laid, target, visited), laid)
+    tiles = laid.solids.tiles_of(grid.tiles) if grid.tiles and target == grid.geometry else None
+    where = tiles or target.shape
+    states = _states(shape.clean, target, _region(shape, laid, target, visited), laid, where)
     blocks, strips, groups = shape.blocks, shape.strips, shape.groups
     # On a large site the layers so far take more memory than the result.
     del shape, laid
-    states[expanded(target, states, config.expansion_radius_m)] = CellState.EXPANSION
-    states[cut_off(states, visited)] = CellState.ENCLOSED
-    heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config))
+    near_m = config.expansion_radius_m
+    put(states, expanded(target, states, near_m, where), CellState.EXPANSION, where)
+    put(states, cut_off(states, visited, where), CellState.ENCLOSED, where)
+    heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config), where)
     source = height_source(blocks, strips, config)
-    footprint = footprint_cells(target, trajectory, config.robot_radius_m)
-    footprint[footprint & (states == CellState.OBSTACLE)] = False
+    footprint = footprint_cells(target, trajectory, config.robot_radius_m, tiles)
+    for part in windows(where):
+        footprint[part.cells] &= states[part.cells] != CellState.OBSTACLE
     seen = grid.on(target)
-    observed = observed_cells(seen, states)
-    observed[visited] = True
-    changed = changed_cells(seen, states)
+    observed = observed_cells(seen, states, where)
+    put(observed, visited, True, where)
+    changed = changed_cells(seen, states, where)
     set_aside(grid.probability)
+    beside = tiles.grown(math.ceil(config.robot_radius_m / target.resolution_m)) if tiles else where
+    states, *covered = side_by_side(beside, states, observed, visited, footprint)
     return GeographicMap(
         geometry=target,
         states=states,
         heights_m=heights_m,
         height_source=source,
-        coverage=Coverage(observed, visited, footprint),
+        coverage=Coverage(*(mask.view(np.bool_) for mask in covered)),
         changed_cells=changed,
         solids=(*blocks, *strips),
         height_groups=groups,
         expansion_radius_m=whole_cells_m(target, config.expansion_radius_m),
+        tiles=tiles,
     )
 
 
@@ -172,13 +186,14 @@ def _shape(
     geometry = grid.geometry
     clean = cleaned(grid, visited_cells(geometry, trajectory), config)
     set_aside(grid.probability)
-    if not config.straighten or not clean.reached.any():
+    if not config.straighten or not _any(clean.reached, clean.where):
         return _Shape(clean, [], [], [])
     if end_points is None:
         returns = returns_of_cells(geometry, clean.occupied, clean.reached)
     else:
         returns = gathered(end_points, geometry.resolution_m)
-    outlines = straightened(outlines_m(geometry, clean.reached), returns, geometry.resolution_m)
+    rings = outlines_m(geometry, clean.reached, grid.tiles)
+    outlines = straightened(rings, returns, geometry.resolution_m)
     blocks = matched_blocks(outlines, returns, config.known_sizes, config.size_tolerance_m)
     height_m = certain_height_m(config)
     strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m or math.inf)
@@ -211,48 +226,54 @@ class _Laid:
             Polygons.of_solids(geometry, (*shape.blocks, *shape.strips)),
         )
 
-    def free(self, rows: slice) -> Mask:
+    def free(self, window: Window) -> Mask:
         """Cells whose centre the outlines call free; on a face, the reference's rule."""
-        free = self.outlines.odd(rows)
-        free |= self.free_faces.any(rows)
-        free &= ~self.blocked_faces.any(rows)
+        free = self.outlines.odd(window)
+        free |= self.free_faces.any(window)
+        free &= ~self.blocked_faces.any(window)
         return free
 
 
 def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> Mask:
     """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
     clean, look_up = shape.clean, shape.clean.geometry.resample
+    where = clean.where if target == clean.geometry else target.shape
     region = look_up(clean.reached, target, outside=False)
     if not shape.outlines:
-        return region | visited
+        return by_windows(where, 0, lambda window: region[window] | visited[window])
     mine = laid if target == clean.geometry else _Laid.on(clean.geometry, shape)
-    thin = by_bands(clean.reached.shape, _THIN_HALO, lambda rows: _thin_walls(clean, mine, rows))
-    near = by_bands(clean.reached.shape, _NEAR_HALO, lambda rows: _near_border(clean, rows))
+    thin = by_windows(clean.where, _THIN_HALO, lambda window: _thin_walls(clean, mine, window))
+    near = by_windows(clean.where, _NEAR_HALO, lambda window: _near_border(clean, window))
     near, thin = look_up(near, target, outside=True), look_up(thin, target, outside=False)
     passable = look_up(clean.passable, target, outside=False)
 
-    def part(rows: slice) -> Mask:
-        """What holds in some rows of the target."""
-        here = np.where(near[rows], laid.free(rows), region[rows]) & ~thin[rows]
-        return here | passable[rows] | visited[rows]
+    def part(window: Window) -> Mask:
+        """What holds in a window of the target."""
+        here = np.where(near[window], laid.free(window), region[window]) & ~thin[window]
+        return here | passable[window] | visited[window]
 
-    return by_bands(target.shape, 0, part)
+    return by_windows(where, 0, part)
 
 
-def _near_border(clean: CleanGrid, rows: slice) -> Mask:
-    """Cells, of some rows of the grid, that straightening may change."""
+def _any(mask: Mask, where: Where) -> bool:
+    """Whether any cell of a mask is true."""
+    return any(bool(mask[part.cells].any()) for part in windows(where))
+
+
+def _near_border(clean: CleanGrid, window: Window) -> Mask:
+    """Cells, of a window of the grid, that straightening may change."""
     cell_m = clean.geometry.resolution_m
-    reached, reach_m = clean.reached[rows], _MOVED_CELLS * cell_m
+    reached, reach_m = clean.reached[window], _MOVED_CELLS * cell_m
     near = within(reached, reach_m, cell_m)
     near &= within(~reached, reach_m, cell_m)
     return near
 
 
-def _thin_walls(clean: CleanGrid, laid: _Laid, rows: slice) -> Mask:
-    """Occupied cells, of some rows, with nothing left near them, as both faces met in one line."""
-    occupied, cell_m = clean.occupied[rows], clean.geometry.resolution_m
-    free = np.where(_near_border(clean, rows), laid.free(rows), clean.reached[rows])
-    blocked = ~free & (occupied | laid.solids.any(rows))
+def _thin_walls(clean: CleanGrid, laid: _Laid, window: Window) -> Mask:
+    """Occupied cells, of a window, with nothing left near them, as both faces met in one line."""
+    occupied, cell_m = clean.occupied[window], clean.geometry.resolution_m
+    free = np.where(_near_border(clean, window), laid.free(window), clean.reached[window])
+    blocked = ~free & (occupied | laid.solids.any(window))
     return occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
 
 
@@ -281,15 +302,17 @@ def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
     return quads[free], quads[~free]
 
 
-def _states(clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid) -> np.ndarray:
+def _states(
+    clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid, where: Where
+) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
     occupied = clean.geometry.resample(clean.occupied, target, outside=False)
-    kept_out = by_bands(clean.free.shape, 0, lambda rows: clean.free[rows] & ~clean.reached[rows])
+    kept_out = by_windows(clean.where, 0, lambda w: clean.free[w] & ~clean.reached[w])
     free = clean.geometry.resample(kept_out, target, outside=False)
     states = np.zeros(target.shape, dtype=np.uint8)  # all CellState.UNKNOWN
-    for band in bands(target.shape):
-        here, rows = states[band.rows], band.rows
-        here[free[rows]] = CellState.ENCLOSED
-        here[occupied[rows] | laid.solids.any(rows)] = CellState.OBSTACLE
-        here[region[rows]] = CellState.ACCESSIBLE
+    for part in windows(where):
+        here, window = states[part.cells], part.cells
+        here[free[window]] = CellState.ENCLOSED
+        here[occupied[window] | laid.solids.any(window)] = CellState.OBSTACLE
+        here[region[window]] = CellState.ACCESSIBLE
     return states

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph import parts
 from slarm_graph.access_points import AccessPoint, RadioMap
@@ -19,6 +19,8 @@ from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.propagation.crossings import wall_crossings
 from slarm_graph.radio.propagation.links import Links, PropagationModel
 from slarm_graph.radio.radio_map import radio_map
+from slarm_graph.raster.bands import by_windows, cells_of, windows
+from slarm_graph.raster.layers import blank_layer
 
 STANDARD = "3gpp"
 """The model that `radio_map` computes by itself."""
@@ -63,11 +65,14 @@ def by_model(
     mount_radius_m : float
         Obstacles this near to an access point carry it.
     """
-    loss_db = radio.path_loss_db.copy()
+    loss_db = blank_layer(radio.path_loss_db.shape, radio.where)
     for index, ap in enumerate(radio.access_points):
-        cells = np.isfinite(loss_db[index])
-        points_m = radio.geometry.center_of(np.argwhere(cells))
-        clear = radio.line_of_sight[index][cells]
+        for part in windows(radio.where):
+            loss_db[index][part.cells] = np.nan
+        known = _known(radio, index)
+        points_m = radio.geometry.center_of(known)
+        at = known[:, 0], known[:, 1]
+        clear = radio.line_of_sight[index][at]
         links = links_to(
             radio.geometry,
             heights_m,
@@ -77,8 +82,14 @@ def by_model(
             antenna_height_m=radio.antenna_height_m,
             mount_radius_m=mount_radius_m,
         )
-        loss_db[index][cells] = model.path_loss_db(links).loss_db
+        loss_db[index][at] = model.path_loss_db(links).loss_db
     return replace(radio, path_loss_db=loss_db)
+
+
+def _known(radio: RadioMap, index: int) -> NDArray[np.int64]:
+    """Row and column (N, 2) of the cells with a value of an access point."""
+    loss_db = radio.path_loss_db[index]
+    return cells_of(by_windows(radio.where, 0, lambda w: np.isfinite(loss_db[w])), radio.where)
 
 
 def links_to(
