@@ -27,7 +27,15 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
 from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
-from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+from slarm_graph.geometry import (
+    Floats,
+    Pose2,
+    adjoints,
+    between,
+    compose,
+    invert,
+    transform_points,
+)
 
 _SLIP_SIGMAS = 3.0
 """Wider than for the finished graph: on the way few closures speak against odometry."""
@@ -127,14 +135,16 @@ class SubmapGraph:
         variances = np.diagonal(self._reach.covariances(self.poses(), j), axis1=1, axis2=2)
         return np.sqrt(variances[:, 0] + variances[:, 1]), np.sqrt(variances[:, 2])
 
-    def drift(self, i: int, j: int) -> Floats:
-        """Covariance (3, 3) of where node j is as seen from node i by the way driven alone.
+    def drifts(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
+        """Covariances (P, 3, 3) of where nodes j are as seen from nodes i by the way driven alone.
 
-        In the body frame of j, whichever of the two is the older one [m^2, m rad, rad^2].
+        In the body frames of j (P,), whichever of the two is the older one [m^2, m rad, rad^2].
         """
-        carry = self._anchor(j).local_from_robot.inverse().adjoint()
-        first, last = min(i, j), max(i, j)
-        return np.asarray(carry @ (self._drift[last] - self._drift[first]) @ carry.T)
+        anchors = [self._anchor(k).local_from_robot for k in range(len(self._nodes))]
+        carry = adjoints(invert([pose.as_array() for pose in anchors]))[j]
+        drift = np.array(self._drift)
+        between_them = drift[np.maximum(i, j)] - drift[np.minimum(i, j)]
+        return np.asarray(carry @ between_them @ carry.transpose(0, 2, 1))
 
     def judged(self, closures: Sequence[Closure]) -> list[Closure]:
         """Turn those down that are farther from what the graph has than both may err."""

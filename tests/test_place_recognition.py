@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from slarm_graph.backend import silent
-from slarm_graph.backends import final_closures
-from slarm_graph.backends.final_closures import agree, close_finally, consistent_sets, followed
+from slarm_graph.backends import closure_sets
+from slarm_graph.backends.closure_sets import agreeing, consistent_sets
+from slarm_graph.backends.final_closures import close_finally, followed
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -166,10 +167,16 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
         return Closure(submap, keyframe, pose, np.eye(3), 0.9, True)
 
     one = found(first, 0)
-    assert agree(one, found(second, 1), graph)
-    assert not agree(one, found(second, 1, off_m=0.5), graph)
-    assert not agree(one, found(second, 1, off_rad=0.3), graph)
-    assert not agree(one, found(first, 1), graph), "one scan cannot confirm itself"
+    finds = [
+        one,
+        found(second, 1),
+        found(second, 1, off_m=0.5),
+        found(second, 1, off_rad=0.3),
+        found(first, 1),
+    ]
+    pairs = np.array([(0, k) for k in range(1, 5)])
+    told = agreeing(finds, pairs, graph).tolist()
+    assert told == [True, False, False, False], "one scan cannot confirm itself"
     three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
     assert consistent_sets(three, graph) == three[:3]
     assert consistent_sets([three[0], three[2]], graph) == []
@@ -225,7 +232,7 @@ def test_what_came_first_has_no_right_of_its_own() -> None:
     graph.settle()
     graph.close(graph.judged(right))
     assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [FAR_OFF]
-    disputed = final_closures.disputed(graph)
+    disputed = closure_sets.disputed(graph)
     assert disputed == wrong
     graph.reopen(disputed)
     _, weights = graph.settle()
@@ -242,7 +249,7 @@ def test_all_of_a_chain_of_finds_is_heard(
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
-    monkeypatch.setattr(final_closures, "_NEIGHBOURS_M", 4.0)
+    monkeypatch.setattr(closure_sets, "_NEIGHBOURS_M", 4.0)
     half = len(twice) // 2
 
     def found(keyframe: int, submap: int, off_m: float = 0.0) -> Closure:
@@ -265,7 +272,7 @@ def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
-    covariance = graph.drift(i, j)
+    covariance = graph.drifts(np.array([i]), np.array([j]))[0]
     sigma_m, sigma_rad = graph.sigmas_between(i, j)
     assert sigma_m == pytest.approx(np.sqrt(covariance[0, 0] + covariance[1, 1]))
     assert sigma_rad == pytest.approx(np.sqrt(covariance[2, 2]))

@@ -34,7 +34,9 @@ _LEAST_CHANCE = 0.08
 _LEAST_SHARE = 0.01
 """Share of pieces, of all or none of which the logarithm would be without end."""
 _ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (32, 3))
-"""Poses around the expected one: the window that is searched."""
+"""Poses around the expected one: the window that is searched. With half as many or twice, half or
+double the steps from there, and half or double the distances that make a place, edmonton has 0.60
+to 0.77 m (mean of three draws), which is its own scatter, and seattle 0.042 or 0.043."""
 _DRAWN_STEPS = 15
 """Of refinement: six long ones reach a metre, the others settle."""
 _THERE_M, _THERE_RAD = 0.3, 0.05
