@@ -90,7 +90,7 @@ def _disagrees(k: int, story: set[int], near: nx.Graph, links: nx.Graph) -> bool
 
 
 def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Pairs:
-    """Return the pairs (P, 2) of finds that lie near each other along both ways, the later first."""
+    """Return the pairs (P, 2) of finds near each other along both ways, the later one first."""
     ways = np.array([(graph.way_of_submap(c.submap), graph.way_of(c.keyframe)) for c in found])
     near = [
         np.flatnonzero((np.abs(ways[:a] - ways[a]) <= _NEIGHBOURS_M).all(axis=1))

@@ -21,7 +21,6 @@ from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.fits import UsualFit, drawn_to, fit, pieces
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import (
@@ -35,9 +34,9 @@ from slarm_graph.frontends.scans.places import (
 )
 from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
-from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
+from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_m
 from slarm_graph.geometry import Floats, Pose2
 
 _SURPRISE = 16.27
@@ -51,12 +50,8 @@ _VAGUE_M, _VAGUE_RAD = 0.1, 0.1
 may find another place than the nearest."""
 _SEARCH_POINTS = 80
 """Returns looked up in a search: more repeat each other."""
-_BRUTE_LOOKUPS = 4_000_000
-"""Up to so many, trying every pose is faster than preparing a pyramid (5 ms)."""
 _PLENTY_OF_POINTS = 20
 """Between fewer returns much of the walls is not seen at all; each then says less."""
-_LOST_REACH_M = 3.0
-"""Window of a lost scan: what a robot drives in the seconds until it is noticed."""
 _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
 """Of a pose that a search has found [m^2, m^2, rad^2]: within its reach, at any heading."""
 _FIRST_FITS, _LEAST_FIT = 5.0, 0.01
@@ -65,8 +60,6 @@ _SEES = 3.0
 """Standard deviations of the likelihood's fall-off from which refinement can be drawn: beyond, the
 slope is a twentieth of the steepest. Half and double leave edmonton and seattle where they are
 (0.59 and 0.64 m for 0.60, mean of three draws; 0.042)."""
-_LEAST_WINDOW = (0.3, 0.2)
-"""Of a scan that fits worse than usual [m, rad]."""
 _FROM_PREDICTION = np.empty(0)
 """Stands for a start of its own where there is none, and has no numbers."""
 
@@ -123,10 +116,10 @@ class LocalMatcher:
         loose = _loosened(prediction)
         place = self._refine(points, local_map, outlook, loose)
         sigma = np.sqrt(np.diag(prediction.covariance))
-        if math.hypot(sigma[0], sigma[1], _far_m(points) * sigma[2]) < _SEES * grid.sigma_m:
+        if math.hypot(sigma[0], sigma[1], far_m(points) * sigma[2]) < _SEES * grid.sigma_m:
             return [place]
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
-        start = _best_in_window(few, grid, outlook.base, prediction, least=(0.0, 0.0))
+        start = best_in_window(few, grid, outlook.base, prediction, least=(0.0, 0.0))
         other = self._refine(points, local_map, outlook, loose, start)
         if is_same(place, other):
             return [max(place, other, key=lambda p: p.score)]
@@ -179,7 +172,7 @@ class LocalMatcher:
             return distinct(places)
         found = []
         for prediction in predictions:
-            start = _best_in_window(few, grid, base, prediction)
+            start = best_in_window(few, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             found.append(self._refine(points, local_map, outlook, loose, start))
             below = min(below, self._below(found[-1], points, local_map))
@@ -232,7 +225,7 @@ class LocalMatcher:
         grid, base, motion = local_map.grid, outlook.base, outlook.predictions[0].motion
         assert grid is not None
         expected = compose3(base, motion)
-        is_far = math.hypot(motion[0], motion[1]) > 0.5 * _LOST_REACH_M
+        is_far = math.hypot(motion[0], motion[1]) > 0.5 * LOST_REACH_M
         pyramid = build_pyramid(grid)
         found = []
         for center in (expected, base) if is_far else (expected,):
@@ -240,7 +233,7 @@ class LocalMatcher:
                 pyramid,
                 few,
                 Pose2.from_array(center),
-                reach_m=_LOST_REACH_M,
+                reach_m=LOST_REACH_M,
                 min_score=self._config.min_score,
             )
             if hit is not None:
@@ -268,38 +261,3 @@ def _agree(predictions: tuple[Prediction, ...]) -> bool:
         squared_sigmas(one.motion - other.motion, one.covariance + other.covariance) < _SURPRISE
         for other in predictions[1:]
     )
-
-
-def _far_m(points: Floats) -> float:
-    """How far away most returns (K, 2) are at most, but not less than 1 m."""
-    return max(float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 75)), 1.0)
-
-
-def _best_in_window(
-    points: Floats,
-    grid: LikelihoodGrid,
-    base: Floats,
-    prediction: Prediction,
-    least: tuple[float, float] = _LEAST_WINDOW,
-) -> Floats:
-    """Best pose (3,) in a window of four sigmas around the prediction, within bounds."""
-    far = _far_m(points)
-    sigma = np.sqrt(np.diag(prediction.covariance))
-    start = compose3(base, prediction.motion)
-    reach_m = min(max(4.0 * float(sigma[:2].max()), least[0]), _LOST_REACH_M)
-    reach_rad = min(max(4.0 * float(sigma[2]), least[1]), math.pi)
-    step_rad = grid.resolution_m / far
-    center = Pose2.from_array(start)
-    window = window_of(grid, points, center, step_rad, reach_m, reach_rad)
-    if 8 * window.reach**2 * window.turns * len(points) > _BRUTE_LOOKUPS:
-        hit = search(
-            build_pyramid(grid, max_radius_m=far, levels=5),
-            points,
-            center,
-            reach_m=reach_m,
-            reach_rad=reach_rad,
-        )
-        return hit.grid_from_robot.as_array() if hit else start
-    turn, col, row, _ = search_every_pose(grid.values, window)
-    shift = np.array([col * grid.resolution_m, row * grid.resolution_m, turn * step_rad])
-    return np.asarray(start + shift, dtype=np.float64)
