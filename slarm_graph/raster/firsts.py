@@ -10,15 +10,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.geometry import Floats
-
 _COLS, _ROWS = 73856093, 19349663
 """Primes of a spatial hash (Teschner et al., "Optimized Spatial Hashing for Collision Detection of
 Deformable Objects", VMV 2003)."""
 
 
 @njit(cache=True, nogil=True)
-def first_in_cells(points: Floats, cell: float) -> NDArray[np.int64]:
+def first_in_cells(points: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
     """Indices (M,), rising, of the first of points (K, 2) in every square cell."""
     mask = 1
     while mask < 2 * len(points):
