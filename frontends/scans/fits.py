@@ -11,11 +11,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
-from slarm_graph.geometry import Floats, between
+from slarm_graph.geometry import Floats
 
 _UNSEEN = 0.5
 """What a return counts where nobody looked yet, in usual returns: neither for nor against."""
@@ -33,15 +32,8 @@ _LEAST_CHANCE = 0.08
 """Spread of the fit at such places at least: that of 30 independent pieces."""
 _LEAST_SHARE = 0.01
 """Share of pieces, of all or none of which the logarithm would be without end."""
-_ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (32, 3))
-"""Poses around the expected one: the window that is searched. With half as many or twice, half or
-double the steps from there, and half or double the distances that make a place, edmonton has 0.60
-to 0.77 m (mean of three draws), which is its own scatter, and seattle 0.042 or 0.043."""
-_DRAWN_STEPS = 15
-"""Of refinement: six long ones reach a metre, the others settle."""
-_THERE_M, _THERE_RAD = 0.3, 0.05
-"""Poses nearer than this are the place in question: the longest steps that refinement goes on for,
-and what moves a return 6 m away as far."""
+_ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
+"""Poses around the expected one: the window that is searched."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +43,7 @@ class ChanceFit:
     Parameters
     ----------
     mean, sigma : float
-        Of the fit at what it is drawn to elsewhere.
+        Of the fit at poses all over the window around what is expected.
     count : float
         Independent pieces of surroundings that the scan shows.
     """
@@ -66,61 +58,21 @@ class ChanceFit:
         No lower than the Chernoff bound has it for so many pieces, each of which agrees by chance:
         where a crowd leaves three or four things to see, they fit somewhere.
         """
-        above = (fits - self.mean) / self.sigma
-        if above <= 0.0:
+        if fits <= self.mean:
             return 0.0
         by_chance = min(max(self.mean, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
         agree = min(max(fits, _LEAST_SHARE), 1.0 - _LEAST_SHARE)
         against = (1.0 - agree) * math.log((1.0 - agree) / (1.0 - by_chance))
         bound = -self.count * (agree * math.log(agree / by_chance) + against)
-        return max(-0.5 * above**2, min(bound, 0.0))
+        return max(-0.5 * ((fits - self.mean) / self.sigma) ** 2, min(bound, 0.0))
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """Where refinement draws a scan to from all over a window, and how well it fits there.
-
-    Parameters
-    ----------
-    poses : (N, 3) float64
-        In the local map [m, m, rad].
-    fits, before : (N,) float64
-        Where it was drawn to, and where it began.
-    count : float
-        Independent pieces of surroundings that the scan shows.
-    """
-
-    poses: Floats
-    fits: Floats
-    before: Floats
-    count: float
-
-    def chance_of(self, pose: Floats) -> ChanceFit:
-        """Return how well the scan fits elsewhere than at a pose (3,)."""
-        away = between(pose, self.poses)
-        is_there = (np.hypot(away[:, 0], away[:, 1]) < _THERE_M) & (np.abs(away[:, 2]) < _THERE_RAD)
-        fits = self.before if is_there.all() else self.fits[~is_there]
-        return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE), self.count)
-
-
-def drawn_to(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> Drawn:
-    """Find where a scan (K, 2) is drawn to from all over a window around a pose (3,)."""
-    assert local_map.grid is not None
-    few = np.ascontiguousarray(points[:: max(1, len(points) // _CHANCE_POINTS)])
-    around = _around(center)
-    poses = _drawn_from(around, local_map.grid.lattice, few)
-    fits, before = (_fits(few, at, local_map, usual) for at in (poses, around))
-    return Drawn(poses, fits, before, pieces(points))
-
-
-@njit(cache=True, nogil=True)
-def _drawn_from(poses: Floats, lattice: Lattice, points: Floats) -> Floats:
-    """Where refinement leads from poses (N, 3), nothing but the points (K, 2) pulling."""
-    drawn, nothing = np.empty_like(poses), np.zeros((3, 3))
-    for k in range(len(poses)):
-        start = poses[k].copy()
-        drawn[k] = refine(lattice, points, start, start, nothing, 1.0, _DRAWN_STEPS)[0]
-    return drawn
+def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> ChanceFit:
+    """Measure how well a scan (K, 2) fits elsewhere around a pose (3,)."""
+    few = points[:: max(1, len(points) // _CHANCE_POINTS)]
+    fits = _fits(np.ascontiguousarray(few), _around(center), local_map, usual)
+    sigma = max(float(fits.std()), _LEAST_CHANCE)
+    return ChanceFit(float(fits.mean()), sigma, pieces(points))
 
 
 @njit(cache=True, nogil=True)

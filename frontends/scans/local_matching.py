@@ -18,7 +18,7 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.fits import UsualFit, drawn_to, fit, pieces
+from slarm_graph.frontends.scans.fits import UsualFit, chance_fit, fit, pieces
 from slarm_graph.frontends.scans.gauss_newton import refine_motion
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
@@ -103,8 +103,8 @@ class LocalMatcher:
         if is_usual and alone:
             return near
         expected = compose3(outlook.base, prediction.motion)
-        drawn = drawn_to(points, local_map, expected, self.usual.mean)
-        outlook = replace(outlook, drawn=drawn)
+        chance = chance_fit(points, local_map, expected, self.usual.mean)
+        outlook = replace(outlook, chance=chance)
         if is_usual:
             return [judged(near[0], points, local_map, outlook, self.usual)]
         return self._proposals(near, points, local_map, outlook, all_round)

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.fits import Drawn, UsualFit, fit, pieces
+from slarm_graph.frontends.scans.fits import ChanceFit, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.small_matrix import invert3, product3, times3
@@ -81,14 +81,14 @@ class Outlook:
         Motions since then, uncertainty of the last pose included.
     match_excess : (3,) float64
         Variance of a match over that which its points alone would have, per body axis.
-    drawn : Drawn, optional
+    chance : ChanceFit
         How well the scan fits where it does not belong.
     """
 
     base: Floats
     predictions: tuple[Prediction, ...]
     match_excess: Floats
-    drawn: Drawn | None = None
+    chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
 
     def covariance_of(self, information: Floats) -> Floats:
         """Covariance (3, 3) of a match whose points alone have an information (3, 3)."""
@@ -119,8 +119,7 @@ def judged(
     motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
     fits = place.fit_of(points, local_map, usual)
-    chance = outlook.drawn.chance_of(place.pose).log_density(fits) if outlook.drawn else 0.0
-    evidence = usual.log_density(fits, pieces(points)) - chance
+    evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
     return replace(
         place, log_posterior=min(evidence, _MOST_EVIDENCE) + log_prior(motion, spread, outlook)
     )
