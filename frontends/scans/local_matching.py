@@ -56,10 +56,11 @@ _ANYWHERE = np.diag([2.0, 2.0, 3.0]) ** 2
 """Of a pose that a search has found [m^2, m^2, rad^2]: within its reach, at any heading."""
 _FIRST_FITS, _LEAST_FIT = 5.0, 0.01
 """Scans after which the usual fit means something, and the least that it is taken for."""
-_SEES = 3.0
-"""Standard deviations of the likelihood's fall-off from which refinement can be drawn: beyond, the
-slope is a twentieth of the steepest. Half and double leave edmonton and seattle where they are
-(0.59 and 0.64 m for 0.60, mean of three draws; 0.042)."""
+_SEES = 6.0
+"""Standard deviations of the likelihood's fall-off that refinement sees: three to either side, where
+the slope is a twentieth of the steepest. Half of it leaves edmonton (0.67 m for 0.64, means of
+draws) and turns dec13's last seconds, which are a draw, the wrong way; half as much again changes
+nothing there."""
 _FROM_PREDICTION = np.empty(0)
 """Stands for a start of its own where there is none, and has no numbers."""
 
