@@ -58,9 +58,9 @@ _FIRST_FITS, _LEAST_FIT = 5.0, 0.01
 """Scans after which the usual fit means something, and the least that it is taken for."""
 _SEES = 6.0
 """Standard deviations of the likelihood's fall-off that refinement sees: three to either side,
-where the slope is a twentieth of the steepest. Half of it leaves edmonton (0.67 m for 0.64, means of
-draws) and turns dec13's last seconds, which are a draw, the wrong way; half as much again changes
-nothing there."""
+where the slope is a twentieth of the steepest. Half of it leaves edmonton (0.67 m for 0.64, means
+of draws) and turns dec13's last seconds, which are a draw, the wrong way. Half as much again does
+not."""
 _FROM_PREDICTION = np.empty(0)
 """Stands for a start of its own where there is none, and has no numbers."""
 
