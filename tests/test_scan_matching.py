@@ -111,6 +111,7 @@ def test_refinement_finds_the_pose_of_a_noiseless_scan() -> None:
     pose, information, score, inliers, _ = refine(
         grid.lattice,
         room_points(truth),
+        wall_tangents(room_points(truth)),
         start,
         start,
         np.diag([1.0, 1.0, 1.0]),
@@ -128,7 +129,8 @@ def test_refinement_finds_the_pose_of_a_noiseless_scan() -> None:
 def test_a_strong_prior_holds_the_pose() -> None:
     grid, start = room_grid(), np.array([0.05, 0.05, 0.0])
     prior = np.diag([1e10, 1e10, 1e10])
-    pose, *_ = refine(grid.lattice, room_points(Pose2()), start, start, prior, 16.0, 40)
+    points = room_points(Pose2())
+    pose, *_ = refine(grid.lattice, points, wall_tangents(points), start, start, prior, 16.0, 40)
     np.testing.assert_allclose(pose, start, atol=1e-4)
 
 

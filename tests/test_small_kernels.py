@@ -10,8 +10,14 @@ import pytest
 from slarm_graph.consistency.views import _beams
 from slarm_graph.frontends.scans import likelihood_grid
 from slarm_graph.frontends.scans.likelihood_grid import Lattice
-from slarm_graph.frontends.scans.match_certainty import _median
-from slarm_graph.frontends.scans.small_matrix import product3, sandwich3, times3, with_diagonal3
+from slarm_graph.frontends.scans.quantiles import median, quantile
+from slarm_graph.frontends.scans.small_matrix import (
+    eigen2,
+    product3,
+    sandwich3,
+    times3,
+    with_diagonal3,
+)
 from slarm_graph.frontends.scans.standing import _among
 from slarm_graph.geometry import one_per_cell
 
@@ -26,6 +32,17 @@ def test_products_are_those_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(sandwich3(a, b), a @ b @ a.T, rtol=1e-14, atol=1e-13)
     np.testing.assert_allclose(times3(a, v), a @ v, rtol=1e-14, atol=1e-14)
     np.testing.assert_array_equal(with_diagonal3(a, v), a + np.diag(v))
+
+
+@pytest.mark.parametrize("coupling", [0.0, 1e-9, 0.3, -2.0, 1e8])
+def test_axes_are_those_of_numpy(coupling: float) -> None:
+    for diagonal in ([1.0, 3.0], [3.0, 1.0], [2.0, 2.0], [1e6, 1e-3]):
+        m = np.diag([*diagonal, 5.0]) + coupling * np.array([[0, 1, 9], [1, 0, 9], [9, 9, 0]])
+        values, axes = eigen2(m)
+        scale = np.abs(m[:2, :2]).max()
+        np.testing.assert_allclose(values, np.linalg.eigvalsh(m[:2, :2]), atol=1e-14 * scale)
+        np.testing.assert_allclose(axes @ axes.T, np.eye(2), atol=1e-15)
+        np.testing.assert_allclose((axes * values) @ axes.T, m[:2, :2], atol=1e-14 * scale)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 3000])
@@ -52,7 +69,15 @@ def test_a_wide_grid_is_drawn_as_a_narrow_one() -> None:
 @pytest.mark.parametrize("count", [1, 2, 5, 40, 181])
 def test_a_median_is_that_of_numpy(count: int) -> None:
     values = np.random.default_rng(count).exponential(size=count)
-    assert _median(values) == np.median(values)
+    assert median(values) == np.median(values)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 40, 181])
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.75, 1.0])
+def test_a_quantile_is_that_of_numpy(count: int, share: float) -> None:
+    rng = np.random.default_rng(count)
+    for values in (rng.exponential(size=count), rng.integers(0, 3, count).astype(np.float64)):
+        assert quantile(values, share) == np.quantile(values, share)
 
 
 def test_cells_are_found_among_others() -> None:

@@ -16,7 +16,7 @@ from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats
 
-_UNSEEN = 0.5
+UNSEEN = 0.5
 """What a return counts where nobody looked yet, in usual returns: neither for nor against."""
 _PIECE_M = 1.0
 """Length of wall whose returns agree or disagree together: a passer-by, a door, a cupboard."""
@@ -91,14 +91,14 @@ def fit(points: Floats, pose: Floats, local_map: LocalMap, usual: float) -> floa
     if local_map.grid is None or not len(points):
         return 0.0
     seen = local_map.seen, local_map.seen_step
-    return _agreement_at(local_map.grid.lattice, *seen, points, pose, _UNSEEN * usual) / len(points)
+    return agreement_at(local_map.grid.lattice, *seen, points, pose, UNSEEN * usual) / len(points)
 
 
 def _fits(points: Floats, poses: Floats, local_map: LocalMap, usual: float) -> Floats:
     """Return `fit` at many poses (N, 3)."""
     assert local_map.grid is not None
     seen = local_map.seen, local_map.seen_step
-    agreement = _agreement(local_map.grid.lattice, *seen, points, poses, _UNSEEN * usual)
+    agreement = _agreement(local_map.grid.lattice, *seen, points, poses, UNSEEN * usual)
     return np.asarray(agreement / len(points))
 
 
@@ -160,12 +160,12 @@ def _agreement(
     """Sum (N,) of the agreement of points (K, 2) at poses (N, 3); `neutral` in the unseen."""
     sums = np.empty(len(poses))
     for k in range(len(poses)):
-        sums[k] = _agreement_at(lattice, seen, seen_step, points, poses[k], neutral)
+        sums[k] = agreement_at(lattice, seen, seen_step, points, poses[k], neutral)
     return sums
 
 
 @njit(cache=True, nogil=True)
-def _agreement_at(
+def agreement_at(
     lattice: Lattice,
     seen: NDArray[np.bool_],
     seen_step: int,

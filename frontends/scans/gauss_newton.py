@@ -23,7 +23,6 @@ from numba import njit
 
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, times3
-from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 
@@ -59,9 +58,11 @@ def refine_near(
     tuple
         As of `refine`.
     """
+    points = np.ascontiguousarray(points, dtype=np.float64)
     pose, information, score, inliers, iterations = refine(
         grid.lattice,
-        np.ascontiguousarray(points, dtype=np.float64),
+        points,
+        wall_tangents(points),
         start,
         start,
         looseness,
@@ -75,6 +76,7 @@ def refine_near(
 def refine(
     lattice: Lattice,
     points: Floats,
+    tangents: Floats,
     start: Floats,
     prior: Floats,
     prior_information: Floats,
@@ -86,6 +88,8 @@ def refine(
     Parameters
     ----------
     lattice : Lattice
+    tangents : (K, 2) float64
+        Unit vectors along straight walls at the points, zero elsewhere.
     start, prior : (3,) float64
         Initial and expected `grid_from_robot` [m, m, rad].
     prior_information : (3, 3) float64
@@ -102,7 +106,6 @@ def refine(
     pose = start.copy()
     used = 0
     long_steps = _LONG
-    tangents = wall_tangents(points)
     for iteration in range(max_iterations):
         used = iteration + 1
         h, g, _, _ = _normal_equations(lattice, points, tangents, pose, long_steps)
@@ -203,40 +206,3 @@ def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: F
         for k in range(3):
             a[r, k] += information[r, k]
             b[r] += information[r, k] * away[k]
-
-
-@njit(cache=True, nogil=True)
-def refine_motion(
-    lattice: Lattice,
-    points: Floats,
-    base: Floats,
-    motion: Floats,
-    covariance: Floats,
-    start: Floats,
-    point_information: float,
-    max_iterations: int,
-) -> tuple[Floats, Floats, float, int, int, float, float]:
-    """Refine as `refine`, the prior being a predicted `motion` (3,) from the pose `base` (3,).
-
-    Returns
-    -------
-    pose : (3,), covariance : (3, 3) of pose given grid and prior, score, inliers, iterations,
-    surprise : squared sigmas between prior and pose, shift : distance plus angle between them
-    """
-    prior = moved(base, motion)
-    information = invert3(covariance)
-    pose, data, score, inliers, used = refine(
-        lattice,
-        points,
-        start if len(start) else prior,
-        prior,
-        information,
-        point_information,
-        max_iterations,
-    )
-    pull = np.zeros(3)
-    _add_prior(np.zeros((3, 3)), pull, pose, prior, information)
-    away = times3(covariance, pull)
-    surprise = pull[0] * away[0] + pull[1] * away[1] + pull[2] * away[2]
-    shift = math.hypot(away[0], away[1]) + abs(away[2])
-    return pose, invert3(data + information), score, inliers, used, surprise, shift

@@ -18,10 +18,10 @@ import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.fits import UsualFit, chance_fit, fit, pieces
-from slarm_graph.frontends.scans.gauss_newton import refine_motion
+from slarm_graph.frontends.scans.fits import UNSEEN, UsualFit, chance_fit, pieces
+from slarm_graph.frontends.scans.grid_match import match_on_grid
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
+from slarm_graph.frontends.scans.match_certainty import of_misfit
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import (
     BASIN,
@@ -34,7 +34,6 @@ from slarm_graph.frontends.scans.places import (
 )
 from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
-from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
 from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_m
 from slarm_graph.geometry import Floats, Pose2
@@ -116,7 +115,7 @@ class LocalMatcher:
         assert grid is not None
         loose = _loosened(prediction)
         place = self._refine(points, local_map, outlook, loose)
-        sigma = np.sqrt(np.diag(prediction.covariance))
+        sigma = np.sqrt(prediction.covariance.diagonal())
         if math.hypot(sigma[0], sigma[1], far_m(points) * sigma[2]) < _SEES * grid.sigma_m:
             return [place]
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
@@ -197,21 +196,23 @@ class LocalMatcher:
         grid = local_map.grid
         assert grid is not None
         trust = evidence * min(1.0, len(points) / _PLENTY_OF_POINTS)
-        pose, covariance, score, inliers, used, _, _ = refine_motion(
+        pose, information, score, inliers, used, agreement = match_on_grid(
             grid.lattice,
+            local_map.seen,
+            local_map.seen_step,
             points,
-            outlook.base,
+            outlook.expectation,
             prediction.motion,
             prediction.covariance,
             start,
             trust * (grid.sigma_m / self._config.point_sigma_m) ** 2,
+            evidence,
+            UNSEEN * self.usual.mean,
             self._config.max_iterations,
         )
-        information = invert3(covariance) - invert3(prediction.covariance)
-        information = along_the_weakest(information / evidence, grid, points, pose, outlook)
         if self.usual.count < _FIRST_FITS:
             return Place(pose, information, score, inliers, used)
-        fits = fit(points, pose, local_map, self.usual.mean)
+        fits = agreement / len(points)
         left = of_misfit(fits / max(self.usual.mean, _LEAST_FIT))
         return Place(pose, left * information, score, inliers, used, fits=fits)
 

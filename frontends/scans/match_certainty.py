@@ -17,11 +17,11 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.frontends.scans.gauss_newton import slope
-from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, likelihoods
-from slarm_graph.frontends.scans.places import Outlook
-from slarm_graph.frontends.scans.small_matrix import fused, sandwich3
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
+from slarm_graph.frontends.scans.odometry_filter import Expectation
+from slarm_graph.frontends.scans.quantiles import median
+from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
-from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 
 _AWAY_M = 0.1
@@ -56,8 +56,14 @@ _WALKED_M = 0.56
 drives to the next keyframe."""
 
 
+@njit(cache=True, nogil=True)
 def along_the_weakest(
-    information: Floats, grid: LikelihoodGrid, points: Floats, pose: Floats, outlook: Outlook
+    information: Floats,
+    lattice: Lattice,
+    points: Floats,
+    tangents: Floats,
+    pose: Floats,
+    expected: Expectation,
 ) -> Floats:
     """Lower an information along the weakest direction to what is sure of it.
 
@@ -70,68 +76,33 @@ def along_the_weakest(
     ----------
     information : (3, 3) float64
         Of a match by its slopes, in the body frame.
-    grid : LikelihoodGrid
-    points : (K, 2) float64
-        In the robot's frame [m].
+    lattice : Lattice
+    points, tangents : (K, 2) float64
+        In the robot's frame [m], and unit vectors along straight walls there, zero elsewhere.
     pose : (3,) float64
         Of the match on the grid [m, m, rad].
-    outlook : Outlook
-        What was expected before.
+    expected : Expectation
+        Before the scan was looked at.
 
     Returns
     -------
     (3, 3) float64
     """
-    motion = between3(outlook.base, pose)
-    aways = np.array([motion - p.motion for p in outlook.predictions])
-    covariances = np.array([p.covariance for p in outlook.predictions])
-    chances = np.array([p.probability for p in outlook.predictions])
-    steps_rad = _beam_steps_rad(points)
-    beams_rad = _median(steps_rad) if len(steps_rad) else math.nan
-    seen = (grid.lattice, points, beams_rad, pose)
-    return _lowered(information, *seen, aways, covariances, chances)
-
-
-def _median(values: Floats) -> float:
-    """Median of some values: `np.median` takes three times as long to begin."""
-    middle = len(values) // 2
-    if len(values) % 2:
-        return float(np.partition(values, middle)[middle])
-    return 0.5 * float(np.partition(values, (middle - 1, middle))[middle - 1 : middle + 1].sum())
-
-
-def of_misfit(share: float) -> float:
-    """Return the share of information left to a scan that fits a share as well as usual."""
-    return math.exp(-_MISFIT * max(0.0, 1.0 - share))
-
-
-@njit(cache=True, nogil=True)
-def _lowered(
-    information: Floats,
-    lattice: Lattice,
-    points: Floats,
-    beams_rad: float,
-    pose: Floats,
-    aways: Floats,
-    covariances: Floats,
-    chances: Floats,
-) -> Floats:
-    strengths, axes = np.linalg.eigh(np.ascontiguousarray(information[:2, :2]))
+    strengths, axes = eigen2(information)
     if strengths[0] <= 0.0:
         return information
-    first, last, said = _small_thing(lattice, points, beams_rad, pose, axes[:, 0])
-    stands = np.concatenate((points[:first], points[last:]))
+    here, first, last, said = _small_thing(lattice, points, tangents, pose, axes[:, 0])
     rest = (1.0 - said) * strengths[0]
-    here = likelihoods(lattice, stands, pose)
-    weak, noise = _drop(here, lattice, stands, pose, axes[:, 0])
-    strong, _ = _drop(here, lattice, stands, pose, axes[:, 1])
+    stands = (first, last)
+    weak, noise = _drop(here, lattice, points, stands, pose, axes[:, 0])
+    strong, _ = _drop(here, lattice, points, stands, pose, axes[:, 1])
     if strong > 0.0:
         sure = weak if weak > _BY_CHANCE * noise else 0.0
         rest = min(rest, sure / strong * strengths[1])
     variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
     # What else there is to see does not let it pull the match farther.
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
-    variance += walked * _walks(axes[:, 0], variance, walked, aways, covariances, chances)
+    variance += walked * _walks(axes[:, 0], variance, walked, pose, expected)
     share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
     shrunk = np.zeros((3, 3))
     shrunk[2, 2] = 1.0
@@ -142,14 +113,14 @@ def _lowered(
     return sandwich3(shrunk, information)
 
 
+def of_misfit(share: float) -> float:
+    """Return the share of information left to a scan that fits a share as well as usual."""
+    return math.exp(-_MISFIT * max(0.0, 1.0 - share))
+
+
 @njit(cache=True, nogil=True)
 def _walks(
-    axis: Floats,
-    variance: float,
-    walked: float,
-    aways: Floats,
-    covariances: Floats,
-    chances: Floats,
+    axis: Floats, variance: float, walked: float, pose: Floats, expected: Expectation
 ) -> float:
     """Probability that a thing has walked, by how far its match is from what was expected.
 
@@ -159,12 +130,16 @@ def _walks(
         Along which it speaks, in the body frame.
     variance, walked : float
         Of the match along the axis where the thing stands, and what walking adds [m^2].
-    aways, covariances, chances : (P, 3), (P, 3, 3), (P,) float64
-        Of the match from every prediction, and of these.
+    pose : (3,) float64
+        Of the match.
+    expected : Expectation
     """
+    base, motions, covariances, chances = expected
+    motion = between3(base, pose)
     stands = walks = 0.0
-    for k in range(len(aways)):
-        away2 = (axis[0] * aways[k, 0] + axis[1] * aways[k, 1]) ** 2
+    for k in range(len(motions)):
+        away = motion - motions[k]
+        away2 = (axis[0] * away[0] + axis[1] * away[1]) ** 2
         spread = variance
         for r in range(2):
             for c in range(2):
@@ -182,42 +157,58 @@ def _density(squared: float, variance: float) -> float:
 
 @njit(cache=True, nogil=True)
 def _drop(
-    here: Floats, lattice: Lattice, points: Floats, pose: Floats, axis: Floats
+    here: Floats,
+    lattice: Lattice,
+    points: Floats,
+    thing: tuple[int, int],
+    pose: Floats,
+    axis: Floats,
 ) -> tuple[float, float]:
     """What the mean likelihood falls off by to the nearer side along an axis, and its noise.
 
     The noise is that of points that fit better there: where nothing falls off, as many fit worse.
+    A thing's points, from the first of them to before the last one, are left out.
     """
+    count = len(points) - (thing[1] - thing[0])
     least, noise = np.inf, 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _AWAY_M * axis[0], sign * _AWAY_M * axis[1], 0.0])
-        lost = here - likelihoods(lattice, points, compose3(pose, shift))
-        if lost.mean() < least:
-            least = lost.mean()
-            noise = math.sqrt(2.0 * (np.minimum(lost, 0.0) ** 2).mean() / len(lost))
+        there = likelihoods(lattice, points, compose3(pose, shift))
+        total, better = 0.0, 0.0
+        for i in range(len(points)):
+            if not thing[0] <= i < thing[1]:
+                lost = here[i] - there[i]
+                total += lost
+                better += min(lost, 0.0) ** 2
+        if count and total / count < least:
+            least = total / count
+            noise = math.sqrt(2.0 * (better / count) / count)
     return least, noise
 
 
 @njit(cache=True, nogil=True)
 def _small_thing(
-    lattice: Lattice, points: Floats, beams_rad: float, pose: Floats, axis: Floats
-) -> tuple[int, int, float]:
+    lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, axis: Floats
+) -> tuple[Floats, int, int, float]:
     """Of the small things in a scan the one that says most along an axis (2,) of the body frame.
 
     Returns
     -------
+    likelihoods : (K,) float64
+        Of all points.
     first, last : int
         Its points, the last one excluded.
     share : float
         Of the information along the axis.
     """
-    tangents = wall_tangents(points)
+    beams_rad = _beams_rad(points)
+    here = np.empty(len(points))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, most, thing = 0.0, 0.0, (0, 0)
     first, told, wide = 0, 0.0, 0.0
     for i in range(len(points)):
         wide = max(wide, _distance(points[first], points[i]))
-        jx, jy, _, weight = slope(lattice, points, tangents, i, pose, c, s)
+        jx, jy, here[i], weight = slope(lattice, points, tangents, i, pose, c, s)
         told += weight * (jx * axis[0] + jy * axis[1]) ** 2
         if i + 1 < len(points) and not _are_two(points[i], points[i + 1], beams_rad):
             continue
@@ -225,19 +216,20 @@ def _small_thing(
         if told > most and wide < _SMALL_M:
             most, thing = told, (first, i + 1)
         first, told, wide = i + 1, 0.0, 0.0
-    return thing[0], thing[1], most / max(total, 1e-12)
+    return here, thing[0], thing[1], most / max(total, 1e-12)
 
 
 @njit(cache=True, nogil=True)
-def _beam_steps_rad(points: Floats) -> Floats:
-    """Angles (K - 1,) between neighbouring returns (K, 2) [rad]; where some are missing, wider.
-
-    The usual one is their median, which numba takes seconds to compile.
-    """
-    bearings = np.arctan2(points[:, 1], points[:, 0])
-    steps = np.abs(bearings[1:] - bearings[:-1])
-    rad: Floats = np.minimum(steps, 2.0 * math.pi - steps)
-    return rad
+def _beams_rad(points: Floats) -> float:
+    """Median angle between neighbouring returns (K, 2) [rad]; nan where there is but one."""
+    steps_rad = np.empty(max(len(points) - 1, 0))
+    bearing = math.nan
+    for i in range(len(points)):
+        before, bearing = bearing, math.atan2(points[i, 1], points[i, 0])
+        if i > 0:
+            step = abs(bearing - before)
+            steps_rad[i - 1] = min(step, 2.0 * math.pi - step)
+    return median(steps_rad) if len(steps_rad) else math.nan
 
 
 @njit(cache=True, nogil=True)

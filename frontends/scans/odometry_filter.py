@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -69,6 +70,23 @@ class Prediction:
     covariance: Floats
     probability: float = 1.0
     unlearned: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+
+
+class Expectation(NamedTuple):
+    """Predictions from a pose as compiled code takes them.
+
+    Parameters
+    ----------
+    base : (3,) float64
+        Pose that they go on from [m, m, rad].
+    motions, covariances, probabilities : (P, 3), (P, 3, 3), (P,) float64
+        As of `Prediction`.
+    """
+
+    base: Floats
+    motions: Floats
+    covariances: Floats
+    probabilities: Floats
 
 
 def spread_about(motion: Floats, predictions: Iterable[Prediction]) -> Floats:

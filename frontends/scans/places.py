@@ -13,7 +13,7 @@ from numba import njit
 
 from slarm_graph.frontends.scans.fits import ChanceFit, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.odometry_filter import Expectation, Prediction
 from slarm_graph.frontends.scans.small_matrix import invert3, product3, times3
 from slarm_graph.frontends.scans.small_pose import (
     between3,
@@ -89,6 +89,17 @@ class Outlook:
     predictions: tuple[Prediction, ...]
     match_excess: Floats
     chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
+
+    @property
+    def expectation(self) -> Expectation:
+        """What is expected, for compiled code."""
+        told = self.predictions
+        return Expectation(
+            self.base,
+            np.array([p.motion for p in told]),
+            np.array([p.covariance for p in told]),
+            np.array([p.probability for p in told]),
+        )
 
     def covariance_of(self, information: Floats) -> Floats:
         """Covariance (3, 3) of a match whose points alone have an information (3, 3)."""

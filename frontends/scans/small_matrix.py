@@ -8,6 +8,7 @@ and adds in one step, so numpy's `@` is their oracle to the last bit.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any, cast
 
@@ -84,6 +85,29 @@ def invert3(m: Floats) -> Floats:
     out[1, 2] = out[2, 1] = yz * scale * b * c
     out[2, 2] = zz * scale * c * c
     return out
+
+
+@njit(cache=True, nogil=True)
+def eigen2(m: Floats) -> tuple[Floats, Floats]:
+    """Eigenvalues (2,), the lower first, and eigenvectors (2, 2), by column, of a symmetric matrix.
+
+    Of a larger matrix it is the upper left corner. By Jacobi's rotation, as in Golub and Van Loan,
+    "Matrix Computations", 8.5.2: the smaller angle, which cancels nothing.
+    """
+    a, b, c = m[0, 0], m[1, 0], m[1, 1]
+    t = 0.0
+    if b != 0.0:
+        tau = (c - a) / (2.0 * b)
+        t = math.copysign(1.0, tau) / (abs(tau) + math.hypot(1.0, tau))
+    cosine = 1.0 / math.hypot(1.0, t)
+    sine = t * cosine
+    first, second = a - t * b, c + t * b
+    values, axes = np.empty(2), np.empty((2, 2))
+    k = 0 if first <= second else 1
+    values[k], values[1 - k] = first, second
+    axes[0, k], axes[1, k] = cosine, -sine
+    axes[0, 1 - k], axes[1, 1 - k] = sine, cosine
+    return values, axes
 
 
 @njit(cache=True, nogil=True, inline="always")
