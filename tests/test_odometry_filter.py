@@ -14,7 +14,7 @@ from slarm_graph.frontends.scans.hypotheses import Story
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
 from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
-from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
+from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, told
 from slarm_graph.geometry import Floats, Pose2
 
 SURE = np.diag([1e-6, 1e-6, 1e-6])
@@ -33,8 +33,9 @@ def test_squared_sigmas_are_numpys_and_angles_wrap() -> None:
 
 
 def test_odometry_noise_grows_with_the_way() -> None:
+    wheels = WheelCalibration()
     still, moved, turned = (
-        WheelCalibration().predict(np.array(v))[1]
+        told(np.array(v), wheels.excess, wheels.errors, wheels.covariance)[1]
         for v in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.5])
     )
     assert np.all(np.diag(moved) >= np.diag(still))

@@ -80,9 +80,9 @@ class Story:
         before, covariance = self.pose, self.covariance
         is_match = place.inliers > 0
         if is_match:
-            self.pose, self.covariance = fused(place, outlook)
-            self.spread = self.covariance
             measured = outlook.covariance_of(place.information)
+            self.pose, self.covariance = fused(place.pose, measured, outlook.expectation)
+            self.spread = self.covariance
             self.motion.judge(between3(before, place.pose), covariance + measured)
             if self.raw is not None:
                 claimed = claimed_covariance(place.information).diagonal().copy()

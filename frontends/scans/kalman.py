@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.small_matrix import product3, sandwich3, times3
+from slarm_graph.frontends.scans.small_matrix import invert3, product3, sandwich3, times3
 from slarm_graph.geometry import Floats
 
 
@@ -36,21 +36,13 @@ class KalmanFilter:
 
     def update(self, z: Floats, R: Floats, H: Floats) -> None:
         """Take in a measurement z (3,) = H x with noise of covariance R (3, 3); Joseph's form."""
-        cross, expected = _expected(self.P, R, H)
-        self.x, self.P = _updated(self.x, self.P, z, R, H, cross @ np.linalg.inv(expected))
+        self.x, self.P = updated(self.x, self.P, z, R, H)
 
 
 @njit(cache=True, nogil=True)
-def _expected(P: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
-    """Covariance (3, 3) of state and measurement, and of what is measured."""
+def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
+    """State (3,) and covariance (3, 3) after a measurement; see `KalmanFilter.update`."""
     cross = product3(P, H.T)
-    return cross, product3(H, cross) + R
-
-
-@njit(cache=True, nogil=True)
-def _updated(
-    x: Floats, P: Floats, z: Floats, R: Floats, H: Floats, gain: Floats
-) -> tuple[Floats, Floats]:
-    """State and covariance after a measurement."""
+    gain = product3(cross, invert3(product3(H, cross) + R))
     rest = np.eye(3) - product3(gain, H)
     return x + times3(gain, z - times3(H, x)), sandwich3(rest, P) + sandwich3(gain, R)

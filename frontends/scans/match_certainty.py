@@ -134,11 +134,11 @@ def _walks(
         Of the match.
     expected : Expectation
     """
-    base, motions, covariances, chances = expected
-    motion = between3(base, pose)
+    covariances, chances = expected.covariances, expected.probabilities
+    motion = between3(expected.base, pose)
     stands = walks = 0.0
-    for k in range(len(motions)):
-        away = motion - motions[k]
+    for k in range(len(chances)):
+        away = motion - expected.motions[k]
         away2 = (axis[0] * away[0] + axis[1] * away[1]) ** 2
         spread = variance
         for r in range(2):

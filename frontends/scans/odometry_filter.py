@@ -18,10 +18,15 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.kalman import KalmanFilter
+from slarm_graph.frontends.scans.kalman import KalmanFilter, updated
 from slarm_graph.frontends.scans.small_matrix import with_diagonal3
 from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
-from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
+from slarm_graph.frontends.scans.wheel_calibration import (
+    WheelCalibration,
+    WheelsKnown,
+    told,
+    unlearned,
+)
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
 
@@ -36,8 +41,7 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _MEMORY = 0.95
 """Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
-_EYE = np.eye(3)
-"""Every part of the velocity is measured, and none by another."""
+_NO_LAG = np.zeros(3)
 _CONTRADICTION = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 _FADING = 0.7
@@ -79,7 +83,7 @@ class Expectation(NamedTuple):
     ----------
     base : (3,) float64
         Pose that they go on from [m, m, rad].
-    motions, covariances, probabilities : (P, 3), (P, 3, 3), (P,) float64
+    motions, covariances, probabilities, unlearned : (P, 3), (P, 3, 3), (P,), (P, 3, 3) float64
         As of `Prediction`.
     """
 
@@ -87,14 +91,15 @@ class Expectation(NamedTuple):
     motions: Floats
     covariances: Floats
     probabilities: Floats
+    unlearned: Floats
 
 
 def spread_about(motion: Floats, predictions: Iterable[Prediction]) -> Floats:
     """Covariance (3, 3) of a mixture of predictions about a motion (3,), in the body frame."""
     total, chances = np.zeros((3, 3)), 0.0
-    for told in predictions:
-        _add_spread(total, told.probability, told.covariance, told.motion - motion)
-        chances += told.probability
+    for one in predictions:
+        _add_spread(total, one.probability, one.covariance, one.motion - motion)
+        chances += one.probability
     return np.asarray(total / chances)
 
 
@@ -154,26 +159,21 @@ class OdometryFilter:
             self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
             self._kalman.predict(Q=_accelerated(span, self._unsteadiness))
-        steady = self._motion(span)
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
         if self._increment is None:
-            self._steady_motion = steady
-            return (steady,)
+            self._steady_motion = Prediction(self._kalman.x * span, self._kalman.P * (span * span))
+            return (self._steady_motion,)
         self._holds = self._holds * (1.0 - self._failures / self._steps)
         self._holds += (1.0 - self._holds) * _RECOVERS
-        motion, noise = self.wheels.predict(self._increment)
-        if lag_s:
-            noise = noise + self.lag_covariance(lag_s)
-        self._measured = wheels = Prediction(motion, noise, self._holds)
-        self._steady_motion = Prediction(steady.motion, steady.covariance, 1.0 - self._holds)
-        apart = squared_sigmas(motion - steady.motion, steady.covariance + noise)
-        if apart < _CONTRADICTION:
-            self._kalman.update(motion, R=noise, H=span * _EYE)
-            fused = self._motion(span)
-            wheels = Prediction(fused.motion, fused.covariance, self._holds)
-        unlearned = self.wheels.unlearned(self._increment)
-        wheels = Prediction(wheels.motion, wheels.covariance, self._holds, unlearned)
+        lag = self._lag_variances(lag_s)
+        kalman = self._kalman
+        kalman.x, kalman.P, motions, covariances = _weighed(
+            kalman.x, kalman.P, span, self._increment, self.wheels.known, lag
+        )
+        self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - self._holds)
+        self._measured = Prediction(motions[1], covariances[1], self._holds)
+        wheels = Prediction(motions[2], covariances[2], self._holds, covariances[3])
         both = (wheels, self._steady_motion)
         return both if self._holds >= 0.5 else both[::-1]
 
@@ -183,9 +183,9 @@ class OdometryFilter:
         moved = motion.as_array()
         if self._steady_motion is not None:
             steady = self._steady_motion
-            noise = steady.covariance / self._unsteadiness + covariance
-            apart = squared_sigmas(steady.motion - moved, noise)
-            self._unsteadiness = _learned(self._unsteadiness, apart)
+            self._unsteadiness = _learned(
+                self._unsteadiness, steady.motion, steady.covariance, moved, covariance
+            )
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 
@@ -202,14 +202,12 @@ class OdometryFilter:
         wheels, steady = self._measured, self._steady_motion
         if wheels is None or steady is None:
             return
-        for_it = math.log(max(self._holds, 1e-12)) + log_density(
-            wheels.motion - found, wheels.covariance + covariance
-        )
-        against = math.log(max(1.0 - self._holds, 1e-12)) + log_density(
-            steady.motion - found, steady.covariance + covariance
-        )
         before = self._holds
-        self._holds = 1.0 / (1.0 + math.exp(min(against - for_it, 700.0)))
+        log_odds = _log_ratio(
+            wheels.motion, wheels.covariance, steady.motion, steady.covariance, found, covariance
+        )
+        log_odds += math.log(max(before, 1e-12)) - math.log(max(1.0 - before, 1e-12))
+        self._holds = 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
         self._steps += before
         self._failures += before * (1.0 - self._holds)
 
@@ -229,9 +227,9 @@ class OdometryFilter:
         told, steady = self.wheels.along_path(self._increment), self._steady_motion
         if steady is None:
             return told
-        held = Prediction(told.motion, told.covariance, self._holds)
-        failed = Prediction(steady.motion, steady.covariance, 1.0 - self._holds)
-        spread = spread_about(told.motion, (held, failed))
+        spread = _mixed(
+            self._holds, told.covariance, steady.covariance, steady.motion - told.motion
+        )
         return WheelMotion(told.motion, spread, told.reading)
 
     def coast(self) -> None:
@@ -247,10 +245,6 @@ class OdometryFilter:
         grown = np.diag(self._kalman.P) / _FADING**2
         self._kalman.P = np.diag(np.minimum(grown, _ANYWHERE**2))
 
-    def _motion(self, span: float) -> Prediction:
-        """Motion over `span` at the filter's velocity."""
-        return Prediction(self._kalman.x * span, self._kalman.P * (span * span))
-
     def rate(self, motion: Floats, span_s: float) -> Floats:
         """Velocity (3,) [m/s, m/s, rad/s] of a motion (3,) over `span_s`; 0 across a gap."""
         if not 0.0 < span_s < _MAX_COASTING_S:
@@ -259,7 +253,10 @@ class OdometryFilter:
 
     def lag_covariance(self, lag_s: float) -> Floats:
         """Covariance (3, 3) of carrying a pose over `lag_s` with the last interval's velocity."""
-        return np.diag((_ACCELERATION * self._usual_span_s * lag_s) ** 2)
+        return np.diag(self._lag_variances(lag_s))
+
+    def _lag_variances(self, lag_s: float) -> Floats:
+        return (_ACCELERATION * (self._usual_span_s * lag_s)) ** 2 if lag_s else _NO_LAG
 
     def _steady(self, span_s: float) -> float:
         """Floor a span by half the usual one: some logs' stamps bunch up, the robot does not."""
@@ -285,6 +282,78 @@ def _accelerated(span_s: float, factor: float) -> Floats:
     return with_diagonal3(np.zeros((3, 3)), factor * (gained * gained))
 
 
-def _learned(factor: float, squared: float) -> float:
-    """Bring a factor on a variance, at least 1, nearer to what the latest miss calls for."""
+@njit(cache=True, nogil=True)
+def _weighed(
+    x: Floats, P: Floats, span_s: float, increment: Floats, wheels: WheelsKnown, lag: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Weigh a velocity and an increment of odometry.
+
+    Parameters
+    ----------
+    x, P : (3,), (3, 3) float64
+        Velocity in the robot's frame, and its covariance.
+    span_s : float
+    increment : (3,) float64
+        By odometry [m, m, rad].
+    wheels : WheelsKnown
+    lag : (3,) float64
+        Variances of the increment by when it was read [m^2, m^2, rad^2].
+
+    Returns
+    -------
+    x, P : (3,), (3, 3) float64
+        Velocity, of which odometry has told where the two agree.
+    motions : (3, 3) float64
+        By the velocity alone, by odometry alone, and by both.
+    covariances : (4, 3, 3) float64
+        Of these, and what errors that add up have more.
+    """
+    motions, covariances = np.empty((3, 3)), np.empty((4, 3, 3))
+    told_motion, noise = told(increment, wheels.excess, wheels.errors, wheels.covariance)
+    noise = with_diagonal3(noise, lag)
+    steady, spread = x * span_s, P * (span_s * span_s)
+    both, both_spread = told_motion, noise
+    if squared_sigmas(told_motion - steady, spread + noise) < _CONTRADICTION:
+        x, P = updated(x, P, told_motion, noise, span_s * np.eye(3))
+        both, both_spread = x * span_s, P * (span_s * span_s)
+    more = unlearned(increment, wheels.excess, wheels.path_excess)
+    for row in range(3):
+        motions[0, row], motions[1, row], motions[2, row] = steady[row], told_motion[row], both[row]
+        for col in range(3):
+            covariances[0, row, col] = spread[row, col]
+            covariances[1, row, col] = noise[row, col]
+            covariances[2, row, col] = both_spread[row, col]
+            covariances[3, row, col] = more[row, col]
+    return x, P, motions, covariances
+
+
+@njit(cache=True, nogil=True)
+def _log_ratio(
+    wheels: Floats,
+    of_wheels: Floats,
+    steady: Floats,
+    of_steady: Floats,
+    found: Floats,
+    of_found: Floats,
+) -> float:
+    """Log of how much more probable what was found (3,) is by odometry than by the velocity."""
+    for_it = log_density(wheels - found, of_wheels + of_found)
+    return for_it - log_density(steady - found, of_steady + of_found)
+
+
+@njit(cache=True, nogil=True)
+def _mixed(holds: float, held: Floats, failed: Floats, apart: Floats) -> Floats:
+    """Covariance (3, 3) about the first of two motions so far apart (3,), with what it holds."""
+    total = np.zeros((3, 3))
+    _add_spread(total, holds, held, np.zeros(3))
+    _add_spread(total, 1.0 - holds, failed, apart)
+    return total
+
+
+@njit(cache=True, nogil=True)
+def _learned(
+    factor: float, steady: Floats, of_steady: Floats, moved: Floats, of_moved: Floats
+) -> float:
+    """Bring the unsteadiness, at least 1, nearer to what the latest miss calls for."""
+    squared = squared_sigmas(steady - moved, of_steady / factor + of_moved)
     return max(1.0, _MEMORY * factor + (1.0 - _MEMORY) * squared / 3.0)

@@ -89,17 +89,19 @@ class Outlook:
     predictions: tuple[Prediction, ...]
     match_excess: Floats
     chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
+    expectation: Expectation = field(init=False, compare=False)
+    """Base and predictions, for compiled code."""
 
-    @property
-    def expectation(self) -> Expectation:
-        """What is expected, for compiled code."""
+    def __post_init__(self) -> None:
         told = self.predictions
-        return Expectation(
+        expectation = Expectation(
             self.base,
             np.array([p.motion for p in told]),
             np.array([p.covariance for p in told]),
             np.array([p.probability for p in told]),
+            np.array([p.unlearned for p in told]),
         )
+        object.__setattr__(self, "expectation", expectation)
 
     def covariance_of(self, information: Floats) -> Floats:
         """Covariance (3, 3) of a match whose points alone have an information (3, 3)."""
@@ -178,38 +180,32 @@ def distinct(places: Sequence[Place]) -> list[Place]:
 def best_story(place: Place, outlook: Outlook) -> Prediction:
     """Return the prediction that explains a place best."""
     spread = outlook.covariance_of(place.information)
-    return _best_story(between3(outlook.base, place.pose), spread, outlook.predictions)
-
-
-def _best_story(motion: Floats, spread: Floats, predictions: tuple[Prediction, ...]) -> Prediction:
-    """Return the prediction that explains a motion (3,) of a covariance (3, 3) best."""
-    if len(predictions) == 1:
-        return predictions[0]
-    return max(
-        predictions,
-        key=lambda p: (
-            math.log(max(p.probability, 1e-12))
-            + log_density(p.motion - motion, p.covariance + spread)
-        ),
-    )
-
-
-def fused(place: Place, outlook: Outlook) -> tuple[Floats, Floats]:
-    """Pose (3,) and covariance (3, 3) by the match and the likeliest story together.
-
-    A Kalman update whose measurement is the place, with as much noise as matches have shown.
-    """
-    spread = outlook.covariance_of(place.information)
-    story = _best_story(between3(outlook.base, place.pose), spread, outlook.predictions)
-    prior = story.covariance + story.unlearned
-    return _drawn(compose3(outlook.base, story.motion), prior, place.pose, spread)
+    return outlook.predictions[_likeliest(place.pose, spread, outlook.expectation)]
 
 
 @njit(cache=True, nogil=True)
-def _drawn(
-    predicted: Floats, prior: Floats, found: Floats, spread: Floats
-) -> tuple[Floats, Floats]:
-    """Draw a predicted pose (3,) of covariance (3, 3) to where it was found, with so much noise."""
+def _likeliest(found: Floats, spread: Floats, expected: Expectation) -> int:
+    """Which prediction explains best a pose (3,) that was found with a covariance (3, 3)."""
+    motion = between3(expected.base, found)
+    likeliest, best = 0, -np.inf
+    for k in range(len(expected.motions)):
+        told = log_density(expected.motions[k] - motion, expected.covariances[k] + spread)
+        told += math.log(max(expected.probabilities[k], 1e-12))
+        if told > best:
+            likeliest, best = k, told
+    return likeliest
+
+
+@njit(cache=True, nogil=True)
+def fused(found: Floats, spread: Floats, expected: Expectation) -> tuple[Floats, Floats]:
+    """Pose (3,) and covariance (3, 3) by a match and the likeliest story together.
+
+    A Kalman update whose measurement is the pose (3,) that was found, with as much noise (3, 3) as
+    matches have shown.
+    """
+    k = _likeliest(found, spread, expected)
+    predicted = compose3(expected.base, expected.motions[k])
+    prior = expected.covariances[k] + expected.unlearned[k]
     innovation = between3(predicted, found)
     gain = product3(prior, invert3(prior + spread))
     pose = compose3(predicted, times3(gain, innovation))

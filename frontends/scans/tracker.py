@@ -244,7 +244,7 @@ def _last_step_m(story: Story) -> float:
 
 
 def _differ(a: Floats, b: Floats) -> bool:
-    return not np.array_equal(a, b)
+    return a is not b and not np.array_equal(a, b)
 
 
 def _why_not(local_map: LocalMap, points: Floats, least: int) -> str:

@@ -18,6 +18,7 @@ to get wrong, and what is taken back there is the matches'.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -63,6 +64,15 @@ _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
 
+class WheelsKnown(NamedTuple):
+    """What is known of odometry as compiled code takes it: fields of `WheelCalibration`."""
+
+    excess: Floats
+    path_excess: Floats
+    errors: Floats
+    covariance: Floats
+
+
 class WheelCalibration:
     """Systematic errors and noise of odometry, and noise of matches, as known so far."""
 
@@ -90,24 +100,15 @@ class WheelCalibration:
         self._claim: Floats = np.zeros(3)
         self._last: Floats | None = None
 
-    def predict(self, increment: Floats) -> tuple[Floats, Floats]:
-        """Return the motion (3,) [m, m, rad] that an increment (3,) means, and its covariance."""
-        return self._told(increment, self.excess)
-
-    def unlearned(self, increment: Floats) -> Floats:
-        """Return how much the covariance (3, 3) of a step is more where many steps add up.
-
-        Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
-        """
-        return _unlearned(increment, self.excess, self.path_excess)
+    @property
+    def known(self) -> WheelsKnown:
+        """What is known so far, for compiled code."""
+        return WheelsKnown(self.excess, self.path_excess, self.errors, self.covariance)
 
     def along_path(self, increment: Floats) -> WheelMotion:
         """Return the motion that an increment (3,) means, as sure as one step of a path is."""
-        return WheelMotion(*self._told(increment, self.path_excess), self.reading)
-
-    def _told(self, increment: Floats, excess: Floats) -> tuple[Floats, Floats]:
-        """Motion (3,) that an increment (3,) means, and its covariance with so much noise."""
-        return told(increment, excess, self.errors, self.covariance)
+        motion, covariance = told(increment, self.path_excess, self.errors, self.covariance)
+        return WheelMotion(motion, covariance, self.reading)
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""
@@ -197,7 +198,11 @@ def told(
 
 
 @njit(cache=True, nogil=True)
-def _unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
+def unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
+    """Return how much the covariance (3, 3) of a step is more where many steps add up.
+
+    Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
+    """
     more = np.maximum(path_excess - excess, 0.0) * _noise(increment)
     return with_diagonal3(np.zeros((3, 3)), more)
 
