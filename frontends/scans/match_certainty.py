@@ -201,17 +201,21 @@ def _small_thing(
     share : float
         Of the information along the axis.
     """
-    beams_rad = _beams_rad(points)
+    slant = _slant(_beams_rad(points))
     here = np.empty(len(points))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total, most, thing = 0.0, 0.0, (0, 0)
     first, told, wide = 0, 0.0, 0.0
+    near_m = _length(points[0, 0], points[0, 1]) if len(points) else 0.0
     for i in range(len(points)):
-        wide = max(wide, _distance(points[first], points[i]))
+        wide = max(wide, _apart(points, first, i))
         jx, jy, here[i], weight = slope(lattice, points, tangents, i, pose, c, s)
         told += weight * (jx * axis[0] + jy * axis[1]) ** 2
-        if i + 1 < len(points) and not _are_two(points[i], points[i + 1], beams_rad):
-            continue
+        if i + 1 < len(points):
+            before_m, near_m = near_m, _length(points[i + 1, 0], points[i + 1, 1])
+            on_a_wall_m = slant * min(before_m, near_m)
+            if _apart(points, i, i + 1) <= max(_APART_M, on_a_wall_m):
+                continue
         total += told
         if told > most and wide < _SMALL_M:
             most, thing = told, (first, i + 1)
@@ -233,15 +237,19 @@ def _beams_rad(points: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _are_two(a: Floats, b: Floats, beams_rad: float) -> bool:
-    """Whether neighbouring returns (2,) of the robot's frame are farther apart than on one wall."""
-    if beams_rad >= _GRAZING_RAD:
-        return False
-    near = min(math.hypot(a[0], a[1]), math.hypot(b[0], b[1]))
-    on_a_wall = near * math.sin(beams_rad) / math.sin(_GRAZING_RAD - beams_rad)
-    return _distance(a, b) > max(_APART_M, on_a_wall)
+def _slant(beams_rad: float) -> float:
+    """How far apart neighbouring returns of one wall may be, over how far away they are [m/m]."""
+    if not beams_rad < _GRAZING_RAD:
+        return math.inf
+    return math.sin(beams_rad) / math.sin(_GRAZING_RAD - beams_rad)
 
 
-@njit(cache=True, nogil=True)
-def _distance(a: Floats, b: Floats) -> float:
-    return math.hypot(b[0] - a[0], b[1] - a[1])
+@njit(cache=True, nogil=True, inline="always")
+def _apart(points: Floats, i: int, k: int) -> float:
+    return _length(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
+
+
+@njit(cache=True, nogil=True, inline="always")
+def _length(x: float, y: float) -> float:
+    """Length of a vector: `math.hypot` takes three times as long to be safe from overflow."""
+    return math.sqrt(x * x + y * y)
