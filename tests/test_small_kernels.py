@@ -19,7 +19,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     with_diagonal3,
 )
 from slarm_graph.frontends.scans.standing import _among
-from slarm_graph.geometry import one_per_cell
+from slarm_graph.geometry import Floats, one_per_cell
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -64,6 +64,28 @@ def test_a_wide_grid_is_drawn_as_a_narrow_one() -> None:
     likelihood_grid._splat_wide(grids[1], 1.05, segments)
     assert grids[0].values.any()
     np.testing.assert_array_equal(grids[0].values, grids[1].values)
+
+
+def test_interpolation_is_the_convolution_with_keys_kernel() -> None:
+    """Summed over all cells of the raster, with the kernel as its inventor wrote it."""
+    rng = np.random.default_rng(0)
+    grid = Lattice(rng.random((9, 7)).astype(np.float32), 1.0, -2.0, 0.5, 0.1)
+
+    def kernel(away: Floats) -> tuple[Floats, Floats]:
+        s, sign = np.abs(away), np.sign(away)
+        near, far = s < 1.0, (s >= 1.0) & (s < 2.0)
+        value = near * ((1.5 * s - 2.5) * s * s + 1.0)
+        value += far * (((-0.5 * s + 2.5) * s - 4.0) * s + 2.0)
+        slope = near * (4.5 * s - 5.0) * s + far * ((-1.5 * s + 5.0) * s - 4.0)
+        return value, sign * slope
+
+    for u, v in rng.uniform((1.0, 1.0), (4.999, 6.999), (200, 2)):
+        along, up = kernel(u - np.arange(7)), kernel(v - np.arange(9))
+        expected = [up[0] @ grid.values @ along[0]]
+        expected += [up[0] @ grid.values @ along[1] / 0.5, up[1] @ grid.values @ along[0] / 0.5]
+        found = likelihood_grid.interpolate(grid, 1.0 + 0.5 * u, -2.0 + 0.5 * v)
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+    assert likelihood_grid.interpolate(grid, 1.4, 0.0) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 40, 181])

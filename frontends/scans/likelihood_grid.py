@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.bicubic import bicubic
 from slarm_graph.geometry import Floats
 
 Grid = NDArray[np.float32]
@@ -263,36 +264,5 @@ def interpolate(lattice: Lattice, x: float, y: float) -> tuple[float, float, flo
     col, row = math.floor(u), math.floor(v)
     if col < 1 or row < 1 or col + 2 >= values.shape[1] or row + 2 >= values.shape[0]:
         return 0.0, 0.0, 0.0
-    u -= col
-    v -= row
-    wx0 = ((-0.5 * u + 1.0) * u - 0.5) * u
-    wx1 = (1.5 * u - 2.5) * u * u + 1.0
-    wx2 = ((-1.5 * u + 2.0) * u + 0.5) * u
-    wx3 = (0.5 * u - 0.5) * u * u
-    gx0 = (-1.5 * u + 2.0) * u - 0.5
-    gx1 = (4.5 * u - 5.0) * u
-    gx2 = (-4.5 * u + 4.0) * u + 0.5
-    gx3 = (1.5 * u - 1.0) * u
-    wy = (
-        ((-0.5 * v + 1.0) * v - 0.5) * v,
-        (1.5 * v - 2.5) * v * v + 1.0,
-        ((-1.5 * v + 2.0) * v + 0.5) * v,
-        (0.5 * v - 0.5) * v * v,
-    )
-    gy = (
-        (-1.5 * v + 2.0) * v - 0.5,
-        (4.5 * v - 5.0) * v,
-        (-4.5 * v + 4.0) * v + 0.5,
-        (1.5 * v - 1.0) * v,
-    )
-    value, along_x, along_y = 0.0, 0.0, 0.0
-    for k in range(4):
-        a = values[row - 1 + k, col - 1]
-        b = values[row - 1 + k, col]
-        c = values[row - 1 + k, col + 1]
-        d = values[row - 1 + k, col + 2]
-        line = wx0 * a + wx1 * b + wx2 * c + wx3 * d
-        value += wy[k] * line
-        along_x += wy[k] * (gx0 * a + gx1 * b + gx2 * c + gx3 * d)
-        along_y += gy[k] * line
-    return value, along_x / resolution, along_y / resolution
+    value, by_col, by_row = bicubic(values, row, col, u - col, v - row)
+    return value, by_col / resolution, by_row / resolution
