@@ -111,7 +111,7 @@ def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFi
         odometry.predict(0.1, None if odom_motion is None else odom)
         odometry.judge(true_motion.as_array(), SURE)
         odometry.learn(true_motion.as_array(), np.diag(SURE))
-        odometry.correct(0.1, true_motion, SURE)
+        odometry.correct(0.1, true_motion.as_array(), SURE)
         odom = odom @ (odom_motion or Pose2())
     return odometry
 
@@ -170,7 +170,7 @@ def test_odometry_that_fails_is_told_by_its_probability() -> None:
     odometry = run(40, FORWARD, FORWARD)
     assert odometry.predict(0.1, Pose2(9.0, 9.0, 0.0))[0].probability > 0.9
     odometry.judge(FORWARD.as_array(), SURE)
-    odometry.correct(0.1, FORWARD, SURE)
+    odometry.correct(0.1, FORWARD.as_array(), SURE)
     likeliest = odometry.predict(0.1, Pose2(9.0, 9.0, 0.0) @ FORWARD)[0]
     np.testing.assert_allclose(likeliest.motion, FORWARD.as_array(), atol=1e-3)
     assert likeliest.probability == pytest.approx(0.8, abs=0.05)
@@ -192,7 +192,7 @@ def test_predictions_know_how_unsteadily_the_robot_moves(jitter_m: float) -> Non
         if step >= 100:
             miss = prediction.motion - moved.as_array()
             squares.append(squared_sigmas(miss, prediction.covariance + SURE))
-        odometry.correct(0.1, moved, SURE)
+        odometry.correct(0.1, moved.as_array(), SURE)
     assert np.mean(squares) < 5.0
     assert np.mean(squares) > 1.0 or jitter_m == 0.0
 

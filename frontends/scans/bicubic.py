@@ -26,7 +26,8 @@ _SLOPE = tuple(
 
 
 def _bicubic(_: Any, raster: Any, row: Any, col: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    told = types.UniTuple(types.float64, 3)
+    several: Any = types.UniTuple
+    told = several(types.float64, 3)
     return told(raster, types.int64, types.int64, types.float64, types.float64), _built
 
 

@@ -10,10 +10,9 @@ a crowd before the laser is not, since what it pretends contradicts itself.
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -75,6 +74,10 @@ class Story:
             )
         return Outlook(self.pose, tuple(predictions), self.motion.wheels.match_excess)
 
+    def branched(self) -> Story:
+        """Return an account of its own that is the same so far."""
+        return replace(self, motion=self.motion.branched(), trail=list(self.trail))
+
     def went(self, place: Place, outlook: Outlook, span_s: float) -> None:
         """Go on to a place, and learn from it."""
         before, covariance = self.pose, self.covariance
@@ -87,7 +90,7 @@ class Story:
             if self.raw is not None:
                 claimed = claimed_covariance(place.information).diagonal().copy()
                 self.motion.learn(between3(self.raw, place.pose), claimed)
-            moved = Pose2.from_array(between3(before, self.pose))
+            moved = between3(before, self.pose)
             self.motion.correct(span_s, moved, covariance + self.covariance)
         else:
             told, wider = between3(before, place.pose), self.spread - self.covariance
@@ -105,7 +108,7 @@ def grown(story: Story, places: Sequence[Place], outlook: Outlook, span_s: float
     """Continue a story to each of the places worth it."""
     best = places[0].log_posterior
     worth = [p for p in places[:_MOST] if p.log_posterior > best - _HOPELESS]
-    branches = [story, *(copy.deepcopy(story) for _ in worth[1:])]
+    branches = [story, *(story.branched() for _ in worth[1:])]
     for branch, place in zip(branches, worth, strict=True):
         branch.went(place, outlook, span_s)
     return branches

@@ -17,6 +17,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2, transform_points
 
 _MARGIN_M = 4.0
@@ -37,7 +38,7 @@ class LocalMap:
         self._matching = matching
         self._segments: list[Floats] = []
         self._sights: list[tuple[Floats, Floats]] = []
-        self._last_pose: Pose2 | None = None
+        self._last_pose: Floats | None = None
         self.grid: LikelihoodGrid | None = None
         self.seen: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
         """Blocks of `seen_step` x `seen_step` cells that a beam has passed."""
@@ -47,9 +48,8 @@ class LocalMap:
         """Whether the robot has moved on enough for a new keyframe."""
         if self._last_pose is None:
             return True
-        moved = self._last_pose.between(local_from_robot)
-        distance = math.hypot(moved.x, moved.y)
-        return distance >= self._rule.distance_m or abs(moved.theta) >= self._rule.angle_rad
+        x, y, turn = between3(self._last_pose, local_from_robot.as_array()).tolist()
+        return math.hypot(x, y) >= self._rule.distance_m or abs(turn) >= self._rule.angle_rad
 
     def latest_points(self, keyframes: int) -> Floats:
         """Return the points (M, 2) of the latest keyframes, one after the other [m]."""
@@ -64,8 +64,7 @@ class LocalMap:
 
     def add(self, points: Floats, local_from_robot: Pose2) -> None:
         """Draw a keyframe's points (K, 2) [m] of the robot's frame."""
-        self._last_pose = local_from_robot
-        pose = local_from_robot.as_array()
+        self._last_pose = pose = local_from_robot.as_array()
         segments = scan_segments(points, pose, self._matching.max_gap_m)
         self._segments.append(segments)
         self._sights.append((points, pose))
@@ -88,17 +87,27 @@ class LocalMap:
 
     def _see(self, points: Floats, pose: Floats) -> None:
         assert self.grid is not None
-        corner = np.array([self.grid.origin_x_m, self.grid.origin_y_m])
         block_m = self.seen_step * self.grid.resolution_m
-        _mark_seen(self.seen, transform_points(pose, points) - corner, pose[:2] - corner, block_m)
+        corner = self.grid.origin_x_m, self.grid.origin_y_m
+        _mark_seen(self.seen, points, pose, *corner, block_m)
 
 
 @njit(cache=True, nogil=True)
-def _mark_seen(seen: NDArray[np.bool_], ends: Floats, start: Floats, block_m: float) -> None:
-    """Mark the blocks that beams to end points (K, 2) pass, up to a block before the end [m]."""
+def _mark_seen(
+    seen: NDArray[np.bool_],
+    points: Floats,
+    pose: Floats,
+    corner_x: float,
+    corner_y: float,
+    block_m: float,
+) -> None:
+    """Mark the blocks that beams to points (K, 2) pass, up to a block before the end [m]."""
     rows, cols = seen.shape
-    for i in range(len(ends)):
-        dx, dy = ends[i, 0] - start[0], ends[i, 1] - start[1]
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    start = pose[0] - corner_x, pose[1] - corner_y
+    for i in range(len(points)):
+        dx = pose[0] + c * points[i, 0] - s * points[i, 1] - corner_x - start[0]
+        dy = pose[1] + s * points[i, 0] + c * points[i, 1] - corner_y - start[1]
         length = math.hypot(dx, dy)
         steps = math.floor(length / block_m - 1.0)
         for k in range(steps + 1):

@@ -10,6 +10,7 @@ two values that changes rarely: a hidden Markov chain, whose probability matches
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,7 +21,7 @@ from numba import njit
 
 from slarm_graph.frontends.scans.kalman import KalmanFilter, updated
 from slarm_graph.frontends.scans.small_matrix import with_diagonal3
-from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
+from slarm_graph.frontends.scans.small_pose import between3, log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import (
     WheelCalibration,
     WheelsKnown,
@@ -135,6 +136,12 @@ class OdometryFilter:
         self._usual_span_s = 0.0
         self._span_s = 1.0
 
+    def branched(self) -> OdometryFilter:
+        """Return a filter of its own that has learned the same so far."""
+        other = copy.copy(self)
+        other._kalman, other.wheels = copy.copy(self._kalman), self.wheels.branched()
+        return other
+
     def predict(
         self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float = 0.0
     ) -> tuple[Prediction, ...]:
@@ -177,10 +184,9 @@ class OdometryFilter:
         both = (wheels, self._steady_motion)
         return both if self._holds >= 0.5 else both[::-1]
 
-    def correct(self, span_s: float, motion: Pose2, covariance: Floats) -> None:
-        """Learn the velocity from the motion (robot frame before from now) that was found."""
+    def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
+        """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
         span = max(span_s, 0.5 * self._usual_span_s, 1e-3)
-        moved = motion.as_array()
         if self._steady_motion is not None:
             steady = self._steady_motion
             self._unsteadiness = _learned(
@@ -269,10 +275,11 @@ class OdometryFilter:
         last, self._last_odom = self._last_odom, odom_from_robot
         if last is None or odom_from_robot is None:
             return None
-        increment = last.between(odom_from_robot).as_array()
         # Odometry that never moved is a placeholder, not a measurement of standing still.
-        self._odometry_lives = self._odometry_lives or bool((increment != 0.0).any())
-        return increment if self._odometry_lives else None
+        self._odometry_lives = self._odometry_lives or last.between(odom_from_robot) != Pose2()
+        if not self._odometry_lives:
+            return None
+        return between3(last.as_array(), odom_from_robot.as_array())
 
 
 @njit(cache=True, nogil=True)

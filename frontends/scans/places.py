@@ -152,14 +152,20 @@ def log_prior(motion: Floats, covariance: Floats, outlook: Outlook) -> float:
     and what lies around it and fits alike. Where the scan says nothing of the pose, that is the
     probability of the story.
     """
-    own = log_volume(covariance + BASIN)
-    stories = [
-        math.log(max(p.probability, 1e-12))
-        + 0.5 * (own - log_volume(p.covariance + covariance + BASIN))
-        + log_tails(squared_sigmas(p.motion - motion, p.covariance + covariance))
-        for p in outlook.predictions
-    ]
-    return float(np.logaddexp.reduce(stories))
+    return float(_log_prior(motion, covariance, outlook.expectation))
+
+
+@njit(cache=True, nogil=True)
+def _log_prior(motion: Floats, covariance: Floats, expected: Expectation) -> float:
+    own, total = log_volume(covariance + BASIN), -np.inf
+    for k in range(len(expected.motions)):
+        spread = expected.covariances[k] + covariance
+        told = math.log(max(expected.probabilities[k], 1e-12))
+        told += 0.5 * (own - log_volume(spread + BASIN))
+        told += log_tails(squared_sigmas(expected.motions[k] - motion, spread))
+        most = max(total, told)
+        total = most + math.log(math.exp(total - most) + math.exp(told - most))
+    return total
 
 
 def is_same(a: Place, b: Place) -> bool:

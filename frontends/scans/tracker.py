@@ -239,8 +239,7 @@ def _last_step_m(story: Story) -> float:
     """Way between a story's last two poses; 0 where it has just begun."""
     if len(story.trail) < 2:
         return 0.0
-    step = between3(story.trail[-2], story.trail[-1])
-    return math.hypot(step[0], step[1])
+    return math.dist(story.trail[-2][:2], story.trail[-1][:2])
 
 
 def _differ(a: Floats, b: Floats) -> bool:

@@ -17,6 +17,7 @@ to get wrong, and what is taken back there is the matches'.
 
 from __future__ import annotations
 
+import copy
 import math
 from typing import NamedTuple
 
@@ -99,6 +100,14 @@ class WheelCalibration:
         self._guess: Floats = np.zeros(3)
         self._claim: Floats = np.zeros(3)
         self._last: Floats | None = None
+
+    def branched(self) -> WheelCalibration:
+        """Return a calibration of its own that has learned the same so far."""
+        other = copy.copy(self)
+        # The others are never changed in place.
+        other._square, other._product = self._square.copy(), self._product.copy()
+        other._guess, other._claim = self._guess.copy(), self._claim.copy()
+        return other
 
     @property
     def known(self) -> WheelsKnown:
