@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -18,7 +20,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     times3,
     with_diagonal3,
 )
-from slarm_graph.frontends.scans.standing import _among
+from slarm_graph.frontends.scans.standing import _CELL_M, _among, _touched
 from slarm_graph.geometry import Floats, one_per_cell
 
 
@@ -100,6 +102,21 @@ def test_a_quantile_is_that_of_numpy(count: int, share: float) -> None:
     rng = np.random.default_rng(count)
     for values in (rng.exponential(size=count), rng.integers(0, 3, count).astype(np.float64)):
         assert quantile(values, share) == np.quantile(values, share)
+
+
+@pytest.mark.parametrize("stride_m", [0.05, 0.6])
+def test_segments_touch_the_cells_of_points_along_them(stride_m: float) -> None:
+    ends = np.cumsum(np.random.default_rng(0).normal(size=(151, 2)) * stride_m, axis=0)
+    segments = np.hstack([ends[:-1], ends[1:]])
+    segments[::7, 2:] = segments[::7, :2]
+    cells = set()
+    for start, end in zip(segments[:, :2], segments[:, 2:], strict=True):
+        steps = 1 + math.ceil(2.0 * math.dist(start, end) / _CELL_M)
+        along = np.linspace(0.0, 1.0, steps)[:, None] if steps > 1 else np.zeros((1, 1))
+        cells |= set(map(tuple, np.floor((start + along * (end - start)) / _CELL_M).tolist()))
+    touched = _touched(segments)
+    assert len(touched) == len(cells)
+    assert set(touched.tolist()) == {int(col) * 2**31 + int(row) for col, row in cells}
 
 
 def test_cells_are_found_among_others() -> None:

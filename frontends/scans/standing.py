@@ -8,16 +8,19 @@ place looks the same when they are left out, however many there were.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import scan_segments
 from slarm_graph.frontends.scans.submaps import Keyframe
-from slarm_graph.geometry import Floats, one_per_cell, transform_points
+from slarm_graph.geometry import Floats, transform_points
+from slarm_graph.raster.firsts import first_in_cells
 
 _CELL_M = 0.25
 """What is met again must lie in the same cell: a passer-by leaves it in half a second."""
@@ -58,22 +61,38 @@ def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Ke
     return kept
 
 
+@njit(cache=True, nogil=True)
 def _touched(segments: Floats) -> _Cells:
     """Cells that segments (S, 4) [m] pass through, each once; sampled twice per cell."""
-    lengths_m = np.hypot(*(segments[:, 2:] - segments[:, :2]).T)
-    steps = 1 + np.ceil(2.0 * lengths_m / _CELL_M).astype(np.int64)
-    which = np.repeat(np.arange(len(segments)), steps)
-    first = np.repeat(np.cumsum(steps) - steps, steps)
-    along = (np.arange(len(which)) - first) / np.maximum(steps[which] - 1, 1)
-    ends = segments[which]
-    sampled = ends[:, :2] + along[:, None] * (ends[:, 2:] - ends[:, :2])
-    return _packed(one_per_cell(sampled, _CELL_M))
+    count = 0
+    for k in range(len(segments)):
+        count += _steps(segments, k)
+    sampled = np.empty((count, 2))
+    count = 0
+    for k in range(len(segments)):
+        steps = _steps(segments, k)
+        for i in range(steps):
+            share = i / max(steps - 1, 1)
+            for axis in range(2):
+                start, end = segments[k, axis], segments[k, axis + 2]
+                sampled[count, axis] = start + share * (end - start)
+            count += 1
+    return _packed(sampled[first_in_cells(sampled, _CELL_M)])
 
 
+@njit(cache=True, nogil=True)
+def _steps(segments: Floats, k: int) -> int:
+    length_m = math.hypot(segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1])
+    return 1 + math.ceil(2.0 * length_m / _CELL_M)
+
+
+@njit(cache=True, nogil=True)
 def _packed(points: Floats) -> _Cells:
     """One number (K,) for the cell of each point (K, 2) [m]."""
-    cells = np.floor(points / _CELL_M).astype(np.int64)
-    packed: _Cells = cells[:, 0] * (1 << 31) + cells[:, 1]
+    packed = np.empty(len(points), dtype=np.int64)
+    for i in range(len(points)):
+        col, row = math.floor(points[i, 0] / _CELL_M), math.floor(points[i, 1] / _CELL_M)
+        packed[i] = col * (1 << 31) + row
     return packed
 
 
