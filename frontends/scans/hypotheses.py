@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction, spread_about
-from slarm_graph.frontends.scans.places import Outlook, Place, best_story, claimed_covariance, fused
+from slarm_graph.frontends.scans.places import Outlook, Place, best_story, step_to
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
 
@@ -80,20 +80,17 @@ class Story:
 
     def went(self, place: Place, outlook: Outlook, span_s: float) -> None:
         """Go on to a place, and learn from it."""
-        before, covariance = self.pose, self.covariance
         is_match = place.inliers > 0
         if is_match:
-            measured = outlook.covariance_of(place.information)
-            self.pose, self.covariance = fused(place.pose, measured, outlook.expectation)
+            step = step_to(place, outlook, self.covariance)
+            self.pose, self.covariance = step.pose, step.covariance
             self.spread = self.covariance
-            self.motion.judge(between3(before, place.pose), covariance + measured)
+            self.motion.judge(step.found, step.found_covariance)
             if self.raw is not None:
-                claimed = claimed_covariance(place.information).diagonal().copy()
-                self.motion.learn(between3(self.raw, place.pose), claimed)
-            moved = between3(before, self.pose)
-            self.motion.correct(span_s, moved, covariance + self.covariance)
+                self.motion.learn(between3(self.raw, place.pose), step.claimed)
+            self.motion.correct(span_s, step.moved, step.moved_covariance)
         else:
-            told, wider = between3(before, place.pose), self.spread - self.covariance
+            told, wider = between3(self.pose, place.pose), self.spread - self.covariance
             self.pose, self.covariance = place.pose, best_story(place, outlook).covariance
             self.spread = spread_about(told, outlook.predictions) + carried3(wider, told)
             self.motion.wheels.interrupt()

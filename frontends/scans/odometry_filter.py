@@ -230,13 +230,13 @@ class OdometryFilter:
         """
         if self._increment is None:
             return None
-        told, steady = self.wheels.along_path(self._increment), self._steady_motion
+        steady, holds = self._steady_motion, self._holds
         if steady is None:
-            return told
-        spread = _mixed(
-            self._holds, told.covariance, steady.covariance, steady.motion - told.motion
+            return self.wheels.along_path(self._increment)
+        motion, covariance = _along_path(
+            self._increment, self.wheels.known, holds, steady.motion, steady.covariance
         )
-        return WheelMotion(told.motion, spread, told.reading)
+        return WheelMotion(motion, covariance, self.wheels.reading)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.
@@ -349,12 +349,15 @@ def _log_ratio(
 
 
 @njit(cache=True, nogil=True)
-def _mixed(holds: float, held: Floats, failed: Floats, apart: Floats) -> Floats:
-    """Covariance (3, 3) about the first of two motions so far apart (3,), with what it holds."""
+def _along_path(
+    increment: Floats, wheels: WheelsKnown, holds: float, steady: Floats, of_steady: Floats
+) -> tuple[Floats, Floats]:
+    """Motion (3,) that odometry tells, and its covariance (3, 3) where it may have failed."""
+    motion, held = told(increment, wheels.path_excess, wheels.errors, wheels.covariance)
     total = np.zeros((3, 3))
     _add_spread(total, holds, held, np.zeros(3))
-    _add_spread(total, 1.0 - holds, failed, apart)
-    return total
+    _add_spread(total, 1.0 - holds, of_steady, steady - motion)
+    return motion, total
 
 
 @njit(cache=True, nogil=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -202,8 +203,49 @@ def _likeliest(found: Floats, spread: Floats, expected: Expectation) -> int:
     return likeliest
 
 
+class Step(NamedTuple):
+    """A step to where a scan was placed: by that alone, and by prediction and match together.
+
+    Parameters
+    ----------
+    pose, covariance : (3,), (3, 3) float64
+        By both together, and its covariance in the body frame.
+    moved, moved_covariance : (3,), (3, 3) float64
+        Motion since the last pose by both, and its covariance.
+    found, found_covariance : (3,), (3, 3) float64
+        Motion by the match alone.
+    claimed : (3,) float64
+        Variances of the match by its points alone.
+    """
+
+    pose: Floats
+    covariance: Floats
+    moved: Floats
+    moved_covariance: Floats
+    found: Floats
+    found_covariance: Floats
+    claimed: Floats
+
+
+def step_to(place: Place, outlook: Outlook, covariance: Floats) -> Step:
+    """Take the step to a place from a pose of a covariance (3, 3)."""
+    given = place.pose, place.information, outlook.match_excess
+    return Step(*_step(*given, covariance, outlook.expectation))
+
+
 @njit(cache=True, nogil=True)
-def fused(found: Floats, spread: Floats, expected: Expectation) -> tuple[Floats, Floats]:
+def _step(
+    found: Floats, information: Floats, excess: Floats, covariance: Floats, expected: Expectation
+) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
+    claim, spread = claimed_covariance(information), _inflated(information, excess)
+    claimed = np.array([claim[0, 0], claim[1, 1], claim[2, 2]])
+    pose, both = _fused(found, spread, expected)
+    moved, seen = between3(expected.base, pose), between3(expected.base, found)
+    return pose, both, moved, covariance + both, seen, covariance + spread, claimed
+
+
+@njit(cache=True, nogil=True)
+def _fused(found: Floats, spread: Floats, expected: Expectation) -> tuple[Floats, Floats]:
     """Pose (3,) and covariance (3, 3) by a match and the likeliest story together.
 
     A Kalman update whose measurement is the pose (3,) that was found, with as much noise (3, 3) as

@@ -151,8 +151,10 @@ class ScanTracker:
         changed = any(map(_differ, best.trail[:-1], self._trail))
         self._revised = tuple(best.trail[:-1]) if changed else ()
         self._unplaced = 0 if best.place else self._unplaced + 1
-        self._undecided_m += min(map(_last_step_m, self._stories))
-        if is_decided(self._stories) or self._undecided_m > _DECIDE_WITHIN_M:
+        decided = is_decided(self._stories)
+        if not decided:
+            self._undecided_m += min(map(_last_step_m, self._stories))
+        if decided or self._undecided_m > _DECIDE_WITHIN_M:
             self._settle()
         self._trail = list(best.trail)
 
@@ -239,7 +241,8 @@ def _last_step_m(story: Story) -> float:
     """Way between a story's last two poses; 0 where it has just begun."""
     if len(story.trail) < 2:
         return 0.0
-    return math.dist(story.trail[-2][:2], story.trail[-1][:2])
+    x, y, _ = (story.trail[-1] - story.trail[-2]).tolist()
+    return math.hypot(x, y)
 
 
 def _differ(a: Floats, b: Floats) -> bool:

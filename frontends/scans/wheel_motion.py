@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numba import njit
 
 from slarm_graph.frontends.scans.small_pose import carried3, compose3
 from slarm_graph.geometry import Floats
@@ -32,9 +33,16 @@ class WheelMotion:
 
     def then(self, after: WheelMotion) -> WheelMotion:
         """Return this motion and the one that follows as one."""
-        motion = compose3(self.motion, after.motion)
-        covariance = carried3(self.covariance, after.motion) + after.covariance
-        return WheelMotion(motion, covariance, after.reading)
+        both = _added(self.motion, self.covariance, after.motion, after.covariance)
+        return WheelMotion(*both, after.reading)
+
+
+@njit(cache=True, nogil=True)
+def _added(
+    motion: Floats, covariance: Floats, after: Floats, of_after: Floats
+) -> tuple[Floats, Floats]:
+    """Motion (3,) and its covariance (3, 3), after another one."""
+    return compose3(motion, after), carried3(covariance, after) + of_after
 
 
 def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
