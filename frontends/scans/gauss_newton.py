@@ -22,7 +22,7 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
-from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, times3
+from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, scaled3, times3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 
@@ -109,15 +109,18 @@ def refine(
     for iteration in range(max_iterations):
         used = iteration + 1
         h, g, _, _ = _normal_equations(lattice, points, tangents, pose, long_steps)
-        a = h * point_information
-        b = g * point_information
+        a, b = scaled3(h, point_information), np.empty(3)
+        for k in range(3):
+            b[k] = g[k] * point_information
         _add_prior(a, b, pose, prior, prior_information)
         for k in range(3):
             a[k, k] += 1e-6 * a[k, k] + 1e-9
         step = times3(invert3(a), b)
         length = math.hypot(step[0], step[1])
         longest = 3.0 * lattice.resolution
-        step *= min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
+        share = min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
+        for k in range(3):
+            step[k] *= share
         c, s = math.cos(pose[2]), math.sin(pose[2])
         pose[0] += c * step[0] - s * step[1]
         pose[1] += s * step[0] + c * step[1]
@@ -128,7 +131,7 @@ def refine(
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
     h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, _SHORT)
-    return pose, h * point_information, score, inliers, used
+    return pose, scaled3(h, point_information), score, inliers, used
 
 
 @njit(cache=True, nogil=True)

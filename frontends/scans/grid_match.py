@@ -16,7 +16,7 @@ from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.likelihood_grid import Lattice
 from slarm_graph.frontends.scans.match_certainty import along_the_weakest
 from slarm_graph.frontends.scans.odometry_filter import Expectation
-from slarm_graph.frontends.scans.small_matrix import invert3
+from slarm_graph.frontends.scans.small_matrix import invert3, scaled3
 from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
@@ -77,6 +77,7 @@ def match_on_grid(
         point_information,
         max_iterations,
     )
-    information = along_the_weakest(data / evidence, lattice, points, tangents, pose, expected)
+    told = scaled3(data, 1.0 / evidence)
+    information = along_the_weakest(told, lattice, points, tangents, pose, expected)
     agreement = agreement_at(lattice, seen, seen_step, points, pose, neutral)
     return pose, information, score, inliers, used, agreement

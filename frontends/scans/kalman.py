@@ -13,7 +13,16 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.small_matrix import invert3, product3, sandwich3, times3
+from slarm_graph.frontends.scans.small_matrix import (
+    invert3,
+    less3,
+    more3,
+    product3,
+    sandwich3,
+    scaled3,
+    sum3,
+    times3,
+)
 from slarm_graph.geometry import Floats
 
 
@@ -43,6 +52,7 @@ class KalmanFilter:
 def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
     """State (3,) and covariance (3, 3) after a measurement; see `KalmanFilter.update`."""
     cross = product3(P, H.T)
-    gain = product3(cross, invert3(product3(H, cross) + R))
-    rest = np.eye(3) - product3(gain, H)
-    return x + times3(gain, z - times3(H, x)), sandwich3(rest, P) + sandwich3(gain, R)
+    gain = product3(cross, invert3(sum3(product3(H, cross), R)))
+    rest = sum3(np.eye(3), scaled3(product3(gain, H), -1.0))
+    state = more3(x, times3(gain, less3(z, times3(H, x))))
+    return state, sum3(sandwich3(rest, P), sandwich3(gain, R))

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 
 from slarm_graph.frontends.scans.kalman import KalmanFilter, updated
-from slarm_graph.frontends.scans.small_matrix import with_diagonal3
+from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
 from slarm_graph.frontends.scans.small_pose import between3, log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import (
     WheelCalibration,
@@ -169,7 +169,7 @@ class OdometryFilter:
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
         if self._increment is None:
-            self._steady_motion = Prediction(self._kalman.x * span, self._kalman.P * (span * span))
+            self._steady_motion = Prediction(*_over(self._kalman.x, self._kalman.P, span))
             return (self._steady_motion,)
         self._holds = self._holds * (1.0 - self._failures / self._steps)
         self._holds += (1.0 - self._holds) * _RECOVERS
@@ -285,8 +285,10 @@ class OdometryFilter:
 @njit(cache=True, nogil=True)
 def _accelerated(span_s: float, factor: float) -> Floats:
     """Covariance (3, 3) that a velocity gains in a span, times a factor."""
-    gained = _ACCELERATION * span_s
-    return with_diagonal3(np.zeros((3, 3)), factor * (gained * gained))
+    gained = np.zeros((3, 3))
+    for k in range(3):
+        gained[k, k] = factor * (_ACCELERATION[k] * span_s * (_ACCELERATION[k] * span_s))
+    return gained
 
 
 @njit(cache=True, nogil=True)
@@ -318,11 +320,11 @@ def _weighed(
     motions, covariances = np.empty((3, 3)), np.empty((4, 3, 3))
     told_motion, noise = told(increment, wheels.excess, wheels.errors, wheels.covariance)
     noise = with_diagonal3(noise, lag)
-    steady, spread = x * span_s, P * (span_s * span_s)
+    steady, spread = _over(x, P, span_s)
     both, both_spread = told_motion, noise
-    if squared_sigmas(told_motion - steady, spread + noise) < _CONTRADICTION:
-        x, P = updated(x, P, told_motion, noise, span_s * np.eye(3))
-        both, both_spread = x * span_s, P * (span_s * span_s)
+    if squared_sigmas(less3(told_motion, steady), sum3(spread, noise)) < _CONTRADICTION:
+        x, P = updated(x, P, told_motion, noise, scaled3(np.eye(3), span_s))
+        both, both_spread = _over(x, P, span_s)
     more = unlearned(increment, wheels.excess, wheels.path_excess)
     for row in range(3):
         motions[0, row], motions[1, row], motions[2, row] = steady[row], told_motion[row], both[row]
@@ -335,6 +337,15 @@ def _weighed(
 
 
 @njit(cache=True, nogil=True)
+def _over(x: Floats, P: Floats, span_s: float) -> tuple[Floats, Floats]:
+    """Motion (3,) of a velocity over a span, and its covariance (3, 3)."""
+    motion = np.empty(3)
+    for k in range(3):
+        motion[k] = x[k] * span_s
+    return motion, scaled3(P, span_s * span_s)
+
+
+@njit(cache=True, nogil=True)
 def _log_ratio(
     wheels: Floats,
     of_wheels: Floats,
@@ -344,8 +355,8 @@ def _log_ratio(
     of_found: Floats,
 ) -> float:
     """Log of how much more probable what was found (3,) is by odometry than by the velocity."""
-    for_it = log_density(wheels - found, of_wheels + of_found)
-    return for_it - log_density(steady - found, of_steady + of_found)
+    for_it = log_density(less3(wheels, found), sum3(of_wheels, of_found))
+    return for_it - log_density(less3(steady, found), sum3(of_steady, of_found))
 
 
 @njit(cache=True, nogil=True)
@@ -356,7 +367,7 @@ def _along_path(
     motion, held = told(increment, wheels.path_excess, wheels.errors, wheels.covariance)
     total = np.zeros((3, 3))
     _add_spread(total, holds, held, np.zeros(3))
-    _add_spread(total, 1.0 - holds, of_steady, steady - motion)
+    _add_spread(total, 1.0 - holds, of_steady, less3(steady, motion))
     return motion, total
 
 
@@ -365,5 +376,5 @@ def _learned(
     factor: float, steady: Floats, of_steady: Floats, moved: Floats, of_moved: Floats
 ) -> float:
     """Bring the unsteadiness, at least 1, nearer to what the latest miss calls for."""
-    squared = squared_sigmas(steady - moved, of_steady / factor + of_moved)
+    squared = squared_sigmas(less3(steady, moved), sum3(scaled3(of_steady, 1.0 / factor), of_moved))
     return max(1.0, _MEMORY * factor + (1.0 - _MEMORY) * squared / 3.0)

@@ -15,7 +15,15 @@ from numba import njit
 from slarm_graph.frontends.scans.fits import ChanceFit, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Expectation, Prediction
-from slarm_graph.frontends.scans.small_matrix import invert3, product3, times3
+from slarm_graph.frontends.scans.small_matrix import (
+    invert3,
+    less3,
+    product3,
+    scaled3,
+    sum3,
+    symmetric3,
+    times3,
+)
 from slarm_graph.frontends.scans.small_pose import (
     between3,
     compose3,
@@ -112,17 +120,16 @@ class Outlook:
 @njit(cache=True, nogil=True)
 def claimed_covariance(information: Floats) -> Floats:
     """Covariance (3, 3) of a match by its points alone; 10 m and 10 rad where they say nothing."""
-    return invert3(information + _KEEPS_INVERTIBLE)
+    return invert3(sum3(information, _KEEPS_INVERTIBLE))
 
 
 @njit(cache=True, nogil=True)
 def _inflated(information: Floats, excess: Floats) -> Floats:
     """Covariance (3, 3) of a match whose variances are so much more than claimed."""
     covariance = claimed_covariance(information)
-    inflated = np.sqrt(excess)
     for row in range(3):
         for col in range(3):
-            covariance[row, col] *= inflated[row] * inflated[col]
+            covariance[row, col] *= math.sqrt(excess[row]) * math.sqrt(excess[col])
     return covariance
 
 
@@ -158,12 +165,12 @@ def log_prior(motion: Floats, covariance: Floats, outlook: Outlook) -> float:
 
 @njit(cache=True, nogil=True)
 def _log_prior(motion: Floats, covariance: Floats, expected: Expectation) -> float:
-    own, total = log_volume(covariance + BASIN), -np.inf
+    own, total = log_volume(sum3(covariance, BASIN)), -np.inf
     for k in range(len(expected.motions)):
-        spread = expected.covariances[k] + covariance
+        spread = sum3(expected.covariances[k], covariance)
         told = math.log(max(expected.probabilities[k], 1e-12))
-        told += 0.5 * (own - log_volume(spread + BASIN))
-        told += log_tails(squared_sigmas(expected.motions[k] - motion, spread))
+        told += 0.5 * (own - log_volume(sum3(spread, BASIN)))
+        told += log_tails(squared_sigmas(less3(expected.motions[k], motion), spread))
         most = max(total, told)
         total = most + math.log(math.exp(total - most) + math.exp(told - most))
     return total
@@ -196,7 +203,8 @@ def _likeliest(found: Floats, spread: Floats, expected: Expectation) -> int:
     motion = between3(expected.base, found)
     likeliest, best = 0, -np.inf
     for k in range(len(expected.motions)):
-        told = log_density(expected.motions[k] - motion, expected.covariances[k] + spread)
+        apart = less3(expected.motions[k], motion)
+        told = log_density(apart, sum3(expected.covariances[k], spread))
         told += math.log(max(expected.probabilities[k], 1e-12))
         if told > best:
             likeliest, best = k, told
@@ -241,7 +249,8 @@ def _step(
     claimed = np.array([claim[0, 0], claim[1, 1], claim[2, 2]])
     pose, both = _fused(found, spread, expected)
     moved, seen = between3(expected.base, pose), between3(expected.base, found)
-    return pose, both, moved, covariance + both, seen, covariance + spread, claimed
+    more = sum3(covariance, both)
+    return pose, both, moved, more, seen, sum3(covariance, spread), claimed
 
 
 @njit(cache=True, nogil=True)
@@ -253,9 +262,9 @@ def _fused(found: Floats, spread: Floats, expected: Expectation) -> tuple[Floats
     """
     k = _likeliest(found, spread, expected)
     predicted = compose3(expected.base, expected.motions[k])
-    prior = expected.covariances[k] + expected.unlearned[k]
+    prior = sum3(expected.covariances[k], expected.unlearned[k])
     innovation = between3(predicted, found)
-    gain = product3(prior, invert3(prior + spread))
+    gain = product3(prior, invert3(sum3(prior, spread)))
     pose = compose3(predicted, times3(gain, innovation))
-    covariance = prior - product3(gain, prior)
-    return pose, 0.5 * (covariance + covariance.T)
+    rest = sum3(prior, scaled3(product3(gain, prior), -1.0))
+    return pose, symmetric3(rest)

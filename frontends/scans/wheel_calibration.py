@@ -27,8 +27,13 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.small_matrix import (
     invert3,
+    less3,
+    more3,
     product3,
     sandwich3,
+    scaled3,
+    sum3,
+    symmetric3,
     times3,
     with_diagonal3,
 )
@@ -191,8 +196,10 @@ def _effect(increment: Floats) -> Floats:
 def _noise(increment: Floats) -> Floats:
     """Guessed variances (3,) of an increment's noise."""
     distance = math.hypot(increment[0], increment[1])
-    sigma = _FLOOR + _PER_DISTANCE * distance + _PER_ANGLE * abs(increment[2])
-    noise: Floats = sigma * sigma
+    noise = np.empty(3)
+    for k in range(3):
+        sigma = _FLOOR[k] + _PER_DISTANCE[k] * distance + _PER_ANGLE[k] * abs(increment[2])
+        noise[k] = sigma * sigma
     return noise
 
 
@@ -202,8 +209,10 @@ def told(
 ) -> tuple[Floats, Floats]:
     """Motion (3,) that an increment (3,) means, and its covariance, by the systematic errors."""
     effect = _effect(increment)
-    noise = with_diagonal3(np.zeros((3, 3)), excess * _noise(increment))
-    return increment + times3(effect, errors), noise + sandwich3(effect, covariance)
+    guess, spread = _noise(increment), sandwich3(effect, covariance)
+    for k in range(3):
+        spread[k, k] += excess[k] * guess[k]
+    return more3(increment, times3(effect, errors)), spread
 
 
 @njit(cache=True, nogil=True)
@@ -212,8 +221,10 @@ def unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
 
     Along a path, odometry errs alike for many steps; from one scan to the next that is hidden.
     """
-    more = np.maximum(path_excess - excess, 0.0) * _noise(increment)
-    return with_diagonal3(np.zeros((3, 3)), more)
+    guess, more = _noise(increment), np.zeros((3, 3))
+    for k in range(3):
+        more[k, k] = max(path_excess[k] - excess[k], 0.0) * guess[k]
+    return more
 
 
 @njit(cache=True, nogil=True)
@@ -244,19 +255,24 @@ def _learned(
         Along which axes the match tells anything.
     """
     effect, guess = _effect(increment), _noise(increment)
-    miss = moved - (increment + times3(effect, errors))
+    miss = less3(moved, more3(increment, times3(effect, errors)))
     miss[2] = wrapped(miss[2])
     # A match less certain than odometry tells nothing of it, such as along a bare corridor.
-    tells = claimed < guess
-    noise = np.where(tells, noises[0] * guess + 2.0 * noises[1] * claimed, _NOTHING)
+    tells, noise = np.empty(3, dtype=np.bool_), np.empty(3)
+    for k in range(3):
+        tells[k] = claimed[k] < guess[k]
+        noise[k] = noises[0][k] * guess[k] + 2.0 * noises[1][k] * claimed[k]
+        noise[k] = noise[k] if tells[k] else _NOTHING
     errors, covariance = _updated(errors, covariance, effect, miss, noise)
-    aged = covariance * (1.0 + math.hypot(increment[0], increment[1]) / _CHANGES_M)
+    aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _CHANGES_M)
     share = 1.0
     for k in range(3):
         share = min(share, _UNSURE[k] * _UNSURE[k] / aged[k, k])
     # Beyond three sigmas a miss is an event, not noise.
-    limit = 3.0 * np.sqrt(noise)
-    return errors, aged * share, np.minimum(np.maximum(miss, -limit), limit), guess, tells
+    for k in range(3):
+        limit = 3.0 * math.sqrt(noise[k])
+        miss[k] = min(max(miss[k], -limit), limit)
+    return errors, scaled3(aged, share), miss, guess, tells
 
 
 @njit(cache=True, nogil=True)
@@ -266,10 +282,10 @@ def _updated(
     """Kalman update of a state (3,) and its covariance by a miss (3,), in Joseph's form."""
     innovation = with_diagonal3(sandwich3(effect, covariance), noise)
     gain = product3(product3(covariance, effect.T), invert3(innovation))
-    left = np.eye(3) - product3(gain, effect)
+    left = sum3(np.eye(3), scaled3(product3(gain, effect), -1.0))
     spread = with_diagonal3(np.zeros((3, 3)), noise)
-    joseph = sandwich3(left, covariance) + sandwich3(gain, spread)
-    return errors + times3(gain, miss), 0.5 * (joseph + joseph.T)
+    joseph = sum3(sandwich3(left, covariance), sandwich3(gain, spread))
+    return more3(errors, times3(gain, miss)), symmetric3(joseph)
 
 
 @njit(cache=True, nogil=True)
@@ -315,7 +331,10 @@ def _learned_noise(
             total += ratio[k]
             count += 1
     of_matches = total / count if count else 1.0
-    match_excess = np.full(3, min(max(of_matches, 1.0), _MOST_MATCH))
-    of_match = match_excess * claim
-    of_step = np.maximum(square - 2.0 * of_match, _LEAST_STEP * guessed)
-    return of_step / guessed, match_excess, np.maximum(taken_back - of_match, 0.0), taken_back
+    excess, match_excess, reading = np.empty(3), np.empty(3), np.empty(3)
+    for k in range(3):
+        match_excess[k] = min(max(of_matches, 1.0), _MOST_MATCH)
+        of_match = match_excess[k] * claim[k]
+        excess[k] = max(square[k] - 2.0 * of_match, _LEAST_STEP * guessed[k]) / guessed[k]
+        reading[k] = max(taken_back[k] - of_match, 0.0)
+    return excess, match_excess, reading, taken_back

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
+from slarm_graph.frontends.scans.small_matrix import sum3
 from slarm_graph.frontends.scans.small_pose import carried3, compose3
 from slarm_graph.geometry import Floats
 
@@ -42,7 +43,7 @@ def _added(
     motion: Floats, covariance: Floats, after: Floats, of_after: Floats
 ) -> tuple[Floats, Floats]:
     """Motion (3,) and its covariance (3, 3), after another one."""
-    return compose3(motion, after), carried3(covariance, after) + of_after
+    return compose3(motion, after), sum3(carried3(covariance, after), of_after)
 
 
 def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
