@@ -27,7 +27,7 @@ from slarm_graph.geometry import Floats
 
 
 @dataclass
-class KalmanFilter:
+class KalmanState:
     """State and covariance, in the letters of the literature.
 
     Parameters
@@ -39,18 +39,18 @@ class KalmanFilter:
     x: Floats
     P: Floats
 
-    def predict(self, Q: Floats) -> None:
-        """Let time pass: the state stays, noise of covariance Q (3, 3) is added."""
-        self.P = self.P + Q
-
-    def update(self, z: Floats, R: Floats, H: Floats) -> None:
-        """Take in a measurement z (3,) = H x with noise of covariance R (3, 3); Joseph's form."""
-        self.x, self.P = updated(self.x, self.P, z, R, H)
-
 
 @njit(cache=True, nogil=True)
 def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
-    """State (3,) and covariance (3, 3) after a measurement; see `KalmanFilter.update`."""
+    """State (3,) and covariance (3, 3) after a measurement, in Joseph's form.
+
+    Parameters
+    ----------
+    x, P : (3,), (3, 3) float64
+        Before it.
+    z, R, H : (3,), (3, 3), (3, 3) float64
+        Measurement z = H x with noise of covariance R.
+    """
     cross = product3(P, H.T)
     gain = product3(cross, invert3(sum3(product3(H, cross), R)))
     rest = sum3(np.eye(3), scaled3(product3(gain, H), -1.0))

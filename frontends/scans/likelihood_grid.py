@@ -156,6 +156,7 @@ def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
         x0, y0, x1, y1 = segments[k, 0], segments[k, 1], segments[k, 2], segments[k, 3]
         dx, dy = x1 - x0, y1 - y0
         length2 = dx * dx + dy * dy
+        per_length2 = 1.0 / length2 if length2 > 0.0 else 0.0
         col_low = math.floor((min(x0, x1) - reach - origin_x) / resolution)
         col_high = math.ceil((max(x0, x1) + reach - origin_x) / resolution)
         row_low = math.floor((min(y0, y1) - reach - origin_y) / resolution)
@@ -170,9 +171,7 @@ def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
             line = values[row, first:last]
             for i in range(len(line)):
                 px = left + i * resolution
-                along = 0.0
-                if length2 > 0.0:
-                    along = min(max((px * dx + py * dy) / length2, 0.0), 1.0)
+                along = min(max((px * dx + py * dy) * per_length2, 0.0), 1.0)
                 ex, ey = px - along * dx, py - along * dy
                 d2 = ex * ex + ey * ey
                 if d2 < reach * reach:
@@ -206,7 +205,7 @@ def _lower(
     x0, y0 = segment[0], segment[1]
     dx, dy = segment[2] - x0, segment[3] - y0
     length2 = dx * dx + dy * dy
-    divisor = length2 if length2 > 0.0 else 1.0
+    per_length2 = 1.0 / length2 if length2 > 0.0 else 0.0
     rows, cols = squares.shape
     col_low = max(math.floor((min(x0, segment[2]) - reach - origin_x) / resolution), 0)
     row_low = max(math.floor((min(y0, segment[3]) - reach - origin_y) / resolution), 0)
@@ -231,7 +230,7 @@ def _lower(
         xs, projected = offsets[0, first:last], offsets[1, first:last]
         for i in range(len(line)):
             px = xs[i]
-            along = (projected[i] + py * dy) / divisor
+            along = (projected[i] + py * dy) * per_length2
             along = along if along > 0.0 else 0.0
             along = along if along < 1.0 else 1.0
             ex, ey = px - along * dx, py - along * dy

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.kalman import KalmanFilter, updated
+from slarm_graph.frontends.scans.kalman import KalmanState, updated
 from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
 from slarm_graph.frontends.scans.small_pose import between3, log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import (
@@ -123,7 +123,7 @@ class OdometryFilter:
     """
 
     def __init__(self) -> None:
-        self._kalman = KalmanFilter(np.zeros(3), np.diag(_FIRST_SPEED**2))
+        self._kalman = KalmanState(np.zeros(3), np.diag(_FIRST_SPEED**2))
         self.wheels = WheelCalibration()
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
@@ -162,19 +162,19 @@ class OdometryFilter:
             agree, and the velocity alone.
         """
         span = self._span_s = self._steady(span_s)
+        kalman = self._kalman
         if span_s > _MAX_COASTING_S:
-            self._kalman.x, self._kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
+            kalman.x, kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
         else:
-            self._kalman.predict(Q=_accelerated(span, self._unsteadiness))
+            kalman.P = _accelerated(kalman.P, span, self._unsteadiness)
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
         if self._increment is None:
-            self._steady_motion = Prediction(*_over(self._kalman.x, self._kalman.P, span))
+            self._steady_motion = Prediction(*_over(kalman.x, kalman.P, span))
             return (self._steady_motion,)
         self._holds = self._holds * (1.0 - self._failures / self._steps)
         self._holds += (1.0 - self._holds) * _RECOVERS
         lag = self._lag_variances(lag_s)
-        kalman = self._kalman
         kalman.x, kalman.P, motions, covariances = _weighed(
             kalman.x, kalman.P, span, self._increment, self.wheels.known, lag
         )
@@ -283,12 +283,12 @@ class OdometryFilter:
 
 
 @njit(cache=True, nogil=True)
-def _accelerated(span_s: float, factor: float) -> Floats:
-    """Covariance (3, 3) that a velocity gains in a span, times a factor."""
-    gained = np.zeros((3, 3))
+def _accelerated(covariance: Floats, span_s: float, factor: float) -> Floats:
+    """Covariance (3, 3) of a velocity after a span, what it gains in it times a factor."""
+    gained = np.empty(3)
     for k in range(3):
-        gained[k, k] = factor * (_ACCELERATION[k] * span_s * (_ACCELERATION[k] * span_s))
-    return gained
+        gained[k] = factor * (_ACCELERATION[k] * span_s * (_ACCELERATION[k] * span_s))
+    return with_diagonal3(covariance, gained)
 
 
 @njit(cache=True, nogil=True)
