@@ -1,0 +1,129 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Weighing odometry against velocity, compiled: what `OdometryFilter` works out at every scan."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+from slarm_graph.frontends.scans.kalman import updated
+from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
+from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
+from slarm_graph.frontends.scans.wheel_calibration import WheelsKnown, told, unlearned
+from slarm_graph.geometry import Floats
+
+ACCELERATION = np.array([1.0, 0.5, 2.0])
+"""Of indoor robots, sideways by what turning mixes in [m/s^2, m/s^2, rad/s^2]; scaled by what is
+learned, so only the first scans depend on it."""
+_MEMORY = 0.95
+"""Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
+_CONTRADICTION = 11.34
+"""Chi-square quantile of 99 % for 3 degrees of freedom."""
+
+
+@njit(cache=True, nogil=True)
+def add_spread(total: Floats, probability: float, covariance: Floats, apart: Floats) -> None:
+    """Add what one of several predictions, so far apart (3,), has in their spread (3, 3)."""
+    apart[2] = wrapped(apart[2])
+    for row in range(3):
+        for col in range(3):
+            total[row, col] += probability * (covariance[row, col] + apart[row] * apart[col])
+
+
+@njit(cache=True, nogil=True)
+def accelerated(covariance: Floats, span_s: float, factor: float) -> Floats:
+    """Covariance (3, 3) of a velocity after a span, what it gains in it times a factor."""
+    gained = np.empty(3)
+    for k in range(3):
+        gained[k] = factor * (ACCELERATION[k] * span_s * (ACCELERATION[k] * span_s))
+    return with_diagonal3(covariance, gained)
+
+
+@njit(cache=True, nogil=True)
+def weighed(
+    x: Floats, P: Floats, span_s: float, increment: Floats, wheels: WheelsKnown, lag: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Weigh a velocity and an increment of odometry.
+
+    Parameters
+    ----------
+    x, P : (3,), (3, 3) float64
+        Velocity in the robot's frame, and its covariance.
+    span_s : float
+    increment : (3,) float64
+        By odometry [m, m, rad].
+    wheels : WheelsKnown
+    lag : (3,) float64
+        Variances of the increment by when it was read [m^2, m^2, rad^2].
+
+    Returns
+    -------
+    x, P : (3,), (3, 3) float64
+        Velocity, of which odometry has told where the two agree.
+    motions : (3, 3) float64
+        By the velocity alone, by odometry alone, and by both.
+    covariances : (4, 3, 3) float64
+        Of these, and what errors that add up have more.
+    """
+    motions, covariances = np.empty((3, 3)), np.empty((4, 3, 3))
+    told_motion, noise = told(increment, wheels.excess, wheels.errors, wheels.covariance)
+    noise = with_diagonal3(noise, lag)
+    steady, spread = over(x, P, span_s)
+    both, both_spread = told_motion, noise
+    if squared_sigmas(less3(told_motion, steady), sum3(spread, noise)) < _CONTRADICTION:
+        x, P = updated(x, P, told_motion, noise, scaled3(np.eye(3), span_s))
+        both, both_spread = over(x, P, span_s)
+    more = unlearned(increment, wheels.excess, wheels.path_excess)
+    for row in range(3):
+        motions[0, row], motions[1, row], motions[2, row] = steady[row], told_motion[row], both[row]
+        for col in range(3):
+            covariances[0, row, col] = spread[row, col]
+            covariances[1, row, col] = noise[row, col]
+            covariances[2, row, col] = both_spread[row, col]
+            covariances[3, row, col] = more[row, col]
+    return x, P, motions, covariances
+
+
+@njit(cache=True, nogil=True)
+def over(x: Floats, P: Floats, span_s: float) -> tuple[Floats, Floats]:
+    """Motion (3,) of a velocity over a span, and its covariance (3, 3)."""
+    motion = np.empty(3)
+    for k in range(3):
+        motion[k] = x[k] * span_s
+    return motion, scaled3(P, span_s * span_s)
+
+
+@njit(cache=True, nogil=True)
+def log_ratio(
+    wheels: Floats,
+    of_wheels: Floats,
+    steady: Floats,
+    of_steady: Floats,
+    found: Floats,
+    of_found: Floats,
+) -> float:
+    """Log of how much more probable what was found (3,) is by odometry than by the velocity."""
+    for_it = log_density(less3(wheels, found), sum3(of_wheels, of_found))
+    return for_it - log_density(less3(steady, found), sum3(of_steady, of_found))
+
+
+@njit(cache=True, nogil=True)
+def along_path(
+    increment: Floats, wheels: WheelsKnown, holds: float, steady: Floats, of_steady: Floats
+) -> tuple[Floats, Floats]:
+    """Motion (3,) that odometry tells, and its covariance (3, 3) where it may have failed."""
+    motion, held = told(increment, wheels.path_excess, wheels.errors, wheels.covariance)
+    total = np.zeros((3, 3))
+    add_spread(total, holds, held, np.zeros(3))
+    add_spread(total, 1.0 - holds, of_steady, less3(steady, motion))
+    return motion, total
+
+
+@njit(cache=True, nogil=True)
+def learned_unsteadiness(
+    factor: float, steady: Floats, of_steady: Floats, moved: Floats, of_moved: Floats
+) -> float:
+    """Bring the unsteadiness, at least 1, nearer to what the latest miss calls for."""
+    squared = squared_sigmas(less3(steady, moved), sum3(scaled3(of_steady, 1.0 / factor), of_moved))
+    return max(1.0, _MEMORY * factor + (1.0 - _MEMORY) * squared / 3.0)
