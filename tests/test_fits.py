@@ -11,9 +11,9 @@ import pytest
 from scipy.stats import binom
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.fits import ChanceFit, chance_fit, pieces
+from slarm_graph.frontends.scans.fits import ChanceFit, Drawn, chance_fit, drawn_to, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Floats, Pose2
 
 
 @pytest.mark.parametrize(("count", "agree"), [(5, 5), (6, 5), (8, 7), (12, 9), (20, 12)])
@@ -35,9 +35,44 @@ def test_what_fits_no_better_than_usual_by_chance_tells_nothing() -> None:
     assert ChanceFit(0.0, 0.1, 5.0).log_density(0.0) == 0.0
 
 
-def test_a_fit_by_chance_knows_how_much_is_seen() -> None:
-    wall = np.column_stack([np.linspace(-1.0, 2.0, 61), np.full(61, 2.0)])
+def wall_at(y: float) -> Floats:
+    return np.column_stack([np.linspace(-1.0, 2.0, 61), np.full(61, y)])
+
+
+def map_of(*walls: Floats) -> LocalMap:
     local_map = LocalMap(KeyframeConfig(), MatchingConfig())
-    local_map.add(wall, Pose2())
-    found = chance_fit(wall, local_map, np.zeros(3), 0.9)
-    assert found.count == pieces(wall) == pytest.approx(4.0)
+    for wall in walls:
+        local_map.add(wall, Pose2())
+    return local_map
+
+
+def test_a_fit_by_chance_knows_how_much_is_seen() -> None:
+    wall = wall_at(2.0)
+    for found in (
+        chance_fit(wall, map_of(wall), np.zeros(3), 0.9),
+        drawn_to(wall, map_of(wall), np.zeros(3), 0.9).chance_of(np.zeros(3)),
+    ):
+        assert found.count == pieces(wall) == pytest.approx(4.0)
+
+
+def test_what_looks_alike_nearby_says_little_of_a_place_that_was_searched_for() -> None:
+    """One of three parallel walls: a scan of any is drawn to the others, and fits there as well."""
+    scan, here = wall_at(2.0), np.zeros(3)
+    one, three = (map_of(scan), map_of(scan, wall_at(2.8), wall_at(1.2)))
+    alone, among = (drawn_to(scan, m, here, 0.9).chance_of(here) for m in (one, three))
+    assert among.log_density(0.9) > 0.6 * alone.log_density(0.9)
+    assert among.mean > alone.mean
+    # At random poses it fits as little as among none.
+    assert chance_fit(scan, three, here, 0.9).mean < among.mean
+
+
+def test_a_place_itself_is_no_other_place() -> None:
+    poses = np.array([[0.0, 0.0, 0.0], [0.2, 0.1, 0.04], [0.4, 0.0, 0.0], [0.0, 0.0, 0.1]])
+    drawn = Drawn(poses, np.array([0.9, 0.8, 0.3, 0.1]), np.zeros(4), 30.0)
+    assert drawn.chance_of(np.zeros(3)).mean == pytest.approx(0.2)
+    assert drawn.chance_of(np.array([0.0, 0.0, 2.0 * math.pi])).mean == pytest.approx(0.2)
+
+
+def test_a_scan_that_is_drawn_to_one_place_only_is_judged_by_where_it_began() -> None:
+    drawn = Drawn(np.zeros((3, 3)), np.full(3, 0.9), np.array([0.1, 0.2, 0.3]), 30.0)
+    assert drawn.chance_of(np.zeros(3)).mean == pytest.approx(0.2)

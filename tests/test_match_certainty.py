@@ -72,27 +72,38 @@ def test_a_bare_corridor_says_nothing_along_it_but_by_chance() -> None:
     assert np.mean(np.array(shares) > 0.01) <= 0.1
 
 
-def with_person(ahead_m: float) -> Floats:
-    """Points (K, 2) of a bare corridor in which somebody stands so far ahead [m]."""
-    turn = np.linspace(0.5 * math.pi, 1.5 * math.pi, 15)
-    body = np.array([ahead_m, 0.0]) + 0.25 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
-    walls = rough(CORRIDOR, 1)[:, :2]
-    return np.concatenate([walls[np.hypot(*walls.T) < 5.0], body])
+def body(ahead_m: float, aside_m: float) -> Floats:
+    """Points (15, 2) of who stands so far ahead and to the left [m], on the side that is seen."""
+    turn = math.atan2(aside_m, ahead_m) + np.linspace(1.5 * math.pi, 0.5 * math.pi, 15)
+    return np.array([ahead_m, aside_m]) + 0.25 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
 
 
+def with_person(ahead_m: float, aside_m: float) -> Floats:
+    """Points (K, 2) of a bare corridor in which somebody stands, in beam order."""
+    person, walls = body(ahead_m, aside_m), rough(CORRIDOR, 1)[:, :2]
+    walls = walls[np.hypot(*walls.T) < 5.0]
+    hidden, bearings = np.arctan2(*person.T[::-1]), np.arctan2(*walls.T[::-1])
+    is_behind = (bearings > hidden.min()) & (bearings < hidden.max()) & (walls[:, 0] > ahead_m)
+    points = np.concatenate([walls[~is_behind], person])
+    return points[np.argsort(np.arctan2(*points.T[::-1]))]
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 0.8])
 @pytest.mark.parametrize(
     ("walked_m", "sigma_m", "least_m", "most_m"),
     [(0.0, 0.01, 0.0, 0.03), (0.15, 0.01, 0.2, 0.6), (0.15, 0.3, 0.05, 0.2)],
 )
 def test_one_small_thing_is_believed_where_it_agrees_with_the_odometry(
-    walked_m: float, sigma_m: float, least_m: float, most_m: float
+    walked_m: float, sigma_m: float, least_m: float, most_m: float, aside_m: float
 ) -> None:
-    """Who has walked by fifteen standard deviations of the odometry says nothing of the robot."""
-    stood = with_person(3.0)
-    seen = rough(CORRIDOR, 0)
-    body = np.hstack([stood[-15:-1], stood[-14:]])
-    grid = build_likelihood_grid(np.concatenate([seen, body]), resolution_m=0.05, sigma_m=SIGMA_M)
-    points = with_person(3.0 + walked_m)
+    """Who has walked by fifteen standard deviations of the odometry says nothing of the robot.
+
+    In the middle of the corridor or beside its wall, whose returns go on to theirs without a gap.
+    """
+    stood = body(3.0, aside_m)
+    lines = np.concatenate([rough(CORRIDOR, 0), np.hstack([stood[:-1], stood[1:]])])
+    grid = build_likelihood_grid(lines, resolution_m=0.05, sigma_m=SIGMA_M)
+    points = with_person(3.0 + walked_m, aside_m)
     # What moves along with the robot makes it seem to stand, and has it come on when it stands.
     start = np.array([-walked_m, 0.0, 0.0])
     pose, information, *_ = refine_near(grid, points, start, np.eye(3), 6.25, 30)

@@ -11,10 +11,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
-from slarm_graph.geometry import Floats
+from slarm_graph.frontends.scans.wall_tangents import wall_tangents
+from slarm_graph.geometry import Floats, between
 
 UNSEEN = 0.5
 """What a return counts where nobody looked yet, in usual returns: neither for nor against."""
@@ -34,6 +36,13 @@ _LEAST_SHARE = 0.01
 """Share of pieces, of all or none of which the logarithm would be without end."""
 _ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
 """Poses around the expected one: the window that is searched."""
+_DRAWN = 32
+"""Of them, from which refinement is begun."""
+_DRAWN_STEPS = 15
+"""Of refinement: six long ones reach a metre, the others settle."""
+_THERE_M, _THERE_RAD = 0.3, 0.05
+"""Poses nearer than this are the place in question: the longest steps that refinement goes on for,
+and what moves a return 6 m away as far."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +82,53 @@ def chance_fit(points: Floats, local_map: LocalMap, center: Floats, usual: float
     fits = _fits(np.ascontiguousarray(few), _around(center), local_map, usual)
     sigma = max(float(fits.std()), _LEAST_CHANCE)
     return ChanceFit(float(fits.mean()), sigma, pieces(points))
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """Where refinement draws a scan to from all over a window, and how well it fits there.
+
+    Parameters
+    ----------
+    poses : (N, 3) float64
+        In the local map [m, m, rad].
+    fits, before : (N,) float64
+        Where it was drawn to, and where it began.
+    count : float
+        Independent pieces of surroundings that the scan shows.
+    """
+
+    poses: Floats
+    fits: Floats
+    before: Floats
+    count: float
+
+    def chance_of(self, pose: Floats) -> ChanceFit:
+        """Return how well the scan fits elsewhere than at a pose (3,)."""
+        away = between(pose, self.poses)
+        is_there = (np.hypot(away[:, 0], away[:, 1]) < _THERE_M) & (np.abs(away[:, 2]) < _THERE_RAD)
+        fits = self.before if is_there.all() else self.fits[~is_there]
+        return ChanceFit(float(fits.mean()), max(float(fits.std()), _LEAST_CHANCE), self.count)
+
+
+def drawn_to(points: Floats, local_map: LocalMap, center: Floats, usual: float) -> Drawn:
+    """Find where a scan (K, 2) is drawn to from all over a window around a pose (3,)."""
+    assert local_map.grid is not None
+    few = np.ascontiguousarray(points[:: max(1, len(points) // _CHANCE_POINTS)])
+    around = _around(center)[:_DRAWN]
+    poses = _drawn_from(around, local_map.grid.lattice, few)
+    fits, before = (_fits(few, at, local_map, usual) for at in (poses, around))
+    return Drawn(poses, fits, before, pieces(points))
+
+
+@njit(cache=True, nogil=True)
+def _drawn_from(poses: Floats, lattice: Lattice, points: Floats) -> Floats:
+    """Where refinement leads from poses (N, 3), nothing but the points (K, 2) pulling."""
+    drawn, nothing, tangents = np.empty_like(poses), np.zeros((3, 3)), wall_tangents(points)
+    for k in range(len(poses)):
+        start = poses[k].copy()
+        drawn[k] = refine(lattice, points, tangents, start, start, nothing, 1.0, _DRAWN_STEPS)[0]
+    return drawn
 
 
 @njit(cache=True, nogil=True)
@@ -128,8 +184,12 @@ class UsualFit:
 
     def below(self, fits: float, count: float) -> float:
         """Standard deviations that a fit of so many pieces lies below the usual one; at least 0."""
+        return max(0.0, self.mean - fits) / self.sigma(count)
+
+    def sigma(self, count: float) -> float:
+        """Standard deviation of the fit of so many pieces."""
         of_few = self.mean * (1.0 - self.mean) / max(count, 1.0)
-        return max(0.0, self.mean - fits) / math.sqrt(max(self.variance, of_few, _LEAST_SPREAD**2))
+        return math.sqrt(max(self.variance, of_few, _LEAST_SPREAD**2))
 
     def log_density(self, fits: float, count: float) -> float:
         """Log density of a fit at the right place, relative to the usual one: Student's t."""

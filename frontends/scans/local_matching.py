@@ -13,12 +13,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.fits import UNSEEN, UsualFit, chance_fit, pieces
+from slarm_graph.frontends.scans.fits import UNSEEN, UsualFit, chance_fit, drawn_to, pieces
 from slarm_graph.frontends.scans.grid_match import match_on_grid
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.match_certainty import of_misfit
@@ -171,15 +172,32 @@ class LocalMatcher:
         if below <= _UNUSUAL and any(np.array_equal(best.pose, place.pose) for place in near):
             return distinct(places)
         found = []
-        for prediction in predictions:
-            start = best_in_window(few, grid, base, prediction)
+        for some, prediction in product(_samples(points), predictions):
+            start = best_in_window(some, grid, base, prediction)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             found.append(self._refine(points, local_map, outlook, loose, start))
             below = min(below, self._below(found[-1], points, local_map))
         if all_round and below > _LOST:
             found += self._all_round(points, few, local_map, outlook)
-        places += [judged(p, points, local_map, outlook, self.usual) for p in found if p.inliers]
+        places += self._judged_as_searched(found, points, local_map, outlook)
         return distinct(places)
+
+    def _judged_as_searched(
+        self, found: Sequence[Place], points: Floats, local_map: LocalMap, outlook: Outlook
+    ) -> list[Place]:
+        """Judge places by how well the scan fits at others that refinement leads to.
+
+        Such a place is the best of many, and the others are what it was the best of. That near a
+        prediction was not chosen for its fit.
+        """
+        expected = compose3(outlook.base, outlook.predictions[0].motion)
+        drawn = drawn_to(points, local_map, expected, self.usual.mean)
+        places = []
+        for place in found:
+            if place.inliers:
+                elsewhere = replace(outlook, chance=drawn.chance_of(place.pose))
+                places.append(judged(place, points, local_map, elsewhere, self.usual))
+        return places
 
     def _refine(
         self,
@@ -243,6 +261,12 @@ class LocalMatcher:
                 start = hit.grid_from_robot.as_array()
                 found.append(self._refine(points, local_map, outlook, anywhere, start))
         return found
+
+
+def _samples(points: Floats) -> list[Floats]:
+    """Two samples of returns (K, 2), alike and yet different: in one alone chance may win."""
+    step = max(1, len(points) // _SEARCH_POINTS)
+    return [points[::step], points[step // 2 :: step]] if step > 1 else [points]
 
 
 def _loosened(prediction: Prediction) -> Prediction:

@@ -31,6 +31,8 @@ _BY_CHANCE = 2.33
 """Standard deviations of noise that 1 % of the falls exceed where there is none: of rough walls
 some points fit less a step further on, others more. With 1.0 three simulated buildings are 0.29,
 0.07 and 0.09 in place of 0.42, 0.03 and 0.04."""
+_AS_STRONGEST = 3.72
+"""The same of the strongest of a hundred things, of which one in a hundred exceeds it."""
 _LEAST = 1e-3
 """Share of information that is left at least: 30 times the noise."""
 _MISFIT = 10.0
@@ -44,6 +46,9 @@ _APART_M = 0.3
 _GRAZING_RAD = math.radians(10.0)
 """But not where a wall met at this angle would show no more returns in between (Borges and Aldon,
 "Line Extraction in 2D Range Images for Mobile Robotics", J. Intell. Robot. Syst. 40, 2004)."""
+_COARSE_RAD = 0.5 / 3.0 / 3.0
+"""Beams farther apart do not tell things from each other: of a person, 0.5 m wide and 3 m away,
+fewer than three return."""
 _SMALL_M = 0.8
 """What is no wider may walk: a person is 0.5 m wide, and a stride is long."""
 _WALKERS = 0.05
@@ -91,14 +96,16 @@ def along_the_weakest(
     strengths, axes = eigen2(information)
     if strengths[0] <= 0.0:
         return information
-    here, first, last, said = _small_thing(lattice, points, tangents, pose, axes[:, 0])
+    here, thing, said = _small_thing(lattice, points, tangents, pose, axes[:, 0])
     rest = (1.0 - said) * strengths[0]
-    stands = (first, last)
-    weak, noise = _drop(here, lattice, points, stands, pose, axes[:, 0])
-    strong, _ = _drop(here, lattice, points, stands, pose, axes[:, 1])
+    weak, noise, count = _drop(here, lattice, points, thing, False, pose, axes[:, 0])
+    strong, _, _ = _drop(here, lattice, points, thing, False, pose, axes[:, 1])
     if strong > 0.0:
-        sure = weak if weak > _BY_CHANCE * noise else 0.0
+        sure = weak if weak > _BY_CHANCE * noise / math.sqrt(count) else 0.0
         rest = min(rest, sure / strong * strengths[1])
+    if said > 0.0:
+        own, _, count = _drop(here, lattice, points, thing, True, pose, axes[:, 0])
+        said = said if own > _AS_STRONGEST * noise / math.sqrt(count) else 0.0
     variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
     # What else there is to see does not let it pull the match farther.
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
@@ -161,66 +168,83 @@ def _drop(
     lattice: Lattice,
     points: Floats,
     thing: tuple[int, int],
+    of_thing: bool,
     pose: Floats,
     axis: Floats,
-) -> tuple[float, float]:
-    """What the mean likelihood falls off by to the nearer side along an axis, and its noise.
+) -> tuple[float, float, int]:
+    """What the mean likelihood falls off by to the nearer side along an axis, of a thing's points.
 
-    The noise is that of points that fit better there: where nothing falls off, as many fit worse.
-    A thing's points, from the first of them to before the last one, are left out.
+    Or, unless `of_thing`, of all others: the thing's are the first of them to before the last one.
+
+    Returns
+    -------
+    falls, noise : float
+        The noise is one point's, by those that fit better there: where nothing falls off, as many
+        fit worse.
+    count : int
+        Points looked at, at least 1.
     """
-    count = len(points) - (thing[1] - thing[0])
-    least, noise = np.inf, 0.0
+    own = thing[1] - thing[0]
+    count = own if of_thing else len(points) - own
+    least, noise = 0.0 if count == 0 else np.inf, 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _AWAY_M * axis[0], sign * _AWAY_M * axis[1], 0.0])
         there = likelihoods(lattice, points, compose3(pose, shift))
         total, better = 0.0, 0.0
         for i in range(len(points)):
-            if not thing[0] <= i < thing[1]:
+            if (thing[0] <= i < thing[1]) == of_thing:
                 lost = here[i] - there[i]
                 total += lost
                 better += min(lost, 0.0) ** 2
         if count and total / count < least:
             least = total / count
-            noise = math.sqrt(2.0 * (better / count) / count)
-    return least, noise
+            noise = math.sqrt(2.0 * better / count)
+    return least, noise, max(count, 1)
 
 
 @njit(cache=True, nogil=True)
 def _small_thing(
     lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, axis: Floats
-) -> tuple[Floats, int, int, float]:
+) -> tuple[Floats, tuple[int, int], float]:
     """Of the small things in a scan the one that says most along an axis (2,) of the body frame.
+
+    Things are told apart by returns that say something of that axis: somebody beside a wall is
+    joined to it, but the wall is silent of the way along it.
 
     Returns
     -------
     likelihoods : (K,) float64
         Of all points.
-    first, last : int
-        Its points, the last one excluded.
+    thing : tuple of int
+        Its first point, and the one after its last.
     share : float
         Of the information along the axis.
     """
-    slant = _slant(_beams_rad(points))
-    here = np.empty(len(points))
+    here, told = np.empty(len(points)), np.empty(len(points))
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    total, most, thing = 0.0, 0.0, (0, 0)
-    first, told, wide = 0, 0.0, 0.0
-    near_m = _length(points[0, 0], points[0, 1]) if len(points) else 0.0
+    total = 0.0
     for i in range(len(points)):
-        wide = max(wide, _apart(points, first, i))
         jx, jy, here[i], weight = slope(lattice, points, tangents, i, pose, c, s)
-        told += weight * (jx * axis[0] + jy * axis[1]) ** 2
-        if i + 1 < len(points):
-            before_m, near_m = near_m, _length(points[i + 1, 0], points[i + 1, 1])
-            on_a_wall_m = slant * min(before_m, near_m)
-            if _apart(points, i, i + 1) <= max(_APART_M, on_a_wall_m):
-                continue
-        total += told
-        if told > most and wide < _SMALL_M:
-            most, thing = told, (first, i + 1)
-        first, told, wide = i + 1, 0.0, 0.0
-    return here, thing[0], thing[1], most / max(total, 1e-12)
+        told[i] = weight * (jx * axis[0] + jy * axis[1]) ** 2
+        total += told[i]
+    beams_rad = _beams_rad(points)
+    if not beams_rad < _COARSE_RAD:
+        return here, (0, 0), 0.0
+    slant = math.sin(beams_rad) / math.sin(_GRAZING_RAD - beams_rad)
+    most, thing, first, last, own, wide = 0.0, (0, 0), -1, -1, 0.0, 0.0
+    for i in range(len(points) + 1):
+        is_end = i == len(points)
+        if not is_end and told[i] * len(points) <= total:
+            continue
+        if first >= 0 and (is_end or _are_two(points, last, i, slant)):
+            if own > most and wide < _SMALL_M:
+                most, thing = own, (first, last + 1)
+            first = -1
+        if first < 0:
+            first, own, wide = i, 0.0, 0.0
+        if not is_end:
+            last, own, wide = i, own + told[i], max(wide, _apart(points, first, i))
+    return here, thing, most / max(total, 1e-12)
 
 
 @njit(cache=True, nogil=True)
@@ -237,11 +261,10 @@ def _beams_rad(points: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _slant(beams_rad: float) -> float:
-    """How far apart neighbouring returns of one wall may be, over how far away they are [m/m]."""
-    if not beams_rad < _GRAZING_RAD:
-        return math.inf
-    return math.sin(beams_rad) / math.sin(_GRAZING_RAD - beams_rad)
+def _are_two(points: Floats, i: int, k: int, slant: float) -> bool:
+    """Whether two returns of points (K, 2) are farther apart than neighbours on one thing."""
+    near_m = min(_length(points[i, 0], points[i, 1]), _length(points[k, 0], points[k, 1]))
+    return _apart(points, i, k) > max(_APART_M, slant * near_m)
 
 
 @njit(cache=True, nogil=True, inline="always")
