@@ -67,12 +67,12 @@ def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
     front = np.column_stack([np.linspace(-1.0, 2.0, 61), np.full(61, 2.0)])
     local_map = LocalMap(KeyframeConfig(), MatchingConfig())
     for aside_m in (-0.6, 0.0, 0.6):
-        local_map.add(front + [0.0, aside_m], Pose2())
+        local_map.add(np.add(front, [0.0, aside_m]), Pose2())
     matcher = LocalMatcher(MatchingConfig())
     for _ in range(30):
         matcher.usual.learn(0.9)
     sure = Prediction(np.zeros(3), np.diag([0.07, 0.07, 0.02]) ** 2)
     outlook = Outlook(np.zeros(3), (sure,), np.ones(3))
-    places = matcher.places(front - [0.0, 0.3], local_map, outlook, all_round=False, alone=True)
+    places = matcher.places(np.subtract(front, [0.0, 0.3]), local_map, outlook, all_round=False, alone=True)
     assert places[0].inliers == 0, "the prediction is kept"
     assert any(place.inliers for place in places[1:]), "another front was found"

@@ -136,10 +136,18 @@ def _inflated(information: Floats, excess: Floats) -> Floats:
 def judged(
     place: Place, points: Floats, local_map: LocalMap, outlook: Outlook, usual: UsualFit
 ) -> Place:
-    """Give a place its posterior: how much the fit speaks for it, and how probable the way was."""
+    """Give a place its posterior: how much the fit speaks for it, and how probable the way was.
+
+    A place whose match is unsure reaches towards the prediction, such as along a corridor: as far
+    as the scan fits there as well. Where it does not, the place is where it was found.
+    """
     motion = between3(outlook.base, place.pose)
     spread = outlook.covariance_of(place.information)
     fits = place.fit_of(points, local_map, usual)
+    believed, _ = _fused(place.pose, spread, outlook.expectation)
+    if not _are_same(place.pose, believed):
+        lost = fits - fit(points, believed, local_map, usual.mean)
+        spread = BASIN if lost > usual.sigma(pieces(points)) else spread
     evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
     return replace(
         place, log_posterior=min(evidence, _MOST_EVIDENCE) + log_prior(motion, spread, outlook)
@@ -178,7 +186,11 @@ def _log_prior(motion: Floats, covariance: Floats, expected: Expectation) -> flo
 
 def is_same(a: Place, b: Place) -> bool:
     """Whether two poses are one place."""
-    away = between3(a.pose, b.pose)
+    return _are_same(a.pose, b.pose)
+
+
+def _are_same(a: Floats, b: Floats) -> bool:
+    away = between3(a, b)
     return math.hypot(away[0], away[1]) <= _SAME_M and abs(away[2]) <= _SAME_RAD
 
 
