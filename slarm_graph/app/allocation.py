@@ -80,7 +80,7 @@ def spare_memory() -> None:
 def spare_compiling() -> None:
     """Let numba not colour the messages of failed guesses at types; call before numba is imported.
 
-    It makes thousands while kernels are compiled, tries on, and shows none: of a fifth of a run's
-    kernels 11.5 s of processor time in place of 13.5, on a busy machine.
+    It makes thousands while kernels are compiled, tries on, and shows none. Of some kernels that
+    was a seventh of the processor time of compiling them, of others nothing that could be told.
     """
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
