@@ -46,3 +46,13 @@ def test_libraries_that_have_done_their_work_are_not_kept_in_memory() -> None:
     assert not done.returncode, done.stderr
     before_mb, after_mb = map(float, done.stdout.split())
     assert after_mb < 0.3 * before_mb
+
+
+def test_numba_does_not_colour_what_it_tries_on() -> None:
+    code = (
+        "import sys; import slarm_graph.app.cli as cli; assert 'numba' not in sys.modules;"
+        "cli.spare_compiling(); from numba.core.errors import termcolor;"
+        "print(type(termcolor()).__name__)"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert said.stdout.strip() == "NOPColorScheme"

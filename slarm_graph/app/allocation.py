@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ctypes
+import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -74,3 +75,12 @@ def spare_memory() -> None:
         library.mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
     if hasattr(library, "prctl"):
         library.prctl(_THP_DISABLE, 1, 0, 0, 0)
+
+
+def spare_compiling() -> None:
+    """Let numba not colour the messages of failed guesses at types; call before numba is imported.
+
+    It makes thousands while kernels are compiled, tries on, and shows none. Of some kernels that
+    was a seventh of the processor time of compiling them, of others nothing that could be told.
+    """
+    os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")

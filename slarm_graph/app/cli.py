@@ -18,7 +18,7 @@ import typer
 from typer.core import TyperGroup
 
 from slarm_graph import __version__, parts
-from slarm_graph.app.allocation import spare_memory
+from slarm_graph.app.allocation import spare_compiling, spare_memory
 from slarm_graph.app.ending import (
     BAD_INPUT,
     FAILED,
@@ -112,6 +112,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if arguments is None:
         die_with_starter()
         spare_memory()
+        spare_compiling()
         # Also where a shell that starts us in the background has interrupts ignored.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.default_int_handler)
