@@ -73,6 +73,8 @@ def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
         matcher.usual.learn(0.9)
     sure = Prediction(np.zeros(3), np.diag([0.07, 0.07, 0.02]) ** 2)
     outlook = Outlook(np.zeros(3), (sure,), np.ones(3))
-    places = matcher.places(np.subtract(front, [0.0, 0.3]), local_map, outlook, all_round=False, alone=True)
+    places = matcher.places(
+        np.subtract(front, [0.0, 0.3]), local_map, outlook, all_round=False, alone=True
+    )
     assert places[0].inliers == 0, "the prediction is kept"
     assert any(place.inliers for place in places[1:]), "another front was found"

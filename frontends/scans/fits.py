@@ -37,7 +37,8 @@ _LEAST_SHARE = 0.01
 _ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
 """Poses around the expected one: the window that is searched."""
 _DRAWN = 32
-"""Of them, from which refinement is begun."""
+"""Of them, from which refinement is begun. With half as many, or twice, edmonton stays within the
+scatter of its draws (0.60 to 0.77 m) and seattle has 0.042 or 0.043."""
 _DRAWN_STEPS = 15
 """Of refinement: six long ones reach a metre, the others settle."""
 _THERE_M, _THERE_RAD = 0.3, 0.05
