@@ -42,3 +42,4 @@ docs: $(READY)
 
 clean:
 	rm -rf .venv build dist site *.egg-info
+	find . -name '*.nb[ic]' -delete
