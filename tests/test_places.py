@@ -1,0 +1,43 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What speaks for a place where a scan may be."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from slarm_graph.config import KeyframeConfig, MatchingConfig
+from slarm_graph.frontends.scans.fits import UsualFit
+from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.places import Outlook, Place, judged
+from slarm_graph.geometry import Floats, Pose2
+
+UNSURE_ALONG = np.diag([1.0 / 2.0**2, 1.0 / 0.01**2, 1.0 / 0.01**2])
+"""Information of a match along a wall: 2 m along it, 1 cm across, 0.01 rad."""
+
+
+def along_x(first_m: float, last_m: float) -> Floats:
+    """Points (K, 2) of a wall 2 m to the left."""
+    count = int((last_m - first_m) / 0.05) + 1
+    return np.column_stack([np.linspace(first_m, last_m, count), np.full(count, 2.0)])
+
+
+def posterior_of(wall: Floats) -> float:
+    """Of a place 1.5 m ahead, where odometry is sure to 1 cm that the robot has not moved."""
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    local_map.add(wall, Pose2())
+    usual = UsualFit()
+    for _ in range(30):
+        usual.learn(0.9)
+    sure = Prediction(np.zeros(3), np.diag([0.01, 0.01, 0.01]) ** 2)
+    outlook = Outlook(np.zeros(3), (sure,), np.ones(3))
+    place = Place(np.array([1.5, 0.0, 0.0]), UNSURE_ALONG, 0.9, 60, 5)
+    return judged(place, along_x(-0.5, 0.5), local_map, outlook, usual).log_posterior
+
+
+def test_a_place_reaches_as_far_as_the_scan_fits() -> None:
+    """Along a wall the match may be anywhere; of a board as long as the scan it is where it is."""
+    anywhere, there_only = posterior_of(along_x(-4.0, 4.0)), posterior_of(along_x(1.0, 2.0))
+    assert anywhere > -1.0
+    assert there_only < anywhere - 10.0
