@@ -41,6 +41,7 @@ _ANYWHERE = np.array([1.0, 1.0, 1.5])
 _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _NO_LAG = np.zeros(3)
+"""Variances (3,) of what was asked for at the stamp itself."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
 _FAILS = 1.0 / 300.0
