@@ -16,6 +16,7 @@ from numba import types
 from numba.extending import intrinsic
 
 _LANES = ir.VectorType(ir.DoubleType(), 4)
+"""A row of the four cells that Keys' kernel reaches."""
 _CUBIC = (-0.5, 1.5, -1.5, 0.5), (1.0, -2.5, 2.0, -0.5), (-0.5, 0.0, 0.5, 0.0), (0.0, 1.0, 0.0, 0.0)
 """Coefficients of the weights of four cells in a row, the highest power of the share first (Keys,
 "Cubic Convolution Interpolation for Digital Image Processing", IEEE T-ASSP 29(6), 1981)."""

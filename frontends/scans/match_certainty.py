@@ -98,14 +98,14 @@ def along_the_weakest(
         return information
     here, thing, said = _small_thing(lattice, points, tangents, pose, axes[:, 0])
     rest = (1.0 - said) * strengths[0]
-    weak, noise, count = _drop(here, lattice, points, thing, False, pose, axes[:, 0])
-    strong, _, _ = _drop(here, lattice, points, thing, False, pose, axes[:, 1])
+    weak, noise, own = _drop(here, lattice, points, thing, pose, axes[:, 0])
+    strong, _, _ = _drop(here, lattice, points, thing, pose, axes[:, 1])
+    count = thing[1] - thing[0]
     if strong > 0.0:
-        sure = weak if weak > _BY_CHANCE * noise / math.sqrt(count) else 0.0
+        sure = weak if weak > _BY_CHANCE * noise / math.sqrt(max(len(points) - count, 1)) else 0.0
         rest = min(rest, sure / strong * strengths[1])
-    if said > 0.0:
-        own, _, count = _drop(here, lattice, points, thing, True, pose, axes[:, 0])
-        said = said if own > _AS_STRONGEST * noise / math.sqrt(count) else 0.0
+    if said > 0.0 and own <= _AS_STRONGEST * noise / math.sqrt(count):
+        said = 0.0
     variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
     # What else there is to see does not let it pull the match farther.
     walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
@@ -168,38 +168,41 @@ def _drop(
     lattice: Lattice,
     points: Floats,
     thing: tuple[int, int],
-    of_thing: bool,
     pose: Floats,
     axis: Floats,
-) -> tuple[float, float, int]:
-    """What the mean likelihood falls off by to the nearer side along an axis, of a thing's points.
-
-    Or, unless `of_thing`, of all others: the thing's are the first of them to before the last one.
+) -> tuple[float, float, float]:
+    """What the mean likelihood falls off by to the nearer side along an axis.
 
     Returns
     -------
     falls, noise : float
-        The noise is one point's, by those that fit better there: where nothing falls off, as many
-        fit worse.
-    count : int
-        Points looked at, at least 1.
+        Of the points that are not the thing's, which are its first to before its last one, and
+        what one of them has in noise, by those that fit better there: where nothing falls off, as
+        many fit worse.
+    of_thing : float
+        Of the thing's points; either is 0 where there are none.
     """
     own = thing[1] - thing[0]
-    count = own if of_thing else len(points) - own
-    least, noise = 0.0 if count == 0 else np.inf, 0.0
+    others = len(points) - own
+    least, noise = np.inf if others else 0.0, 0.0
+    of_thing = np.inf if own else 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _AWAY_M * axis[0], sign * _AWAY_M * axis[1], 0.0])
         there = likelihoods(lattice, points, compose3(pose, shift))
-        total, better = 0.0, 0.0
+        total, better, of_own = 0.0, 0.0, 0.0
         for i in range(len(points)):
-            if (thing[0] <= i < thing[1]) == of_thing:
-                lost = here[i] - there[i]
+            lost = here[i] - there[i]
+            if thing[0] <= i < thing[1]:
+                of_own += lost
+            else:
                 total += lost
                 better += min(lost, 0.0) ** 2
-        if count and total / count < least:
-            least = total / count
-            noise = math.sqrt(2.0 * better / count)
-    return least, noise, max(count, 1)
+        if others and total / others < least:
+            least = total / others
+            noise = math.sqrt(2.0 * better / others)
+        if own:
+            of_thing = min(of_thing, of_own / own)
+    return least, noise, of_thing
 
 
 @njit(cache=True, nogil=True)
