@@ -176,6 +176,47 @@ def test_odometry_that_fails_is_told_by_its_probability() -> None:
     assert likeliest.probability == pytest.approx(0.8, abs=0.05)
 
 
+def hung(found: Pose2, sure: Floats, *, steps: int) -> OdometryFilter:
+    """Encoders that worked, hung while scans showed the robot go on, and hang for more steps."""
+    odometry = run(40, FORWARD, FORWARD)
+    stopped = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
+    seen = [(FORWARD, SURE)] * 2 + [(found, sure)] * steps
+    for moved, covariance in seen:
+        odometry.predict(0.1, stopped)
+        odometry.judge(moved.as_array(), covariance)
+        odometry.correct(0.1, moved.as_array(), covariance)
+    return odometry
+
+
+ALONG_A_CORRIDOR = np.diag([1.0, 1e-6, 1e-6])
+
+
+def test_encoders_that_hang_are_not_believed_where_scans_cannot_tell() -> None:
+    """A corridor shows neither whether the robot stands nor whether they work again."""
+    hanging = hung(Pose2(0.1, 0.0, 0.0), ALONG_A_CORRIDOR, steps=20)
+    wheels = min(hanging.predict(0.1, hanging._last_odom), key=lambda p: p.covariance[0, 0])
+    assert wheels.probability < 0.25  # of 22 steps each may have been the end, by one in 300
+
+
+def test_encoders_that_hung_are_believed_once_they_move() -> None:
+    hanging = hung(Pose2(0.1, 0.0, 0.0), ALONG_A_CORRIDOR, steps=20)
+    assert hanging._last_odom is not None
+    wheels = hanging.predict(0.1, hanging._last_odom @ FORWARD)[0]
+    assert wheels.probability > 0.9
+    np.testing.assert_allclose(wheels.motion, FORWARD.as_array(), atol=0.01)
+
+
+def test_a_stand_is_not_taken_for_encoders_that_hang() -> None:
+    """Odometry that reads no motion for minutes, as scans do, is as trusted as when it moved."""
+    odometry = run(40, FORWARD, FORWARD)
+    stopped = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
+    for _ in range(600):
+        odometry.predict(0.1, stopped)
+        odometry.judge(np.zeros(3), SURE)
+        odometry.correct(0.1, np.zeros(3), SURE)
+    assert odometry.predict(0.1, stopped)[0].probability > 0.98
+
+
 def test_after_a_long_gap_anything_is_possible() -> None:
     (prediction,) = run(5, None, FORWARD).predict(5.0, None)
     np.testing.assert_array_equal(prediction.motion, 0.0)

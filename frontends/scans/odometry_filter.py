@@ -4,8 +4,9 @@
 
 Two stories are kept beside each other. Wheels: odometry, its systematic errors calibrated on the
 way, with a noise that is learned from how well matches agree. Inertia: the robot went on as before;
-true also while wheels slip, encoders hang or odometry jumps. Which of the two holds is a state with
-two values that changes rarely: a hidden Markov chain, whose probability matches update.
+true also while wheels slip, encoders hang or odometry jumps. Which of the two holds is a state that
+changes rarely: a hidden Markov chain, whose probabilities matches update. Encoders that hang are a
+state of their own, since they read the same until they work again, and nobody sees when that was.
 """
 
 from __future__ import annotations
@@ -47,7 +48,11 @@ _FADING = 0.7
 _FAILS = 1.0 / 300.0
 """Probability that odometry begins to fail in a step, before failures are counted."""
 _RECOVERS = 0.2
-"""Probability that it ends in a step: slips and jumps last for some scans, hung encoders longer."""
+"""Probability that it ends in a step: slips and jumps last for some scans."""
+_SURE = 600.0
+"""Log odds beyond which a float has no number for them."""
+_STILL = 1e-9
+"""Motion [m, rad] that is none: what subtracting equal poses kilometres away leaves at most."""
 _COUNTED = 300.0
 """Steps that the first guess of a failure's probability is worth."""
 
@@ -115,7 +120,7 @@ class OdometryFilter:
         self.wheels = WheelCalibration()
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
-        self._holds = 1.0 - _FAILS
+        self._holds, self._hangs, self._is_still = 1.0 - _FAILS, 0.0, False
         self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
         self._unsteadiness = 1.0
         self._steady_motion: Prediction | None = None
@@ -160,8 +165,7 @@ class OdometryFilter:
         if self._increment is None:
             self._steady_motion = Prediction(*over(kalman.x, kalman.P, span))
             return (self._steady_motion,)
-        self._holds = self._holds * (1.0 - self._failures / self._steps)
-        self._holds += (1.0 - self._holds) * _RECOVERS
+        self._go_on(self._increment)
         lag = self._lag_variances(lag_s)
         kalman.x, kalman.P, motions, covariances = weighed(
             kalman.x, kalman.P, span, self._increment, self.wheels.known, lag
@@ -196,12 +200,15 @@ class OdometryFilter:
         wheels, steady = self._measured, self._steady_motion
         if wheels is None or steady is None:
             return
-        before = self._holds
+        before, slips = self._holds, 1.0 - self._holds - self._hangs
         log_odds = log_ratio(
             wheels.motion, wheels.covariance, steady.motion, steady.covariance, found, covariance
         )
-        log_odds += math.log(max(before, 1e-12)) - math.log(max(1.0 - before, 1e-12))
-        self._holds = 1.0 / (1.0 + math.exp(min(-log_odds, 700.0)))
+        ratio = math.exp(min(log_odds, _SURE))
+        # Encoders that hang say nothing of the motion: a stand is as probable as it is without.
+        holds, hangs = before * ratio, self._hangs * max(ratio, 1.0)
+        total = max(holds + hangs + slips, 1e-300)
+        self._holds, self._hangs = holds / total, hangs / total
         self._steps += before
         self._failures += before * (1.0 - self._holds)
 
@@ -248,6 +255,25 @@ class OdometryFilter:
     def lag_covariance(self, lag_s: float) -> Floats:
         """Covariance (3, 3) of carrying a pose over `lag_s` with the last interval's velocity."""
         return np.diag(self._lag_variances(lag_s))
+
+    def _go_on(self, increment: Floats) -> None:
+        """Let a step pass in which odometry reads a motion (3,), or none at all.
+
+        What hangs reads none until it works again, which happens as rarely as a failure does. A
+        stand begins with a step like that, too; later on, all that fails hangs, and where nothing
+        did it would have to begin unseen.
+        """
+        is_still, was_still = bool(np.abs(increment).max() < _STILL), self._is_still
+        fails = self._failures / self._steps
+        slips = (1.0 - self._holds - self._hangs) * (1.0 - _RECOVERS)
+        if is_still and was_still:
+            self._hangs += slips + self._holds * fails**2 - self._hangs * fails
+            slips = 0.0
+        else:
+            self._hangs = 0.5 * self._holds * fails if is_still else 0.0
+            slips += self._holds * fails - self._hangs
+        self._holds = 1.0 - self._hangs - slips
+        self._is_still = is_still
 
     def _lag_variances(self, lag_s: float) -> Floats:
         return (ACCELERATION * (self._usual_span_s * lag_s)) ** 2 if lag_s else _NO_LAG
