@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.eval.metrics import Metric
+from slarm_graph.eval.relation_point import better_point
 from slarm_graph.files.texts import read_text
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.stamps import seconds_to_ns
@@ -84,12 +85,15 @@ class RelationErrors:
         Number of relations in the file.
     part : str
         The part of the robot at which they were evaluated.
+    advice : str
+        At which other point they fit clearly better; empty where there is none.
     """
 
     translation_m: Floats
     rotation_rad: Floats
     total: int
     part: str
+    advice: str = ""
 
 
 def relation_errors(
@@ -120,12 +124,14 @@ def relation_errors(
         raise BadInput(_no_overlap(relations, trajectory))
     stamps = relations.stamps_ns[used]
     estimated = between(path.at(stamps[:, 0]), path.at(stamps[:, 1]))
-    error = between(relations.first_from_second[used], estimated)
+    true = relations.first_from_second[used]
+    error = between(true, estimated)
     return RelationErrors(
         np.hypot(error[:, 0], error[:, 1]),
         np.abs(error[:, 2]),
         len(used),
         "robot" if robot_from_laser is None else "laser",
+        better_point(estimated, true),
     )
 
 
@@ -148,8 +154,9 @@ def relation_metrics(errors: RelationErrors) -> tuple[Metric, ...]:
     degrees = np.degrees(errors.rotation_rad)
     used = len(errors.translation_m)
     note = f"at the {errors.part}, {used} of {errors.total} relations"
+    advised = f"{note}; {errors.advice}" if errors.advice else note
     return (
-        Metric("relations_translation_m", float(errors.translation_m.mean()), note=note),
+        Metric("relations_translation_m", float(errors.translation_m.mean()), note=advised),
         Metric("relations_translation_sd_m", float(errors.translation_m.std()), note=note),
         Metric("relations_rotation_deg", float(degrees.mean()), note=note),
         Metric("relations_rotation_sd_deg", float(degrees.std()), note=note),
