@@ -12,6 +12,7 @@ import pytest
 
 from slarm_graph.frontends.scans.hypotheses import Story
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
+from slarm_graph.frontends.scans.odometry_weighing import _levered
 from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, told
@@ -221,6 +222,40 @@ def test_after_a_long_gap_anything_is_possible() -> None:
     (prediction,) = run(5, None, FORWARD).predict(5.0, None)
     np.testing.assert_array_equal(prediction.motion, 0.0)
     assert np.all(np.sqrt(np.diag(prediction.covariance)) >= 1.0)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.2, -2.5])
+def test_what_many_steps_turn_wrongly_is_carried_aside(turn: float) -> None:
+    """Oracle: drives of 20 straight steps, each turned wrongly after, 20,000 times."""
+    rng, steps, of_step = np.random.default_rng(0), 20, 0.01
+    heading = np.cumsum(rng.normal(0.0, of_step, (20_000, steps)), axis=1)
+    before = np.column_stack([np.zeros(20_000), heading[:, :-1]])
+    x, y = 0.25 * np.cos(before).sum(axis=1), 0.25 * np.sin(before).sum(axis=1)
+    end = heading[:, -1]
+    # Seen from where the robot would have been, turned by what it turned at the end.
+    ahead, aside = x - 0.25 * steps, y
+    to_the_side = 0.5
+    cos, sin = math.cos(turn - to_the_side), math.sin(turn - to_the_side)
+    seen = np.stack([cos * ahead + sin * aside, cos * aside - sin * ahead, end])
+    way = 0.25 * steps * np.array([math.cos(to_the_side), math.sin(to_the_side)])
+    of_turns = np.diag([0.0, 0.0, steps * of_step**2])
+    told = _levered(of_turns, np.array([*way, turn]), float(steps))
+    np.testing.assert_allclose(told, np.cov(seen), rtol=0.1, atol=2e-4)
+
+
+def test_one_step_carries_nothing_aside() -> None:
+    covariance = np.diag([1e-4, 2e-4, 3e-4])
+    np.testing.assert_array_equal(_levered(covariance, np.array([1.0, 0.5, 0.3]), 1.0), covariance)
+
+
+def test_a_gap_lies_where_odometry_says_whether_it_failed_in_it_or_not() -> None:
+    odometry = run(40, FORWARD, FORWARD)
+    way = Pose2(3.0, -1.0, 0.4)
+    both = odometry.predict(5.0, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39) @ way)
+    for prediction in both:
+        np.testing.assert_allclose(prediction.motion, way.as_array(), atol=0.1)
+    assert both[1].covariance[0, 0] > 0.5
+    assert both[0].covariance[1, 1] > odometry.wheels.known.excess[1] * 1e-3
 
 
 @pytest.mark.parametrize("jitter_m", [0.0, 0.1])

@@ -156,19 +156,26 @@ class OdometryFilter:
         """
         span = self._span_s = self._steady(span_s)
         kalman = self._kalman
-        if span_s > _MAX_COASTING_S:
-            kalman.x, kalman.P = np.zeros(3), np.diag((_ANYWHERE / span) ** 2)
-        else:
-            kalman.P = accelerated(kalman.P, span, self._unsteadiness)
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
+        if span_s > _MAX_COASTING_S:
+            # Odometry that failed in a gap did so in some of its steps.
+            told = np.zeros(3) if self._increment is None else self._increment
+            kalman.x, kalman.P = told / span, np.diag((_ANYWHERE / span) ** 2)
+        else:
+            kalman.P = accelerated(kalman.P, span, self._unsteadiness)
         if self._increment is None:
             self._steady_motion = Prediction(*over(kalman.x, kalman.P, span))
             return (self._steady_motion,)
         self._go_on(self._increment)
         lag = self._lag_variances(lag_s)
         kalman.x, kalman.P, motions, covariances = weighed(
-            kalman.x, kalman.P, span, self._increment, self.wheels.known, lag
+            (kalman.x, kalman.P),
+            span,
+            self._increment,
+            self.wheels.known,
+            lag,
+            self._steps_in(span),
         )
         self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - self._holds)
         self._measured = Prediction(motions[1], covariances[1], self._holds)
@@ -229,7 +236,12 @@ class OdometryFilter:
         if steady is None:
             return self.wheels.along_path(self._increment)
         motion, covariance = along_path(
-            self._increment, self.wheels.known, holds, steady.motion, steady.covariance
+            self._increment,
+            self.wheels.known,
+            holds,
+            steady.motion,
+            steady.covariance,
+            self._steps_in(self._span_s),
         )
         return WheelMotion(motion, covariance, self.wheels.reading)
 
@@ -274,6 +286,10 @@ class OdometryFilter:
             slips += self._holds * fails - self._hangs
         self._holds = 1.0 - self._hangs - slips
         self._is_still = is_still
+
+    def _steps_in(self, span_s: float) -> float:
+        """How many usual steps a gap is; one where there is none, whose noise is learned whole."""
+        return span_s / self._usual_span_s if span_s > _MAX_COASTING_S else 1.0
 
     def _lag_variances(self, lag_s: float) -> Floats:
         return (ACCELERATION * (self._usual_span_s * lag_s)) ** 2 if lag_s else _NO_LAG

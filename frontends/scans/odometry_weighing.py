@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -42,20 +44,27 @@ def accelerated(covariance: Floats, span_s: float, factor: float) -> Floats:
 
 @njit(cache=True, nogil=True)
 def weighed(
-    x: Floats, P: Floats, span_s: float, increment: Floats, wheels: WheelsKnown, lag: Floats
+    velocity: tuple[Floats, Floats],
+    span_s: float,
+    increment: Floats,
+    wheels: WheelsKnown,
+    lag: Floats,
+    steps: float,
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Weigh a velocity and an increment of odometry.
 
     Parameters
     ----------
-    x, P : (3,), (3, 3) float64
-        Velocity in the robot's frame, and its covariance.
+    velocity : (3,) and (3, 3) float64
+        Of the robot in its own frame, and its covariance.
     span_s : float
     increment : (3,) float64
         By odometry [m, m, rad].
     wheels : WheelsKnown
     lag : (3,) float64
         Variances of the increment by when it was read [m^2, m^2, rad^2].
+    steps : float
+        How many usual steps the span is.
 
     Returns
     -------
@@ -66,9 +75,9 @@ def weighed(
     covariances : (4, 3, 3) float64
         Of these, and what errors that add up have more.
     """
-    motions, covariances = np.empty((3, 3)), np.empty((4, 3, 3))
+    (x, P), motions, covariances = velocity, np.empty((3, 3)), np.empty((4, 3, 3))
     told_motion, noise = told(increment, wheels.excess, wheels.errors, wheels.covariance)
-    noise = with_diagonal3(noise, lag)
+    noise = with_diagonal3(_levered(noise, told_motion, steps), lag)
     steady, spread = over(x, P, span_s)
     both, both_spread = told_motion, noise
     if squared_sigmas(less3(told_motion, steady), sum3(spread, noise)) < _CONTRADICTION:
@@ -83,6 +92,26 @@ def weighed(
             covariances[2, row, col] = both_spread[row, col]
             covariances[3, row, col] = more[row, col]
     return x, P, motions, covariances
+
+
+@njit(cache=True, nogil=True)
+def _levered(covariance: Floats, motion: Floats, steps: float) -> Floats:
+    """Covariance (3, 3) of a motion (3,) of many steps, each of which may have turned wrongly.
+
+    What a step turns is carried aside by those after it: of a heading error that grows evenly over
+    n steps, sums over (n - k)^2 / n^3 and (n - k) / n^2 of its variance. One step carries nothing.
+    """
+    cos, sin = math.cos(motion[2]), math.sin(motion[2])
+    aside = sin * motion[0] - cos * motion[1], cos * motion[0] + sin * motion[1]
+    square = (1.0 - 1.0 / steps) * (1.0 - 0.5 / steps) / 3.0
+    cross = 0.5 * (1.0 - 1.0 / steps)
+    out = covariance.copy()
+    for row in range(2):
+        out[row, 2] += cross * aside[row] * covariance[2, 2]
+        out[2, row] = out[row, 2]
+        for col in range(2):
+            out[row, col] += square * aside[row] * aside[col] * covariance[2, 2]
+    return out
 
 
 @njit(cache=True, nogil=True)
@@ -110,12 +139,17 @@ def log_ratio(
 
 @njit(cache=True, nogil=True)
 def along_path(
-    increment: Floats, wheels: WheelsKnown, holds: float, steady: Floats, of_steady: Floats
+    increment: Floats,
+    wheels: WheelsKnown,
+    holds: float,
+    steady: Floats,
+    of_steady: Floats,
+    steps: float,
 ) -> tuple[Floats, Floats]:
     """Motion (3,) that odometry tells, and its covariance (3, 3) where it may have failed."""
     motion, held = told(increment, wheels.path_excess, wheels.errors, wheels.covariance)
     total = np.zeros((3, 3))
-    add_spread(total, holds, held, np.zeros(3))
+    add_spread(total, holds, _levered(held, motion, steps), np.zeros(3))
     add_spread(total, 1.0 - holds, of_steady, less3(steady, motion))
     return motion, total
 
