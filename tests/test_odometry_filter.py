@@ -199,10 +199,19 @@ def test_encoders_that_hang_are_not_believed_where_scans_cannot_tell() -> None:
     assert wheels.probability < 0.25  # of 22 steps each may have been the end, by one in 300
 
 
-def test_encoders_that_hung_are_believed_once_they_move() -> None:
-    hanging = hung(Pose2(0.1, 0.0, 0.0), ALONG_A_CORRIDOR, steps=20)
-    assert hanging._last_odom is not None
-    wheels = hanging.predict(0.1, hanging._last_odom @ FORWARD)[0]
+def test_what_encoders_that_hung_read_first_may_be_all_that_they_missed() -> None:
+    """Drivers that stall catch up in one reading; those that go on from there do so for good."""
+    hanging = hung(Pose2(0.1, 0.0, 0.0), ALONG_A_CORRIDOR, steps=3)
+    odom = hanging._last_odom
+    assert odom is not None
+    odom = odom @ _moved(FORWARD, 6)
+    steady, caught_up = hanging.predict(0.1, odom)
+    assert caught_up.probability < 0.5 < steady.probability
+    for _ in range(20):
+        hanging.judge(FORWARD.as_array(), ALONG_A_CORRIDOR)
+        hanging.correct(0.1, FORWARD.as_array(), ALONG_A_CORRIDOR)
+        odom = odom @ FORWARD
+        wheels = hanging.predict(0.1, odom)[0]
     assert wheels.probability > 0.9
     np.testing.assert_allclose(wheels.motion, FORWARD.as_array(), atol=0.01)
 

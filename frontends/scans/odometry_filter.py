@@ -271,15 +271,16 @@ class OdometryFilter:
     def _go_on(self, increment: Floats) -> None:
         """Let a step pass in which odometry reads a motion (3,), or none at all.
 
-        What hangs reads none until it works again, which happens as rarely as a failure does. A
-        stand begins with a step like that, too; later on, all that fails hangs, and where nothing
-        did it would have to begin unseen.
+        What hangs reads none until it moves on, as any failure then: that may be all that was
+        missed, in one. Unseen it ends as rarely as a failure begins. A stand begins with a step of
+        no motion, too; later on, all that fails hangs, and where nothing did it began unseen.
         """
         is_still, was_still = bool(np.abs(increment).max() < _STILL), self._is_still
         fails = self._failures / self._steps
-        slips = (1.0 - self._holds - self._hangs) * (1.0 - _RECOVERS)
+        hung = self._hangs if is_still else 0.0
+        slips = (1.0 - self._holds - hung) * (1.0 - _RECOVERS)
         if is_still and was_still:
-            self._hangs += slips + self._holds * fails**2 - self._hangs * fails
+            self._hangs = hung + slips + self._holds * fails**2 - hung * fails
             slips = 0.0
         else:
             self._hangs = 0.5 * self._holds * fails if is_still else 0.0
