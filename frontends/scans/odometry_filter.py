@@ -277,14 +277,14 @@ class OdometryFilter:
         """
         is_still, was_still = bool(np.abs(increment).max() < _STILL), self._is_still
         fails = self._failures / self._steps
-        hung = self._hangs if is_still else 0.0
-        slips = (1.0 - self._holds - hung) * (1.0 - _RECOVERS)
+        hung, fell = self._hangs if is_still else 0.0, self._holds * fails
+        slips = 1.0 - self._holds - hung
         if is_still and was_still:
-            self._hangs = hung + slips + self._holds * fails**2 - hung * fails
+            self._hangs = hung * (1.0 - fails) + slips * (1.0 - _RECOVERS) + fell * fails
             slips = 0.0
         else:
-            self._hangs = 0.5 * self._holds * fails if is_still else 0.0
-            slips += self._holds * fails - self._hangs
+            self._hangs = 0.5 * fell if is_still else 0.0
+            slips = (slips + fell - self._hangs) * (1.0 - _RECOVERS)
         self._holds = 1.0 - self._hangs - slips
         self._is_still = is_still
 
