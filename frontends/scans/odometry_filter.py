@@ -272,8 +272,8 @@ class OdometryFilter:
         """Let a step pass in which odometry reads a motion (3,), or none at all.
 
         What hangs reads none until it moves on, as any failure then: that may be all that was
-        missed, in one. Unseen it ends as rarely as a failure begins. A stand begins with a step of
-        no motion, too; later on, all that fails hangs, and where nothing did it began unseen.
+        missed, in one. Unseen it ends as rarely as a failure begins. What fails in a step of no
+        motion hangs; later in a stand, where nothing did, it began unseen.
         """
         is_still, was_still = bool(np.abs(increment).max() < _STILL), self._is_still
         fails = self._failures / self._steps
@@ -283,7 +283,7 @@ class OdometryFilter:
             self._hangs = hung * (1.0 - fails) + slips * (1.0 - _RECOVERS) + fell * fails
             slips = 0.0
         else:
-            self._hangs = 0.5 * fell if is_still else 0.0
+            self._hangs = fell if is_still else 0.0
             slips = (slips + fell - self._hangs) * (1.0 - _RECOVERS)
         self._holds = 1.0 - self._hangs - slips
         self._is_still = is_still
