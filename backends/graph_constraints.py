@@ -69,7 +69,7 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
         return None
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
-    total = wheels.covariance + _ODOMETRY_FLOOR + _carried(first, motion) + last
+    total = wheels.total_covariance() + _ODOMETRY_FLOOR + _carried(first, motion) + last
     covariance = _symmetric(total * limits_of(total))
     return Constraint(node - 1, node, motion, covariance, ConstraintKind.WHEELS)
 

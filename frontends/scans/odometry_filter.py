@@ -128,6 +128,7 @@ class OdometryFilter:
         self._measured: Prediction | None = None
         self._usual_span_s = 0.0
         self._span_s = 1.0
+        self._is_seen = False
 
     def branched(self) -> OdometryFilter:
         """Return a filter of its own that has learned the same so far."""
@@ -155,6 +156,7 @@ class OdometryFilter:
             agree, and the velocity alone.
         """
         span = self._span_s = self._steady(span_s)
+        self._is_seen = False
         kalman = self._kalman
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
@@ -207,6 +209,7 @@ class OdometryFilter:
         wheels, steady = self._measured, self._steady_motion
         if wheels is None or steady is None:
             return
+        self._is_seen = True
         before, slips = self._holds, 1.0 - self._holds - self._hangs
         log_odds = log_ratio(
             wheels.motion, wheels.covariance, steady.motion, steady.covariance, found, covariance
@@ -230,12 +233,11 @@ class OdometryFilter:
         As far as odometry may have failed in it, the robot may have gone on as before: mean and
         spread are about the way that odometry tells.
         """
-        if self._increment is None:
+        steady = self._steady_motion
+        if self._increment is None or steady is None:
             return None
-        steady, holds = self._steady_motion, self._holds
-        if steady is None:
-            return self.wheels.along_path(self._increment)
-        motion, covariance = along_path(
+        holds = self._holds if self._is_seen or self._holds < 0.5 else 1.0
+        motion, covariance, effect = along_path(
             self._increment,
             self.wheels.known,
             holds,
@@ -243,7 +245,9 @@ class OdometryFilter:
             steady.covariance,
             self._steps_in(self._span_s),
         )
-        return WheelMotion(motion, covariance, self.wheels.reading)
+        return WheelMotion(
+            motion, covariance, self.wheels.reading, effect, self.wheels.covariance
+        )
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.

@@ -12,7 +12,7 @@ from numba import njit
 from slarm_graph.frontends.scans.kalman import updated
 from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
 from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
-from slarm_graph.frontends.scans.wheel_calibration import WheelsKnown, told, unlearned
+from slarm_graph.frontends.scans.wheel_calibration import WheelsKnown, effect_of, told, unlearned
 from slarm_graph.geometry import Floats
 
 ACCELERATION = np.array([1.0, 0.5, 2.0])
@@ -145,13 +145,17 @@ def along_path(
     steady: Floats,
     of_steady: Floats,
     steps: float,
-) -> tuple[Floats, Floats]:
-    """Motion (3,) that odometry tells, and its covariance (3, 3) where it may have failed."""
-    motion, held = told(increment, wheels.path_excess, wheels.errors, wheels.covariance)
+) -> tuple[Floats, Floats, Floats]:
+    """Motion (3,) that odometry tells, its covariance (3, 3) where it may have failed, and effect.
+
+    The covariance is of what is another in every step. What the systematic errors may yet be off
+    by is the same in all, so that their effect (3, 3), the derivative by them, adds up instead.
+    """
+    motion, held = told(increment, wheels.path_excess, wheels.errors, np.zeros((3, 3)))
     total = np.zeros((3, 3))
     add_spread(total, holds, _levered(held, motion, steps), np.zeros(3))
     add_spread(total, 1.0 - holds, of_steady, less3(steady, motion))
-    return motion, total
+    return motion, total, effect_of(increment)
 
 
 @njit(cache=True, nogil=True)

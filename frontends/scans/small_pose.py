@@ -55,8 +55,8 @@ def between3(a: Floats, b: Floats) -> Floats:
 
 
 @njit(cache=True, nogil=True)
-def carried3(covariance: Floats, motion: Floats) -> Floats:
-    """Covariance (3, 3) of a pose in its own frame, in the frame that a motion (3,) leads to."""
+def carried_by(motion: Floats) -> Floats:
+    """Adjoint (3, 3) that carries what a pose is off by into the frame a motion (3,) leads to."""
     c, s = math.cos(motion[2]), math.sin(motion[2])
     adjoint = np.zeros((3, 3))
     adjoint[0, 0], adjoint[0, 1] = c, s
@@ -65,7 +65,13 @@ def carried3(covariance: Floats, motion: Floats) -> Floats:
     adjoint[0, 2] = -c * motion[1] + s * motion[0]
     adjoint[1, 2] = s * motion[1] + c * motion[0]
     adjoint[2, 2] = 1.0
-    return sandwich3(adjoint, covariance)
+    return adjoint
+
+
+@njit(cache=True, nogil=True)
+def carried3(covariance: Floats, motion: Floats) -> Floats:
+    """Covariance (3, 3) of a pose in its own frame, in the frame that a motion (3,) leads to."""
+    return sandwich3(carried_by(motion), covariance)
 
 
 @njit(cache=True, nogil=True)

@@ -38,7 +38,6 @@ from slarm_graph.frontends.scans.small_matrix import (
     with_diagonal3,
 )
 from slarm_graph.frontends.scans.small_pose import wrapped
-from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats
 
 _UNSURE = np.array([0.1, 0.1, 0.035])
@@ -66,6 +65,10 @@ _ASIDE = 1
 _ALIKE = 2.0
 """Factor within which two ratios may both be of the matches alone: each is learned from
 `_MOST_STEPS` with a standard deviation of a quarter, so 93 % of two that are lie within it."""
+_TAIL = 4.0
+"""Degrees of freedom of Student's distribution for misses, as Lange, Little and Taylor ("Robust
+Statistical Modeling Using the t Distribution", JASA 84, 1989) advise where they are not estimated:
+a miss of five sigmas counts a sixth."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
@@ -118,11 +121,6 @@ class WheelCalibration:
     def known(self) -> WheelsKnown:
         """What is known so far, for compiled code."""
         return WheelsKnown(self.excess, self.path_excess, self.errors, self.covariance)
-
-    def along_path(self, increment: Floats) -> WheelMotion:
-        """Return the motion that an increment (3,) means, as sure as one step of a path is."""
-        motion, covariance = told(increment, self.path_excess, self.errors, self.covariance)
-        return WheelMotion(motion, covariance, self.reading)
 
     def interrupt(self) -> None:
         """Note that the next match does not follow one."""
@@ -183,7 +181,7 @@ class WheelCalibration:
 
 
 @njit(cache=True, nogil=True)
-def _effect(increment: Floats) -> Floats:
+def effect_of(increment: Floats) -> Floats:
     """Derivative (3, 3) of the motion by the systematic errors."""
     x, y, turn = increment
     effect = np.zeros((3, 3))
@@ -208,7 +206,7 @@ def told(
     increment: Floats, excess: Floats, errors: Floats, covariance: Floats
 ) -> tuple[Floats, Floats]:
     """Motion (3,) that an increment (3,) means, and its covariance, by the systematic errors."""
-    effect = _effect(increment)
+    effect = effect_of(increment)
     guess, spread = _noise(increment), sandwich3(effect, covariance)
     for k in range(3):
         spread[k, k] += excess[k] * guess[k]
@@ -254,7 +252,7 @@ def _learned(
     tells : (3,) bool
         Along which axes the match tells anything.
     """
-    effect, guess = _effect(increment), _noise(increment)
+    effect, guess = effect_of(increment), _noise(increment)
     miss = less3(moved, more3(increment, times3(effect, errors)))
     miss[2] = wrapped(miss[2])
     # A match less certain than odometry tells nothing of it, such as along a bare corridor.
@@ -263,7 +261,12 @@ def _learned(
         tells[k] = claimed[k] < guess[k]
         noise[k] = noises[0][k] * guess[k] + 2.0 * noises[1][k] * claimed[k]
         noise[k] = noise[k] if tells[k] else _NOTHING
-    errors, covariance = _updated(errors, covariance, effect, miss, noise)
+    spread = sandwich3(effect, covariance)
+    doubted = np.empty(3)
+    for k in range(3):
+        squared = miss[k] * miss[k] / (noise[k] + spread[k, k])
+        doubted[k] = noise[k] * max(1.0, (_TAIL + squared) / (_TAIL + 1.0))
+    errors, covariance = _updated(errors, covariance, effect, miss, doubted)
     aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _CHANGES_M)
     share = 1.0
     for k in range(3):

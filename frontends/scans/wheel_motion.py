@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numba import njit
 
-from slarm_graph.frontends.scans.small_matrix import sum3
-from slarm_graph.frontends.scans.small_pose import carried3, compose3
+from slarm_graph.frontends.scans.small_matrix import product3, sum3
+from slarm_graph.frontends.scans.small_pose import carried3, carried_by, compose3
 from slarm_graph.geometry import Floats
 
 
@@ -23,27 +23,45 @@ class WheelMotion:
     motion : (3,) float64
         Pose of the robot now in its frame before [m, m, rad].
     covariance : (3, 3) float64
-        Of it, in the body frame now, for errors that add up along a path.
+        Of it, in the body frame now, for errors that are others in every step.
     reading : (3,) float64
         Variances of a reading of odometry: at either end, they do not add up.
+    effect : (3, 3) float64
+        Derivative of the motion, in the body frame now, by the systematic errors of odometry.
+    of_errors : (3, 3) float64
+        Covariance of these, as far as they are known now; the same errors all along.
     """
 
     motion: Floats
     covariance: Floats
     reading: Floats = field(default_factory=lambda: np.zeros(3))
+    effect: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    of_errors: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
     def then(self, after: WheelMotion) -> WheelMotion:
         """Return this motion and the one that follows as one."""
-        both = _added(self.motion, self.covariance, after.motion, after.covariance)
-        return WheelMotion(*both, after.reading)
+        motion, covariance, effect = _added(
+            self.motion, self.covariance, self.effect, after.motion, after.covariance, after.effect
+        )
+        return WheelMotion(motion, covariance, after.reading, effect, after.of_errors)
+
+    def total_covariance(self) -> Floats:
+        """Covariance (3, 3) of the motion by all that it may be off by but the readings' own."""
+        return np.asarray(self.covariance + self.effect @ self.of_errors @ self.effect.T)
 
 
 @njit(cache=True, nogil=True)
 def _added(
-    motion: Floats, covariance: Floats, after: Floats, of_after: Floats
-) -> tuple[Floats, Floats]:
-    """Motion (3,) and its covariance (3, 3), after another one."""
-    return compose3(motion, after), sum3(carried3(covariance, after), of_after)
+    motion: Floats,
+    covariance: Floats,
+    effect: Floats,
+    after: Floats,
+    of_after: Floats,
+    effect_after: Floats,
+) -> tuple[Floats, Floats, Floats]:
+    """Motion (3,), its covariance (3, 3) and the effect (3, 3) on it, after another one."""
+    both = sum3(product3(carried_by(after), effect), effect_after)
+    return compose3(motion, after), sum3(carried3(covariance, after), of_after), both
 
 
 def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
