@@ -12,11 +12,12 @@ import pytest
 
 from slarm_graph.frontends.scans.hypotheses import Story
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
-from slarm_graph.frontends.scans.odometry_weighing import _levered
+from slarm_graph.frontends.scans.odometry_weighing import _levered, along_path
 from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, told
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
+from slarm_graph.geometry import Floats, Pose2, between
 
 SURE = np.diag([1e-6, 1e-6, 1e-6])
 FORWARD = Pose2(0.1, 0.0, 0.02)
@@ -54,6 +55,18 @@ def test_systematic_errors_are_found(errors: tuple[float, float, float]) -> None
         true = told * [1 + way, 1 + way, 1 + turn] + [0.0, 0.0, 0.1 * bend]
         wheels.learn(told, true + rng.normal(0.0, 0.001, 3), np.full(3, 1e-6), 1.0)
     np.testing.assert_allclose(wheels.errors, errors, atol=0.01)
+
+
+def test_one_match_far_off_does_not_turn_what_many_have_told() -> None:
+    """A match beside its place in a turn is an event, though the noise so far was small."""
+    rng = np.random.default_rng(0)
+    wheels = WheelCalibration()
+    for _ in range(300):
+        told = np.array([0.2, 0.0, rng.normal(0.0, 0.02)])
+        wheels.learn(told, told + rng.normal(0.0, 0.001, 3), np.full(3, 1e-6), 1.0)
+    before, sigma = wheels.errors[1], math.sqrt(wheels.covariance[1, 1])
+    wheels.learn(np.array([0.2, 0.0, 0.2]), np.array([0.2, 0.0, 0.3]), np.full(3, 1e-6), 1.0)
+    assert 0.0 < wheels.errors[1] - before < 2.0 * sigma
 
 
 def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floats, ...]:
@@ -321,3 +334,46 @@ def test_what_is_not_matched_is_told_with_all_that_may_have_moved_it() -> None:
     match = Place(story.pose, 1e6 * np.eye(3), 0.9, 99, 1)
     story.went(match, replace(outlook, base=story.pose), 0.1)
     np.testing.assert_array_equal(story.spread, story.covariance)
+
+
+def test_systematic_errors_add_up_along_a_path() -> None:
+    """Of a way of many steps their effect is the derivative of the whole way by them."""
+    rng = np.random.default_rng(3)
+    steps = [np.array([0.2, 0.0, turn]) for turn in rng.normal(0.0, 0.2, 30)]
+    ones, nothing = np.ones(3), np.zeros((3, 3))
+
+    def whole(errors: Floats) -> WheelMotion:
+        known = WheelCalibration().known._replace(errors=errors, path_excess=ones)
+        path: WheelMotion | None = None
+        for step in steps:
+            motion, covariance, effect = along_path(step, known, 1.0, step, nothing, 1.0)
+            one = WheelMotion(motion, covariance, np.zeros(3), effect, known.covariance)
+            path = one if path is None else joined(path, one)
+        assert path is not None
+        return path
+
+    at = whole(np.zeros(3))
+    numeric = [between(at.motion, whole(1e-6 * e).motion) / 1e-6 for e in np.eye(3)]
+    assert np.allclose(at.effect, np.transpose(numeric), atol=1e-4)
+    of_errors = WheelCalibration().covariance
+    expected = at.covariance + at.effect @ of_errors @ at.effect.T
+    assert np.allclose(at.total_covariance(), expected)
+    assert at.total_covariance()[0, 0] > 2.0 * at.covariance[0, 0]
+
+
+def test_what_may_have_failed_unseen_does_not_widen_a_path() -> None:
+    """While nothing is matched odometry is as sure as it was; one that was seen to fail is not."""
+    odometry = run(100, FORWARD, FORWARD)
+    usual = odometry.wheel_motion()
+    for k in range(100, 150):
+        odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, k + 1))
+        odometry.coast()
+    unseen = odometry.wheel_motion()
+    odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 150))
+    odometry.judge(2.0 * FORWARD.as_array(), SURE)
+    odometry.coast()
+    odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 151))
+    failed = odometry.wheel_motion()
+    assert usual is not None and unseen is not None and failed is not None
+    np.testing.assert_allclose(unseen.covariance, usual.covariance, rtol=1e-2, atol=1e-9)
+    assert failed.covariance[2, 2] > 10.0 * usual.covariance[2, 2]

@@ -231,7 +231,9 @@ class OdometryFilter:
         """Return the last step by odometry alone; None where there is none.
 
         As far as odometry may have failed in it, the robot may have gone on as before: mean and
-        spread are about the way that odometry tells.
+        spread are about the way that odometry tells. What may have failed while nothing was matched
+        is rare and far off, which is for those to weigh who meet a contradiction: a spread wide
+        enough for it would let any place be the one that is come back to.
         """
         steady = self._steady_motion
         if self._increment is None or steady is None:
@@ -245,9 +247,7 @@ class OdometryFilter:
             steady.covariance,
             self._steps_in(self._span_s),
         )
-        return WheelMotion(
-            motion, covariance, self.wheels.reading, effect, self.wheels.covariance
-        )
+        return WheelMotion(motion, covariance, self.wheels.reading, effect, self.wheels.covariance)
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.

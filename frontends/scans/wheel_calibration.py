@@ -261,11 +261,7 @@ def _learned(
         tells[k] = claimed[k] < guess[k]
         noise[k] = noises[0][k] * guess[k] + 2.0 * noises[1][k] * claimed[k]
         noise[k] = noise[k] if tells[k] else _NOTHING
-    spread = sandwich3(effect, covariance)
-    doubted = np.empty(3)
-    for k in range(3):
-        squared = miss[k] * miss[k] / (noise[k] + spread[k, k])
-        doubted[k] = noise[k] * max(1.0, (_TAIL + squared) / (_TAIL + 1.0))
+    doubted = _doubted(miss, noise, sandwich3(effect, covariance))
     errors, covariance = _updated(errors, covariance, effect, miss, doubted)
     aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _CHANGES_M)
     share = 1.0
@@ -276,6 +272,24 @@ def _learned(
         limit = 3.0 * math.sqrt(noise[k])
         miss[k] = min(max(miss[k], -limit), limit)
     return errors, scaled3(aged, share), miss, guess, tells
+
+
+@njit(cache=True, nogil=True)
+def _doubted(miss: Floats, noise: Floats, spread: Floats) -> Floats:
+    """Variances (3,) of a noise with heavy tails, by how large a miss (3,) it comes with.
+
+    Parameters
+    ----------
+    miss, noise : (3,) float64
+        Along each axis, and the variance that is usual there.
+    spread : (3, 3) float64
+        Of the miss by what is not known of the systematic errors.
+    """
+    out = np.empty(3)
+    for k in range(3):
+        squared = miss[k] * miss[k] / (noise[k] + spread[k, k])
+        out[k] = noise[k] * max(1.0, (_TAIL + squared) / (_TAIL + 1.0))
+    return out
 
 
 @njit(cache=True, nogil=True)
