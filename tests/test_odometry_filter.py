@@ -377,3 +377,19 @@ def test_what_may_have_failed_unseen_does_not_widen_a_path() -> None:
     assert usual is not None and unseen is not None and failed is not None
     np.testing.assert_allclose(unseen.covariance, usual.covariance, rtol=1e-2, atol=1e-9)
     assert failed.covariance[2, 2] > 10.0 * usual.covariance[2, 2]
+
+
+def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
+    """Scans seconds apart: half such a gap carries nothing aside, and covariances stay such."""
+    odometry = OdometryFilter()
+    odom = Pose2()
+    for span_s in (2.4, 2.4, 1.2):
+        odom = odom @ Pose2(0.4, 0.0, 0.1)
+        for told in odometry.predict(span_s, odom):
+            assert np.linalg.eigvalsh(told.covariance).min() > 0.0
+    usual = OdometryFilter()
+    usual.predict(0.1, Pose2())
+    usual.predict(0.1, Pose2(0.4, 0.0, 0.1))
+    one, other = odometry._measured, usual._measured
+    assert one is not None and other is not None
+    np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-12)

@@ -294,7 +294,7 @@ class OdometryFilter:
 
     def _steps_in(self, span_s: float) -> float:
         """How many usual steps a gap is; one where there is none, whose noise is learned whole."""
-        return span_s / self._usual_span_s if span_s > _MAX_COASTING_S else 1.0
+        return max(span_s / self._usual_span_s, 1.0) if span_s > _MAX_COASTING_S else 1.0
 
     def _lag_variances(self, lag_s: float) -> Floats:
         return (ACCELERATION * (self._usual_span_s * lag_s)) ** 2 if lag_s else _NO_LAG
