@@ -100,6 +100,7 @@ class WheelCalibration:
         """Variance (3,) of a reading of odometry: what is taken back and is not the matches'."""
         self._sum: Floats = np.zeros(3)
         self._summed = 0
+        self._all_tell = self._tells = np.ones(3, dtype=np.bool_)
         self._sum_square: Floats = np.zeros(3)
         self._sums = _FIRST_STEPS / _PATH_STEPS
         self._steps = _FIRST_STEPS
@@ -158,24 +159,31 @@ class WheelCalibration:
             self._guess, self._claim = guess.copy(), claimed.copy()
             self._sum_square = _PATH_STEPS * guess + 2.0 * claimed
         last, self._last = self._last, miss
+        both_tell, self._tells = tells & self._tells, tells
         if last is None:
-            self._sum, self._summed = np.zeros(3), 0
+            self._begin_sum()
             return
         self._steps = min(self._steps + 1.0, _MOST_STEPS)
         averages = self._square, self._product, self._guess, self._claim
+        rates = tells / self._steps, both_tell / self._steps
         self.excess, self.match_excess, self.reading, taken_back = _learned_noise(
-            averages, miss, last, guess, claimed, tells / self._steps
+            averages, miss, last, guess, claimed, rates
         )
         self._add_up(miss, taken_back, tells)
+
+    def _begin_sum(self) -> None:
+        self._sum, self._summed, self._all_tell = np.zeros(3), 0, np.ones(3, dtype=np.bool_)
 
     def _add_up(self, miss: Floats, taken_back: Floats, tells: NDArray[np.bool_]) -> None:
         """Learn how the misses of many steps add up (Allan, Proc. IEEE 54(2), 1966)."""
         self._sum, self._summed = self._sum + miss, self._summed + 1
+        self._all_tell = self._all_tell & tells
         if self._summed < _PATH_STEPS:
             return
         self._sums = min(self._sums + 1.0, _MOST_STEPS / _PATH_STEPS)
-        self._sum_square = self._sum_square + tells * (self._sum**2 - self._sum_square) / self._sums
-        self._sum, self._summed = np.zeros(3), 0
+        rate = self._all_tell / self._sums
+        self._sum_square = self._sum_square + rate * (self._sum**2 - self._sum_square)
+        self._begin_sum()
         of_step = (self._sum_square - 2.0 * taken_back) / _PATH_STEPS
         self.path_excess = np.maximum(of_step / self._guess, _LEAST_STEP)
 
@@ -312,7 +320,7 @@ def _learned_noise(
     last: Floats,
     guess: Floats,
     claimed: Floats,
-    rate: Floats,
+    rates: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Tell the noise of odometry from that of matches.
 
@@ -325,8 +333,8 @@ def _learned_noise(
         Of this step, and of the one before.
     guess, claimed : (3,) float64
         Variances of this step.
-    rate : (3,) float64
-        Weight of this step in the averages.
+    rates : tuple of two (3,) float64
+        Weight of this step in the averages, and of the two in that of products.
 
     Returns
     -------
@@ -334,10 +342,11 @@ def _learned_noise(
         As in `WheelCalibration`; the last is the variance that the next match takes back.
     """
     square, product, guessed, claim = averages
+    rate, rate_of_both = rates
     ratio, taken_back = np.empty(3), np.empty(3)
     for k in range(3):
         square[k] += rate[k] * (miss[k] * miss[k] - square[k])
-        product[k] += rate[k] * (miss[k] * last[k] - product[k])
+        product[k] += rate_of_both[k] * (miss[k] * last[k] - product[k])
         guessed[k] += rate[k] * (guess[k] - guessed[k])
         claim[k] += rate[k] * (claimed[k] - claim[k])
         ratio[k] = min(-product[k], 0.5 * square[k]) / claim[k]
