@@ -109,6 +109,19 @@ def test_readings_of_odometry_are_not_held_against_matches() -> None:
     assert (reading[1:] < 0.001**2).all()
 
 
+def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
+    """There matches stick along the way and say so; what they miss by is not odometry's."""
+    rng = np.random.default_rng(2)
+    wheels, step = WheelCalibration(), np.array([0.2, 0.0, 0.0])
+    for k in range(2000):
+        is_bare = k % 100 < 60 or (k % 100 >= 80 and k % 2 == 0)
+        moved = step + rng.normal(0.0, 0.002, 3) - [0.15 * is_bare, 0.0, 0.0]
+        wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
+    assert wheels.path_excess[0] < 0.1
+    assert wheels.match_excess[0] < 10.0
+    assert wheels.reading[0] < 0.003**2
+
+
 def test_headings_that_match_well_do_not_vouch_for_places() -> None:
     """In a crowd matches are pulled to the side, while walls hold the heading."""
     of_match = np.array([0.012, 0.012, 0.002])

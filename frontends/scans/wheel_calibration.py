@@ -155,9 +155,11 @@ class WheelCalibration:
         self, miss: Floats, guess: Floats, claimed: Floats, tells: NDArray[np.bool_]
     ) -> None:
         if math.isnan(self._square[0]):
-            self._square, self._product = guess + 2.0 * claimed, -claimed
-            self._guess, self._claim = guess.copy(), claimed.copy()
-            self._sum_square = _PATH_STEPS * guess + 2.0 * claimed
+            # A first match that says less than odometry is no guess of how well others match.
+            first = np.minimum(claimed, guess)
+            self._square, self._product = guess + 2.0 * first, -first
+            self._guess, self._claim = guess.copy(), first
+            self._sum_square = _PATH_STEPS * guess + 2.0 * first
         last, self._last = self._last, miss
         both_tell, self._tells = tells & self._tells, tells
         if last is None:
