@@ -113,13 +113,19 @@ def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
     """There matches stick along the way and say so; what they miss by is not odometry's."""
     rng = np.random.default_rng(2)
     wheels, step = WheelCalibration(), np.array([0.2, 0.0, 0.0])
-    for k in range(2000):
+    for k in range(6000):
         is_bare = k % 100 < 60 or (k % 100 >= 80 and k % 2 == 0)
         moved = step + rng.normal(0.0, 0.002, 3) - [0.15 * is_bare, 0.0, 0.0]
         wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
     assert wheels.path_excess[0] < 0.1
     assert wheels.match_excess[0] < 10.0
     assert wheels.reading[0] < 0.003**2
+    # Nor does what follows upon such a match, since it takes back what that was off.
+    for claimed_m2 in (1e-6, 1.0):
+        product = wheels._product[0]
+        wheels.learn(step, step - [0.15, 0.0, 0.0], np.array([claimed_m2, 1e-6, 1e-6]), 1.0)
+    wheels.learn(step, 1.1 * step, np.full(3, 1e-6), 1.0)
+    assert wheels._product[0] == product
 
 
 def test_headings_that_match_well_do_not_vouch_for_places() -> None:
@@ -398,8 +404,8 @@ def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     odom = Pose2()
     for span_s in (2.4, 2.4, 1.2):
         odom = odom @ Pose2(0.4, 0.0, 0.1)
-        for told in odometry.predict(span_s, odom):
-            assert np.linalg.eigvalsh(told.covariance).min() > 0.0
+        for one_story in odometry.predict(span_s, odom):
+            assert np.linalg.eigvalsh(one_story.covariance).min() > 0.0
     usual = OdometryFilter()
     usual.predict(0.1, Pose2())
     usual.predict(0.1, Pose2(0.4, 0.0, 0.1))
