@@ -68,8 +68,9 @@ _ALIKE = 2.0
 _TAIL = 4.0
 """Degrees of freedom of Student's distribution for misses, as Lange, Little and Taylor ("Robust
 Statistical Modeling Using the t Distribution", JASA 84, 1989) advise where they are not estimated:
-a miss of five sigmas counts a sixth. With half a hall is 0.072 m in place of 0.075, with double
-0.092; others move by no more than 2 mm of noise in their ranges move them."""
+a miss of five sigmas counts a sixth. With half a hall is 0.072 m in place of 0.075 (mean of three)
+and edmonton 0.89 in place of 0.71 (one of three draws), with double 0.092 and 0.68; mit-csail and
+fr-clinic seen 5.6 m deep move by less than their draws."""
 _MOVED_M, _MOVED_RAD = 0.005, 0.005
 """Shorter steps tell nothing of the errors of driving."""
 
