@@ -15,7 +15,7 @@ from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Predicti
 from slarm_graph.frontends.scans.odometry_weighing import _levered, along_path
 from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
-from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, told
+from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between
 
@@ -32,108 +32,6 @@ def test_squared_sigmas_are_numpys_and_angles_wrap() -> None:
         turned = miss + np.array([0.0, 0.0, 2 * math.pi])
         assert squared_sigmas(miss, covariance) == pytest.approx(expected, rel=1e-6)
         assert squared_sigmas(turned, covariance) == pytest.approx(expected, rel=1e-6)
-
-
-def test_odometry_noise_grows_with_the_way() -> None:
-    wheels = WheelCalibration()
-    still, moved, turned = (
-        told(np.array(v), wheels.excess, wheels.errors, wheels.covariance)[1]
-        for v in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.5])
-    )
-    assert np.all(np.diag(moved) >= np.diag(still))
-    assert np.trace(moved) > np.trace(still)
-    assert turned[2, 2] > still[2, 2]
-
-
-@pytest.mark.parametrize("errors", [(0.05, 0.0, 0.0), (0.0, -0.08, 0.0), (0.0, 0.0, 0.02)])
-def test_systematic_errors_are_found(errors: tuple[float, float, float]) -> None:
-    rng = np.random.default_rng(0)
-    wheels = WheelCalibration()
-    for _ in range(600):
-        told = np.array([0.1, 0.0, rng.normal(0.0, 0.05)])
-        way, turn, bend = errors
-        true = told * [1 + way, 1 + way, 1 + turn] + [0.0, 0.0, 0.1 * bend]
-        wheels.learn(told, true + rng.normal(0.0, 0.001, 3), np.full(3, 1e-6), 1.0)
-    np.testing.assert_allclose(wheels.errors, errors, atol=0.01)
-
-
-def test_one_match_far_off_does_not_turn_what_many_have_told() -> None:
-    """A match beside its place in a turn is an event, though the noise so far was small."""
-    rng = np.random.default_rng(0)
-    wheels = WheelCalibration()
-    for _ in range(300):
-        told = np.array([0.2, 0.0, rng.normal(0.0, 0.02)])
-        wheels.learn(told, told + rng.normal(0.0, 0.001, 3), np.full(3, 1e-6), 1.0)
-    before, sigma = wheels.errors[1], math.sqrt(wheels.covariance[1, 1])
-    wheels.learn(np.array([0.2, 0.0, 0.2]), np.array([0.2, 0.0, 0.3]), np.full(3, 1e-6), 1.0)
-    assert 0.0 < wheels.errors[1] - before < 2.0 * sigma
-
-
-def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floats, ...]:
-    """Variances (3,) found of matches, single steps, steps along a path, and readings.
-
-    Of matches of 4 mm and 4 mrad by their points alone, in steps of 0.1 m; the truth are standard
-    deviations (3,) of every step, of every match, and of every reading of odometry.
-    """
-    rng = np.random.default_rng(1)
-    wheels, found = WheelCalibration(), []
-    guess = np.array([0.009, 0.007, 0.009]) ** 2  # the floor, and what 0.1 m adds to it
-    match, reading = np.zeros(3), np.zeros(3)
-    for _ in range(3000):
-        now, read = of_match * rng.standard_normal(3), of_reading * rng.standard_normal(3)
-        told = np.array([0.1, 0.0, 0.0]) + read - reading
-        moved = np.array([0.1, 0.0, 0.0]) + of_step * rng.standard_normal(3) + now - match
-        match, reading = now, read
-        wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
-        one = wheels.excess * guess, wheels.path_excess * guess
-        found.append((wheels.match_excess * 0.004**2, *one, wheels.reading))
-    return tuple(np.mean(found[500:], axis=0))
-
-
-def test_noise_of_odometry_and_of_matches_are_told_apart() -> None:
-    """Odometry's error stays in the path, a match's is taken back by the next one."""
-    matches, steps, _, _ = learned(np.full(3, 0.006), np.full(3, 0.012), np.zeros(3))
-    np.testing.assert_allclose(matches, 0.012**2, rtol=0.3)
-    assert steps[0] == pytest.approx(0.006**2, rel=0.5)
-
-
-def test_readings_of_odometry_are_not_held_against_matches() -> None:
-    """Stamps that are off shift odometry along the way, and the next reading takes that back."""
-    none = np.zeros(3)
-    matches, steps, path, reading = learned(np.full(3, 0.001), none, np.array([0.02, 0.0, 0.0]))
-    np.testing.assert_allclose(matches, 0.004**2, rtol=0.1)
-    # A step is between two readings; along a path they cancel.
-    assert steps[0] == pytest.approx(2.0 * 0.02**2, rel=0.3)
-    assert path[0] < 0.2 * steps[0]
-    assert reading[0] == pytest.approx(0.02**2, rel=0.3)
-    assert (reading[1:] < 0.001**2).all()
-
-
-def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
-    """There matches stick along the way and say so; what they miss by is not odometry's."""
-    rng = np.random.default_rng(2)
-    wheels, step = WheelCalibration(), np.array([0.2, 0.0, 0.0])
-    for k in range(6000):
-        is_bare = k % 100 < 60 or (k % 100 >= 80 and k % 2 == 0)
-        moved = step + rng.normal(0.0, 0.002, 3) - [0.15 * is_bare, 0.0, 0.0]
-        wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
-    assert wheels.path_excess[0] < 0.1
-    assert wheels.match_excess[0] < 10.0
-    assert wheels.reading[0] < 0.003**2
-    # Nor does what follows upon such a match, since it takes back what that was off.
-    for claimed_m2 in (1e-6, 1.0):
-        product = wheels._product[0]
-        wheels.learn(step, step - [0.15, 0.0, 0.0], np.array([claimed_m2, 1e-6, 1e-6]), 1.0)
-    wheels.learn(step, 1.1 * step, np.full(3, 1e-6), 1.0)
-    assert wheels._product[0] == product
-
-
-def test_headings_that_match_well_do_not_vouch_for_places() -> None:
-    """In a crowd matches are pulled to the side, while walls hold the heading."""
-    of_match = np.array([0.012, 0.012, 0.002])
-    matches, steps, _, _ = learned(np.full(3, 0.001), of_match, np.zeros(3))
-    np.testing.assert_allclose(matches[:2], 0.012**2, rtol=0.3)
-    assert (steps[:2] < 0.006**2).all()
 
 
 def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFilter:

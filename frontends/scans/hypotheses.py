@@ -72,7 +72,7 @@ class Story:
             predictions.append(
                 Prediction(told.motion, covariance, told.probability, told.unlearned)
             )
-        return Outlook(self.pose, tuple(predictions), self.motion.wheels.match_excess)
+        return Outlook(self.pose, tuple(predictions), self.motion.wheels.noise.match_excess)
 
     def branched(self) -> Story:
         """Return an account of its own that is the same so far."""

@@ -247,7 +247,9 @@ class OdometryFilter:
             steady.covariance,
             self._steps_in(self._span_s),
         )
-        return WheelMotion(motion, covariance, self.wheels.reading, effect, self.wheels.covariance)
+        return WheelMotion(
+            motion, covariance, self.wheels.noise.reading, effect, self.wheels.covariance
+        )
 
     def coast(self) -> None:
         """Note that nothing was matched: the velocity fades, its uncertainty grows.
