@@ -9,11 +9,11 @@ from contextlib import contextmanager
 
 import numpy as np
 from filterpy.monte_carlo import multinomial_resample, stratified_resample, systematic_resample
-from numba import njit
 from numpy.random import Generator
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats, wrap_angles
+from slarm_graph.kernels import kernel
 
 Indices = NDArray[np.int64]
 
@@ -134,7 +134,7 @@ class Ancestry:
         return int(_common_update(self._parents[: self._length]))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _common_update(parents: Indices) -> int:
     updates, particles = parents.shape
     who = np.arange(particles)

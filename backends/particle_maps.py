@@ -17,12 +17,12 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import ParticleMapsConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 TILE_BITS = 4
 """Logarithm of a tile's side, so that indices are shifts; the maps are the same for all."""
@@ -208,13 +208,13 @@ def memory_notice(particles: int, config: ParticleMapsConfig) -> tuple[str, ...]
     )
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def within_tile(row: int, col: int) -> int:
     """Where in its tile a cell of the plane lies."""
     return ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_references(tables: Tables, references: NDArray[np.int32]) -> None:
     """Count anew how many tables use every tile."""
     references[:] = 0
@@ -223,7 +223,7 @@ def _count_references(tables: Tables, references: NDArray[np.int32]) -> None:
             references[tile] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark_touched(tiles: Tiles, points: Floats, poses: Floats) -> Indices:
     """List (particle, row, column) of every table entry that end points fall into, each once."""
     particles, rows, cols = tiles.tables.shape
@@ -248,7 +248,7 @@ def _mark_touched(tiles: Tiles, points: Floats, poses: Floats) -> Indices:
     return touched[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_missing(tables: Tables, references: NDArray[np.int32], wanted: Indices) -> int:
     """Return an upper bound of the new tiles needed to own all wanted entries."""
     missing = 0
@@ -259,7 +259,7 @@ def count_missing(tables: Tables, references: NDArray[np.int32], wanted: Indices
     return missing
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def detach(
     tables: Tables,
     references: NDArray[np.int32],
@@ -285,7 +285,7 @@ def detach(
         tables[p, row, col] = new
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_points(tiles: Tiles, points: Floats, poses: Floats) -> None:
     """Add end points and normals to the cells they fall into, eq. (4): p(m | x, o)."""
     tables, corner, cells, resolution = tiles

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.backends.particle_maps import (
     NO_TILE,
@@ -19,6 +18,7 @@ from slarm_graph.backends.particle_maps import (
 )
 from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _SAME_SIDE = 0.5
 """Least cosine between the normals of a point and of the wall it may lie on."""
@@ -26,12 +26,12 @@ _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _ALIGNED = 0.5
 """A cell has a normal when the mean of its points' normals is at least this long."""
-_FUSED = {"reassoc", "contract"}
+_FUSED = frozenset({"reassoc", "contract"})
 """How freely sums may be rounded. What is called takes this over from its caller where it is first
 compiled for it, so it is said of both: bytes must not depend on which ran first."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def point_normals(points: Floats, origin: Floats) -> Floats:
     """Return points (K, 2) in beam order with unit normals towards the laser, (K, 4).
 
@@ -70,7 +70,7 @@ def point_normals(points: Floats, origin: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def associate(
     tiles: Tiles, particle: int, kernel: int, points: Floats, pose: Floats, lines: Floats
 ) -> int:
@@ -122,7 +122,7 @@ def associate(
     return found
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
     """Number of the tile that a cell of the plane lies in, or `NO_TILE`."""
     tile_row, tile_col = (row >> TILE_BITS) - corner[0], (col >> TILE_BITS) - corner[1]
@@ -131,14 +131,14 @@ def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
     return int(table[tile_row, tile_col])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_of_miss(kernel: int, resolution: float, sigma: float) -> float:
     """Log likelihood of a return with nothing within reach: that of one at the edge of reach."""
     reach = (kernel + 0.5) * resolution
     return -math.log(1.0 + (reach / sigma) ** 2)
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@kernel(fastmath=_FUSED)
 def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, miss: float) -> float:
     """Return log p(o | m, x) up to a constant: Cauchy tails, `miss` for points without a line."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -161,7 +161,7 @@ def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, mi
     return total - math.log(product)
 
 
-@njit(cache=True, nogil=True, fastmath=_FUSED)
+@kernel(fastmath=_FUSED)
 def log_likelihoods(
     points: Floats, lines: Floats, poses: Floats, sigma: float, miss: float, out: Floats
 ) -> None:
@@ -199,7 +199,7 @@ def log_likelihoods(
             out[z] -= math.log(product)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def curvature(
     points: Floats,
     lines: Floats,

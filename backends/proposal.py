@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.backends.particle_maps import ParticleMaps, Tiles
 from slarm_graph.backends.particle_matching import (
@@ -22,6 +21,7 @@ from slarm_graph.backends.particle_matching import (
 from slarm_graph.config import GmappingConfig
 from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _ENOUGH_M, _ENOUGH_RAD = 1e-3, 5e-4
 """Steps shorter than that end the climb: a fiftieth of a map's cell, and as much at 2 m."""
@@ -142,7 +142,7 @@ def _rule(config: GmappingConfig) -> MatchRule:
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weigh(tiles: Tiles, rule: MatchRule, points: Floats, poses: Floats) -> Floats:
     log_weights = np.empty(len(poses))
     lines = np.zeros((len(points), 5))
@@ -153,7 +153,7 @@ def _weigh(tiles: Tiles, rule: MatchRule, points: Floats, poses: Floats) -> Floa
     return log_weights
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _propose(
     tiles: Tiles,
     rule: MatchRule,
@@ -196,7 +196,7 @@ def _propose(
     return new_poses, log_weights
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def gaussian_of(offsets: Floats, log_density: Floats, mean: Floats, covariance: Floats) -> float:
     """Fill mean (3,), eq. (9), and covariance (3, 3), eq. (10); return log eta.
 
@@ -224,7 +224,7 @@ def gaussian_of(offsets: Floats, log_density: Floats, mean: Floats, covariance: 
     return float(top + math.log(eta))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def find_peak(
     tiles: Tiles,
     particle: int,
@@ -257,7 +257,7 @@ def find_peak(
     return peak, hessian
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def in_map_axes(information: Floats, heading_rad: float) -> Floats:
     """Turn an information matrix (3, 3) of the body frame into the map's axes."""
     c, s = math.cos(heading_rad), math.sin(heading_rad)
@@ -266,7 +266,7 @@ def in_map_axes(information: Floats, heading_rad: float) -> Floats:
     return a @ information @ a.T
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def quadratic(matrix: Floats, vector: Floats) -> float:
     """Return v^T M v for three dimensions."""
     total = 0.0

@@ -18,7 +18,6 @@ from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.access_points import AccessPoint
@@ -26,6 +25,7 @@ from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.kernels import kernel
 from slarm_graph.radio.line_of_sight import line_of_sight_over_cells
 from slarm_graph.radio.propagation.crossings import passages
 from slarm_graph.radio.radio_map import radio_map
@@ -145,7 +145,7 @@ def best(work: Callable[[], T], times: int = 5) -> tuple[float, T]:
     return min(spent), result
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def walked_sight(heights: Floats, eye: Floats, eye_m: float, antenna_m: float) -> Mask:
     """Walk from every cell's centre to the access point; lengths in plan in cells."""
     rows, cols = heights.shape
@@ -156,7 +156,7 @@ def walked_sight(heights: Floats, eye: Floats, eye_m: float, antenna_m: float) -
     return clear
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_clear(
     heights: Floats, eye: Floats, eye_m: float, antenna_m: float, row: int, col: int
 ) -> bool:

@@ -39,24 +39,6 @@ def tests_of(tree: Path, changed: str) -> list[str]:
     return chosen[:MOST]
 
 
-def compiled_with(kept: Path, tree: Path, changed: str) -> list[Path]:
-    """Name the files in numba's cache, from its root, that may hold something of a changed file."""
-    importers, _ = _importers(tree)
-    found: set[str] = set()
-    todo = [changed]
-    while todo:
-        path = todo.pop()
-        if path not in found:
-            found.add(path)
-            todo += importers[path]
-    stems = {(Path(path).parent.name, Path(path).stem) for path in found}
-    return [
-        file.relative_to(kept)
-        for file in kept.rglob("*.nb*")
-        if (file.parent.name.rpartition("_")[0], file.name.split(".")[0]) in stems
-    ]
-
-
 @cache
 def _importers(tree: Path) -> tuple[dict[str, set[str]], dict[str, int]]:
     """Which files import a file, and how many files every file imports."""

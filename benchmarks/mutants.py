@@ -27,7 +27,7 @@ import time
 from collections.abc import Iterable
 from pathlib import Path
 
-from chosen_tests import compiled_with, tests_of
+from chosen_tests import tests_of
 from mutations import Mutant, mutants_in, mutated
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -94,15 +94,12 @@ class Workbench:
                 shutil.rmtree(cache, ignore_errors=True)
 
     def _cache_for(self, mutant: Mutant) -> Path:
-        """Return a copy of numba's cache where it holds code that the mutant is compiled into."""
-        stale = compiled_with(self._cache, self.tree, mutant.path)
-        if not stale and "njit" not in (self.tree / mutant.path).read_text("utf-8"):
+        """Return a copy of numba's cache where the mutant's file has kernels, kept by its date."""
+        if "@kernel" not in (self.tree / mutant.path).read_text("utf-8"):
             return self._cache
         cache = self._cache.with_name("numba_of_mutant")
         self._cache.mkdir(exist_ok=True)
         shutil.copytree(self._cache, cache)
-        for file in stale:
-            (cache / file).unlink()
         return cache
 
     def _passes(self, test: str) -> bool:

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 
 
 def signed_area_m2(corners_m: Floats) -> float:
@@ -49,7 +49,7 @@ def is_simple(corners_m: Floats) -> bool:
     return bool(_no_crossing(np.ascontiguousarray(corners_m, dtype=np.float64)))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _contains(corners: Floats, points: Floats) -> Mask:
     inside = np.zeros(len(points), dtype=np.bool_)
     for n in range(len(points)):
@@ -65,12 +65,12 @@ def _contains(corners: Floats, points: Floats) -> Mask:
     return inside
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _side(ax: float, ay: float, bx: float, by: float, px: float, py: float) -> float:
     return (bx - ax) * (py - ay) - (by - ay) * (px - ax)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _no_crossing(c: Floats) -> bool:
     """Test every pair of edges that are not neighbours for a proper crossing."""
     n = len(c)

@@ -59,7 +59,7 @@ def kernels() -> Iterator[tuple[str, ast.FunctionDef]]:
         place = str(path.relative_to(ROOT))
         if place.startswith(IN_EVERY_RUN):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.FunctionDef) and "njit" in "".join(
+                if isinstance(node, ast.FunctionDef) and "kernel" in "".join(
                     map(ast.unparse, node.decorator_list)
                 ):
                     yield f"{place}:{node.name}", node

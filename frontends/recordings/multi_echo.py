@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.recordings.packed import Bytes, Cursor, Ints, Malformed
+from slarm_graph.kernels import kernel
 
 _MODES = {"first": 0, "last": 1, "strongest": 2}
 """Which return of a beam is taken, by the setting's word, as compiled code takes it."""
@@ -46,7 +46,7 @@ def choose_echoes(cursor: Cursor, beams: int, echo: str) -> NDArray[np.float32]:
     return words.view(np.float32)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _word(buffer: Bytes, at: int, big_endian: bool) -> int:
     """Read an unsigned 32-bit integer."""
     a, b = int(buffer[at]), int(buffer[at + 1])
@@ -56,7 +56,7 @@ def _word(buffer: Bytes, at: int, big_endian: bool) -> int:
     return (d << 24) | (c << 16) | (b << 8) | a
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _rank(word: int) -> int:
     """Order float32 bit patterns as the floats they are; nan lowest."""
     if (word & 0x7FFFFFFF) > 0x7F800000:
@@ -66,7 +66,7 @@ def _rank(word: int) -> int:
     return 1 + 0x80000000 + word
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lists(
     buffer: Bytes, at: int, end: int, beams: int, big_endian: bool, starts: Ints, counts: Ints
 ) -> int:
@@ -80,7 +80,7 @@ def _lists(
     return at if at <= end else -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _choose(
     buffer: Bytes, begin: Ints, ends: Ints, beams: int, mode: int, big_endian: bool
 ) -> tuple[NDArray[np.uint32], NDArray[np.bool_]]:

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.search_pyramid import FULL, Bytes, Integers, SearchPyramid
 from slarm_graph.frontends.scans.search_window import Window, window_of
 from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.kernels import kernel
 
 _STACK = 256
 """Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
@@ -91,7 +91,7 @@ def search(
     return SearchHit(pose, total / (FULL * len(near)), visited)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _score_offsets(
     cells: Bytes,
     layout: Integers,
@@ -146,7 +146,7 @@ def _branch_and_bound(pyramid: SearchPyramid, window: Window, floor: int) -> tup
     return best, visited + _descend_all(cells, layout, window, roots, level, best)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _descend_all(
     cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
 ) -> int:
@@ -162,7 +162,7 @@ def _descend_all(
     return visited
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _top_level(layout: Integers, window: Window) -> int:
     """Return the first level whose blocks are as wide as the window, or the last."""
     widest = 2 * min(window.turns, window.reach) + 1
@@ -172,7 +172,7 @@ def _top_level(layout: Integers, window: Window) -> int:
     return top
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _roots(
     cells: Bytes, layout: Integers, window: Window, level: int, floor: int
 ) -> tuple[Integers, int]:
@@ -194,7 +194,7 @@ def _roots(
     return roots[:count], scored
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _descend(
     cells: Bytes, layout: Integers, window: Window, root: Integers, top: int, best: Integers
 ) -> int:
@@ -228,7 +228,7 @@ def _descend(
     return visited
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _push(stack: Integers, depth: int, children: Integers, found: int, level: int) -> int:
     """Put children on the stack, the one with the highest bound on top; returns the new depth.
 
@@ -246,7 +246,7 @@ def _push(stack: Integers, depth: int, children: Integers, found: int, level: in
     return depth + found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _admit(
     nodes: Integers,
     count: int,

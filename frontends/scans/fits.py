@@ -8,7 +8,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.gauss_newton import refine
@@ -17,6 +16,7 @@ from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, between
+from slarm_graph.kernels import kernel
 
 UNSEEN = 0.5
 """What a return counts where nobody looked yet, in usual returns: neither for nor against."""
@@ -122,7 +122,7 @@ def drawn_to(points: Floats, local_map: LocalMap, center: Floats, usual: float) 
     return Drawn(poses, fits, before, pieces(points))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _drawn_from(poses: Floats, lattice: Lattice, points: Floats) -> Floats:
     """Where refinement leads from poses (N, 3), nothing but the points (K, 2) pulling."""
     drawn, nothing, tangents = np.empty_like(poses), np.zeros((3, 3)), wall_tangents(points)
@@ -132,7 +132,7 @@ def _drawn_from(poses: Floats, lattice: Lattice, points: Floats) -> Floats:
     return drawn
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _around(center: Floats) -> Floats:
     """Poses (N, 3) all over the window around one (3,)."""
     poses = np.empty_like(_ELSEWHERE)
@@ -197,7 +197,7 @@ class UsualFit:
         return -0.5 * (_TAILS + 1.0) * math.log1p(self.below(fits, count) ** 2 / _TAILS)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def pieces(points: Floats) -> float:
     """How many independent pieces of surroundings a scan (K, 2) in beam order shows."""
     count = 0.0
@@ -209,7 +209,7 @@ def pieces(points: Floats) -> float:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _agreement(
     lattice: Lattice,
     seen: NDArray[np.bool_],
@@ -225,7 +225,7 @@ def _agreement(
     return sums
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def agreement_at(
     lattice: Lattice,
     seen: NDArray[np.bool_],

@@ -19,12 +19,12 @@ import math
 from typing import cast
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, scaled3, times3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _FLOOR = 0.02
 """Of twice the lost likelihood, as a squared residual in sigmas: nearer than a seventh of a sigma,
@@ -72,7 +72,7 @@ def refine_near(
     return pose, information, float(score), inliers, iterations
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def refine(
     lattice: Lattice,
     points: Floats,
@@ -134,7 +134,7 @@ def refine(
     return pose, scaled3(h, point_information), score, inliers, used
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _normal_equations(
     lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, long_steps: bool
 ) -> tuple[Floats, Floats, float, int]:
@@ -160,7 +160,7 @@ def _normal_equations(
     return h, g, total / max(len(points), 1), inliers
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def slope(
     lattice: Lattice, points: Floats, tangents: Floats, i: int, pose: Floats, c: float, s: float
 ) -> tuple[float, float, float, float]:
@@ -197,7 +197,7 @@ def slope(
     return jx - along * tangents[i, 0], jy - along * tangents[i, 1], value, weight
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: Floats) -> None:
     """Add the pull of the prior, linearised at the pose."""
     c, s = math.cos(pose[2]), math.sin(pose[2])

@@ -8,7 +8,6 @@ In one compiled call, since each call costs some microseconds to begin.
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.fits import agreement_at
@@ -20,9 +19,10 @@ from slarm_graph.frontends.scans.small_matrix import invert3, scaled3
 from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def match_on_grid(
     lattice: Lattice,
     seen: NDArray[np.bool_],

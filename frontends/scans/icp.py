@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _NEIGHBOURS = 3
 """Returns to either side that a normal is taken from: seven of half a degree span 0.3 m at 5 m."""
@@ -27,7 +27,7 @@ _CONVERGED_M, _CONVERGED_RAD = 1e-4, 1e-4
 """A two-hundredth of the noise of a return, and what moves one 20 m away by a tenth of it."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def line_normals(points: Floats, max_gap: float) -> Floats:
     """Unit normals (K, 2) of the lines through points (K, 2) and up to three beams either side.
 
@@ -62,7 +62,7 @@ def line_normals(points: Floats, max_gap: float) -> Floats:
     return normals
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def align(
     source: Floats,
     target: Floats,
@@ -103,12 +103,12 @@ def align(
     return pose, h / (point_sigma * point_sigma), score, inliers, used
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gap(points: Floats, i: int, j: int) -> float:
     return math.hypot(points[j, 0] - points[i, 0], points[j, 1] - points[i, 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _normal_equations(
     source: Floats,
     target: Floats,

@@ -11,7 +11,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.small_matrix import (
     invert3,
@@ -24,6 +23,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     times3,
 )
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 
 @dataclass
@@ -40,7 +40,7 @@ class KalmanState:
     P: Floats
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
     """State (3,) and covariance (3, 3) after a measurement, in Joseph's form.
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
@@ -19,6 +18,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
 )
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2, transform_points
+from slarm_graph.kernels import kernel
 
 _MARGIN_M = 4.0
 """Room around the local map for keyframes to come, so that it is seldom allocated anew."""
@@ -92,7 +92,7 @@ class LocalMap:
         _mark_seen(self.seen, points, pose, *corner, block_m)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark_seen(
     seen: NDArray[np.bool_],
     points: Floats,

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.bicubic import bicubic
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 Grid = NDArray[np.float32]
 
@@ -103,7 +103,7 @@ def add_segments(grid: LikelihoodGrid, segments: Floats) -> bool:
     return True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scan_segments(points: Floats, pose: Floats, max_gap: float) -> Floats:
     """Join neighbouring points (K, 2) nearer than `max_gap` [m]; lone points stay as dots.
 
@@ -136,7 +136,7 @@ def scan_segments(points: Floats, pose: Floats, max_gap: float) -> Floats:
     return out[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _bounds(segments: Floats) -> tuple[Floats, Floats]:
     """Lowest and highest x and y of segments (S, 4)."""
     low, high = np.full(2, np.inf), np.full(2, -np.inf)
@@ -147,7 +147,7 @@ def _bounds(segments: Floats) -> tuple[Floats, Floats]:
     return low, high
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
     """Raise every cell near a segment to the likelihood of its distance."""
     values, origin_x, origin_y, resolution, _ = lattice
@@ -178,7 +178,7 @@ def _splat(lattice: Lattice, reach: float, segments: Floats) -> None:
                     line[i] = max(line[i], _FALL_OFF[int(d2 * scale + 0.5)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _splat_wide(lattice: Lattice, reach: float, segments: Floats) -> None:
     """As `_splat` on an empty grid, where most of what is near a segment is nearer to others."""
     values = lattice.values
@@ -193,7 +193,7 @@ def _splat_wide(lattice: Lattice, reach: float, segments: Floats) -> None:
                 values[row, col] = _FALL_OFF[int(squares[row, col] * scale + 0.5)]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _lower(
     squares: Floats, offsets: Floats, lattice: Lattice, reach: float, segment: Floats
 ) -> None:
@@ -243,7 +243,7 @@ def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float
     return float(likelihoods(grid.lattice, points, pose).sum()) / max(len(points), 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def likelihoods(lattice: Lattice, points: Floats, pose: Floats) -> Floats:
     """Likelihood (K,), 0 to 1, of every point (K, 2) [m] in the frame of a pose (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -255,7 +255,7 @@ def likelihoods(lattice: Lattice, points: Floats, pose: Floats) -> Floats:
     return found
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def interpolate(lattice: Lattice, x: float, y: float) -> tuple[float, float, float]:
     """Bicubic (Catmull-Rom) value and gradient [1/m] at a point; zero outside the grid."""
     values, origin_x, origin_y, resolution, _ = lattice

@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
@@ -23,6 +22,7 @@ from slarm_graph.frontends.scans.quantiles import median
 from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _AWAY_M = 0.1
 """How far away the fall-off is looked at: twice that of the likelihood of a wall, beyond its
@@ -61,7 +61,7 @@ _WALKED_M = 0.56
 drives to the next keyframe."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def along_the_weakest(
     information: Floats,
     lattice: Lattice,
@@ -125,7 +125,7 @@ def of_misfit(share: float) -> float:
     return math.exp(-_MISFIT * max(0.0, 1.0 - share))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _walks(
     axis: Floats, variance: float, walked: float, pose: Floats, expected: Expectation
 ) -> float:
@@ -156,13 +156,13 @@ def _walks(
     return walks / max(stands + walks, 1e-300)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _density(squared: float, variance: float) -> float:
     """Normal density of a squared deviation, up to a constant."""
     return math.exp(-0.5 * squared / variance) / math.sqrt(variance)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _drop(
     here: Floats,
     lattice: Lattice,
@@ -205,7 +205,7 @@ def _drop(
     return least, noise, of_thing
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _small_thing(
     lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, axis: Floats
 ) -> tuple[Floats, tuple[int, int], float]:
@@ -250,7 +250,7 @@ def _small_thing(
     return here, thing, most / max(total, 1e-12)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _beams_rad(points: Floats) -> float:
     """Median angle between neighbouring returns (K, 2) [rad]; nan where there is but one."""
     steps_rad = np.empty(max(len(points) - 1, 0))
@@ -263,19 +263,19 @@ def _beams_rad(points: Floats) -> float:
     return median(steps_rad) if len(steps_rad) else math.nan
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _are_two(points: Floats, i: int, k: int, slant: float) -> bool:
     """Whether two returns of points (K, 2) are farther apart than neighbours on one thing."""
     near_m = min(_length(points[i, 0], points[i, 1]), _length(points[k, 0], points[k, 1]))
     return _apart(points, i, k) > max(_APART_M, slant * near_m)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _apart(points: Floats, i: int, k: int) -> float:
     return _length(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _length(x: float, y: float) -> float:
     """Length of a vector: `math.hypot` takes three times as long to be safe from overflow."""
     return math.sqrt(x * x + y * y)

@@ -17,10 +17,10 @@ import copy
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _FIRST_STEPS, _MOST_STEPS = 20.0, 100.0
 """Steps that the first guess of the noise is worth, and that are remembered."""
@@ -119,7 +119,7 @@ class OdometryNoise:
         self.path_excess = np.maximum(of_step / self._guess, _LEAST_STEP)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _learned_noise(
     averages: tuple[Floats, Floats, Floats, Floats],
     miss: Floats,

@@ -7,13 +7,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.kalman import updated
 from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
 from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
 from slarm_graph.frontends.scans.wheel_calibration import WheelsKnown, effect_of, told, unlearned
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 ACCELERATION = np.array([1.0, 0.5, 2.0])
 """Of indoor robots, sideways by what turning mixes in [m/s^2, m/s^2, rad/s^2]; scaled by what is
@@ -24,7 +24,7 @@ _CONTRADICTION = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def add_spread(total: Floats, probability: float, covariance: Floats, apart: Floats) -> None:
     """Add what one of several predictions, so far apart (3,), has in their spread (3, 3)."""
     apart[2] = wrapped(apart[2])
@@ -33,7 +33,7 @@ def add_spread(total: Floats, probability: float, covariance: Floats, apart: Flo
             total[row, col] += probability * (covariance[row, col] + apart[row] * apart[col])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def accelerated(covariance: Floats, span_s: float, factor: float) -> Floats:
     """Covariance (3, 3) of a velocity after a span, what it gains in it times a factor."""
     gained = np.empty(3)
@@ -42,7 +42,7 @@ def accelerated(covariance: Floats, span_s: float, factor: float) -> Floats:
     return with_diagonal3(covariance, gained)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def weighed(
     velocity: tuple[Floats, Floats],
     span_s: float,
@@ -94,7 +94,7 @@ def weighed(
     return x, P, motions, covariances
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _levered(covariance: Floats, motion: Floats, steps: float) -> Floats:
     """Covariance (3, 3) of a motion (3,) of many steps, each of which may have turned wrongly.
 
@@ -114,7 +114,7 @@ def _levered(covariance: Floats, motion: Floats, steps: float) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def over(x: Floats, P: Floats, span_s: float) -> tuple[Floats, Floats]:
     """Motion (3,) of a velocity over a span, and its covariance (3, 3)."""
     motion = np.empty(3)
@@ -123,7 +123,7 @@ def over(x: Floats, P: Floats, span_s: float) -> tuple[Floats, Floats]:
     return motion, scaled3(P, span_s * span_s)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_ratio(
     wheels: Floats,
     of_wheels: Floats,
@@ -137,7 +137,7 @@ def log_ratio(
     return for_it - log_density(less3(steady, found), sum3(of_steady, of_found))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def along_path(
     increment: Floats,
     wheels: WheelsKnown,
@@ -163,7 +163,7 @@ def along_path(
     return motion, total, effect
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def learned_unsteadiness(
     factor: float, steady: Floats, of_steady: Floats, moved: Floats, of_moved: Floats
 ) -> float:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.fits import ChanceFit, UsualFit, fit, pieces
 from slarm_graph.frontends.scans.keyframes import LocalMap
@@ -33,6 +32,7 @@ from slarm_graph.frontends.scans.small_pose import (
     squared_sigmas,
 )
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _KEEPS_INVERTIBLE = np.diag([0.01, 0.01, 0.01])
 """Information of 10 m and 10 rad: what a scan does not fix stays unknown, but finite."""
@@ -117,13 +117,13 @@ class Outlook:
         return np.asarray(_inflated(information, self.match_excess))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def claimed_covariance(information: Floats) -> Floats:
     """Covariance (3, 3) of a match by its points alone; 10 m and 10 rad where they say nothing."""
     return invert3(sum3(information, _KEEPS_INVERTIBLE))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _inflated(information: Floats, excess: Floats) -> Floats:
     """Covariance (3, 3) of a match whose variances are so much more than claimed."""
     covariance = claimed_covariance(information)
@@ -171,7 +171,7 @@ def log_prior(motion: Floats, covariance: Floats, outlook: Outlook) -> float:
     return float(_log_prior(motion, covariance, outlook.expectation))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _log_prior(motion: Floats, covariance: Floats, expected: Expectation) -> float:
     own, total = log_volume(sum3(covariance, BASIN)), -np.inf
     for k in range(len(expected.motions)):
@@ -209,7 +209,7 @@ def best_story(place: Place, outlook: Outlook) -> Prediction:
     return outlook.predictions[_likeliest(place.pose, spread, outlook.expectation)]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _likeliest(found: Floats, spread: Floats, expected: Expectation) -> int:
     """Which prediction explains best a pose (3,) that was found with a covariance (3, 3)."""
     motion = between3(expected.base, found)
@@ -253,7 +253,7 @@ def step_to(place: Place, outlook: Outlook, covariance: Floats) -> Step:
     return Step(*_step(*given, covariance, outlook.expectation))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step(
     found: Floats, information: Floats, excess: Floats, covariance: Floats, expected: Expectation
 ) -> tuple[Floats, Floats, Floats, Floats, Floats, Floats, Floats]:
@@ -265,7 +265,7 @@ def _step(
     return pose, both, moved, more, seen, sum3(covariance, spread), claimed
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fused(found: Floats, spread: Floats, expected: Expectation) -> tuple[Floats, Floats]:
     """Pose (3,) and covariance (3, 3) by a match and the likeliest story together.
 

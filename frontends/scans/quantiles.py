@@ -8,12 +8,11 @@ takes seconds to compile.
 
 from __future__ import annotations
 
-from numba import njit
-
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def quantile(values: Floats, share: float) -> float:
     """Return the value of (N,), N > 0, below which a share of them lies, as `np.quantile` does."""
     rank = share * (len(values) - 1)
@@ -25,7 +24,7 @@ def quantile(values: Floats, share: float) -> float:
     return upper - (upper - lower) * (1.0 - part)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def median(values: Floats) -> float:
     """Return the median of values (N,), N > 0, as `np.median` does."""
     middle = (len(values) - 1) // 2
@@ -33,7 +32,7 @@ def median(values: Floats) -> float:
     return 0.5 * (lower + upper) if len(values) % 2 == 0 else lower
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _ranked(values: Floats, rank: int) -> tuple[float, float]:
     """Value of that rank and the one after it, if there is one; the values (N,) are reordered."""
     low, high = 0, len(values) - 1

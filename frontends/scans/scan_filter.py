@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
 
 
@@ -55,7 +55,7 @@ def points_for_matching(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _points(
     ranges: Floats,
     angle_min: float,

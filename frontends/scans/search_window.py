@@ -8,11 +8,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.likelihood_grid import Grid, LikelihoodGrid
 from slarm_graph.frontends.scans.search_pyramid import Bytes, SearchPyramid
 from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.kernels import kernel
 
 
 class Window(NamedTuple):
@@ -56,7 +56,7 @@ def window_of(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def search_every_pose(values: Bytes | Grid, window: Window) -> tuple[int, int, int, float]:
     """Score every pose of a lattice: the oracle of `search`, and quick for small windows.
 

@@ -13,10 +13,11 @@ from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 
 def _fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
@@ -28,7 +29,7 @@ fused = cast(Callable[[float, float, float], float], intrinsic(_fused))
 """a * b + c, rounded once; only for compiled code."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sum3(a: Floats, b: Floats) -> Floats:
     """Return a + b of two matrices (3, 3): numba takes a quarter of a second for every `+`."""
     out = np.empty((3, 3))
@@ -38,7 +39,7 @@ def sum3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def scaled3(a: Floats, factor: float) -> Floats:
     """Return a matrix (3, 3) times a factor."""
     out = np.empty((3, 3))
@@ -48,7 +49,7 @@ def scaled3(a: Floats, factor: float) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def symmetric3(a: Floats) -> Floats:
     """Return the mean of a matrix (3, 3) and its transpose."""
     out = np.empty((3, 3))
@@ -58,7 +59,7 @@ def symmetric3(a: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def more3(a: Floats, b: Floats) -> Floats:
     """Return a + b of two vectors (3,)."""
     out = np.empty(3)
@@ -67,7 +68,7 @@ def more3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def less3(a: Floats, b: Floats) -> Floats:
     """Return a - b of two vectors (3,)."""
     out = np.empty(3)
@@ -76,7 +77,7 @@ def less3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def product3(a: Floats, b: Floats) -> Floats:
     """Return a @ b of two matrices (3, 3)."""
     out = np.empty((3, 3))
@@ -87,13 +88,13 @@ def product3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def sandwich3(a: Floats, m: Floats) -> Floats:
     """Return a @ m @ a.T of two matrices (3, 3)."""
     return product3(product3(a, m), a.T)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def times3(a: Floats, v: Floats) -> Floats:
     """Return a @ v of a matrix (3, 3) whose rows lie one after the other and a vector (3,)."""
     out = np.empty(3)
@@ -103,7 +104,7 @@ def times3(a: Floats, v: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def with_diagonal3(m: Floats, d: Floats) -> Floats:
     """Return the sum of a matrix (3, 3) and a diagonal one (3,)."""
     out = m.copy()
@@ -112,7 +113,7 @@ def with_diagonal3(m: Floats, d: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def invert3(m: Floats) -> Floats:
     """Invert a symmetric positive definite matrix (3, 3) by its adjugate, scaled to unit diagonal.
 
@@ -135,7 +136,7 @@ def invert3(m: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def eigen2(m: Floats) -> tuple[Floats, Floats]:
     """Eigenvalues (2,), the lower first, and eigenvectors (2, 2), by column, of a symmetric matrix.
 
@@ -158,7 +159,7 @@ def eigen2(m: Floats) -> tuple[Floats, Floats]:
     return values, axes
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def add_square3(h: Floats, x: float, y: float, z: float, weight: float) -> None:
     """Add weight times the square of the row (x, y, z) to the upper half of a matrix (3, 3)."""
     h[0, 0] += weight * x * x
@@ -169,7 +170,7 @@ def add_square3(h: Floats, x: float, y: float, z: float, weight: float) -> None:
     h[2, 2] += weight * z * z
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def mirror3(h: Floats) -> None:
     """Copy the upper half of a symmetric matrix (3, 3) to the lower one."""
     h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]

@@ -7,23 +7,23 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.small_matrix import invert3, sandwich3, times3
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _TAILS = 4.0
 """Degrees of freedom of what odometry and velocity miss: of four recordings, 3 to 10 % of the steps
 lie beyond the 99.9 % quantile of a normal distribution."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wrapped(angle: float) -> float:
     """Return the angle within (-pi, pi]."""
     return angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def moved(pose: Floats, motion: Floats) -> Floats:
     """Compose a pose (3,) with a motion (3,); the heading is not wrapped."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -34,7 +34,7 @@ def moved(pose: Floats, motion: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def compose3(a: Floats, b: Floats) -> Floats:
     """Pose (3,) of c in frame a's parent, from a in it and c in a."""
     out = moved(a, b)
@@ -42,7 +42,7 @@ def compose3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def between3(a: Floats, b: Floats) -> Floats:
     """Pose (3,) of b seen from a."""
     c, s = math.cos(a[2]), math.sin(a[2])
@@ -54,7 +54,7 @@ def between3(a: Floats, b: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def carried_by(motion: Floats) -> Floats:
     """Adjoint (3, 3) that carries what a pose is off by into the frame a motion (3,) leads to."""
     c, s = math.cos(motion[2]), math.sin(motion[2])
@@ -68,13 +68,13 @@ def carried_by(motion: Floats) -> Floats:
     return adjoint
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def carried3(covariance: Floats, motion: Floats) -> Floats:
     """Covariance (3, 3) of a pose in its own frame, in the frame that a motion (3,) leads to."""
     return sandwich3(carried_by(motion), covariance)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def squared_sigmas(miss: Floats, covariance: Floats) -> float:
     """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
     away = miss.copy()
@@ -83,7 +83,7 @@ def squared_sigmas(miss: Floats, covariance: Floats) -> float:
     return float(away[0] * told[0] + away[1] * told[1] + away[2] * told[2])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_volume(covariance: Floats) -> float:
     """Log of the determinant of 2 pi times a covariance (3, 3)."""
     m = covariance
@@ -95,13 +95,13 @@ def log_volume(covariance: Floats) -> float:
     return 3.0 * math.log(2.0 * math.pi) + math.log(max(determinant, 1e-300))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_tails(squared: float) -> float:
     """Log of Student's t in 3 dimensions at a squared Mahalanobis length, less that at 0."""
     return -0.5 * (_TAILS + 3.0) * math.log1p(squared / _TAILS)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def log_density(miss: Floats, covariance: Floats) -> float:
     """Log density at a difference of motions (3,), its angle wrapped: Student's t."""
     return log_tails(squared_sigmas(miss, covariance)) - 0.5 * log_volume(covariance)

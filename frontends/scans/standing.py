@@ -13,13 +13,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import scan_segments
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.geometry import Floats, transform_points
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.firsts import first_in_cells
 
 _CELL_M = 0.25
@@ -61,7 +61,7 @@ def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Ke
     return kept
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _touched(segments: Floats) -> _Cells:
     """Cells that segments (S, 4) [m] pass through, each once; sampled twice per cell."""
     count = 0
@@ -80,13 +80,13 @@ def _touched(segments: Floats) -> _Cells:
     return _packed(sampled[first_in_cells(sampled, _CELL_M)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _steps(segments: Floats, k: int) -> int:
     length_m = math.hypot(segments[k, 2] - segments[k, 0], segments[k, 3] - segments[k, 1])
     return 1 + math.ceil(2.0 * length_m / _CELL_M)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _packed(points: Floats) -> _Cells:
     """One number (K,) for the cell of each point (K, 2) [m]."""
     packed = np.empty(len(points), dtype=np.int64)

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import MatchingConfig
@@ -22,6 +21,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
 )
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2, between, transform_points
+from slarm_graph.kernels import kernel
 
 Prepared = TypeVar("Prepared")
 
@@ -156,7 +156,7 @@ class SubmapCache(Generic[Prepared]):
         return prepared
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _segments(points: Floats, offsets: NDArray[np.int64], poses: Floats, max_gap: float) -> Floats:
     """Segments (S, 4) of all scans in the common frame."""
     out = np.empty((len(points), 4))
@@ -170,7 +170,7 @@ def _segments(points: Floats, offsets: NDArray[np.int64], poses: Floats, max_gap
     return out[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _joined(points: Floats, offsets: NDArray[np.int64], poses: Floats) -> Floats:
     """Points (K, 2) of all scans in the common frame."""
     out = np.empty_like(points)

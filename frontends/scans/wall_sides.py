@@ -13,11 +13,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.wall_tangents import BACK, ON
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _CELL_M, _REACH_CELLS = 0.05, 2
 """Sides are known within 0.1 m of a return: the noise of two and what a pose is off by, less than
@@ -85,7 +85,7 @@ def share_from_behind(sides: WallSides, points: Floats, pose: Floats) -> float:
     return behind / max(same + behind, 1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _surfaces(points: Floats, pose: Floats) -> Floats:
     """Place and direction of the normal (S, 3) [m, m, rad] of what a scan sees well enough."""
     out = np.empty((len(points), 3))
@@ -107,7 +107,7 @@ def _surfaces(points: Floats, pose: Floats) -> Floats:
     return out[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _end(points: Floats, i: int, step: int) -> int:
     """Point along the surface, before or after point i, at which a chord from i is long enough."""
     k = i
@@ -121,12 +121,12 @@ def _end(points: Floats, i: int, step: int) -> int:
     return k
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _octant(direction: float) -> int:
     return math.floor(direction / (2.0 * math.pi) * _OCTANTS) % _OCTANTS
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
     for k in range(len(surfaces)):
         bit = 1 << _octant(surfaces[k, 2])
@@ -137,7 +137,7 @@ def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
                 octants[r, q] |= bit
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _compare(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> tuple[int, int]:
     """Count the surfaces that a known one beside them faces like, and those only seen behind."""
     same = behind = 0

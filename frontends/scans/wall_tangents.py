@@ -8,9 +8,9 @@ import math
 from typing import cast
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _REACH_M = 0.2
 """Least length that a direction is taken from: ten times a laser's noise of 0.02 m, 6 degrees."""
@@ -23,7 +23,7 @@ _STRAIGHT, _VERY_STRAIGHT = 0.8, 0.97
 ones."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wall_tangents(points: Floats) -> Floats:
     """Unit vectors (K, 2) along straight walls at points (K, 2) in beam order; elsewhere zero.
 
@@ -57,7 +57,7 @@ def wall_tangents(points: Floats) -> Floats:
     return tangents
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _along(points: Floats, i: int, direction: int) -> int:
     """Walk along the beam order until far enough away for a direction; stop before a gap."""
     k = i

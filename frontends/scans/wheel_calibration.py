@@ -14,7 +14,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.odometry_noise import OdometryNoise
@@ -32,6 +31,7 @@ from slarm_graph.frontends.scans.small_matrix import (
 )
 from slarm_graph.frontends.scans.small_pose import wrapped
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 _UNSURE = np.array([0.1, 0.1, 0.035])
 """Of the systematic errors before they are known [1, 1, rad/m]: 10 % of way and turns, 2 deg/m."""
@@ -114,7 +114,7 @@ class WheelCalibration:
         self.noise.learn(miss, guess, claimed, tells)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def effect_of(increment: Floats) -> Floats:
     """Derivative (3, 3) of the motion by the systematic errors."""
     x, y, turn = increment
@@ -124,7 +124,7 @@ def effect_of(increment: Floats) -> Floats:
     return effect
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _noise(increment: Floats) -> Floats:
     """Guessed variances (3,) of an increment's noise."""
     distance = math.hypot(increment[0], increment[1])
@@ -135,7 +135,7 @@ def _noise(increment: Floats) -> Floats:
     return noise
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def told(
     increment: Floats, excess: Floats, errors: Floats, covariance: Floats
 ) -> tuple[Floats, Floats]:
@@ -147,7 +147,7 @@ def told(
     return more3(increment, times3(effect, errors)), spread
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
     """Return how much the covariance (3, 3) of a step is more where many steps add up.
 
@@ -159,7 +159,7 @@ def unlearned(increment: Floats, excess: Floats, path_excess: Floats) -> Floats:
     return more
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _learned(
     errors: Floats,
     covariance: Floats,
@@ -208,7 +208,7 @@ def _learned(
     return errors, scaled3(aged, share), miss, guess, tells
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _doubted(miss: Floats, noise: Floats, spread: Floats) -> Floats:
     """Variances (3,) of a noise with heavy tails, by how large a miss (3,) it comes with.
 
@@ -226,7 +226,7 @@ def _doubted(miss: Floats, noise: Floats, spread: Floats) -> Floats:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _updated(
     errors: Floats, covariance: Floats, effect: Floats, miss: Floats, noise: Floats
 ) -> tuple[Floats, Floats]:

@@ -7,11 +7,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.small_matrix import product3, sum3
 from slarm_graph.frontends.scans.small_pose import carried3, carried_by, compose3
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class WheelMotion:
         return np.asarray(self.covariance + self.effect @ self.of_errors @ self.effect.T)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _added(
     motion: Floats,
     covariance: Floats,

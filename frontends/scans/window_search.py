@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
@@ -17,6 +16,7 @@ from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.kernels import kernel
 
 _BRUTE_LOOKUPS = 4_000_000
 """Up to so many, trying every pose is faster than preparing a pyramid (5 ms)."""
@@ -28,7 +28,7 @@ LOST_REACH_M = 3.0
 """Window of a lost scan: what a robot drives in the seconds until it is noticed."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def far_m(points: Floats) -> float:
     """How far away most returns (K, 2) are at most, but not less than 1 m."""
     ranges = np.empty(len(points))

@@ -8,10 +8,10 @@ import math
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.lines import first_crossing
 from slarm_graph.raster.segments import cells_passed
 
@@ -96,7 +96,7 @@ def is_near(grid: SegmentGrid, x_m: float, y_m: float, radius_m: float) -> bool:
     return bool(_near(grid, x_m, y_m, radius_m))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cast(grid: SegmentGrid, poses: Floats, directions: Floats, max_range: float) -> Floats:
     """Walk every ray through the grid (Amanatides and Woo 1987), testing what each cell holds."""
     ranges = np.empty(len(directions))
@@ -112,7 +112,7 @@ def _cast(grid: SegmentGrid, poses: Floats, directions: Floats, max_range: float
     return ranges
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cast_one(
     grid: SegmentGrid, x: float, y: float, dx: float, dy: float, max_range: float
 ) -> float:
@@ -151,7 +151,7 @@ def _cast_one(
     return best if best <= max_range else math.inf
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _near(grid: SegmentGrid, x: float, y: float, radius: float) -> bool:
     """Whether any segment comes closer than `radius` to (x, y)."""
     segments, frame, shape, starts, members = grid

@@ -7,10 +7,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 UNKNOWN, FREE, BLOCKED = 0, 1, 2
 """States of a cell: never judged; looked through; something stands there or within tolerance."""
@@ -49,7 +49,7 @@ as one observation. Halving it doubles all evidence."""
 _NEAR_CELLS = math.ceil(TOLERANCE_M / CELL_M)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def count_beams(
     hits: NDArray[np.int16], passes: NDArray[np.int16], low: Floats, beams: Floats
 ) -> None:
@@ -83,7 +83,7 @@ def count_beams(
             y += dv
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def judge_cells(
     hits: NDArray[np.int16], passes: NDArray[np.int16]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
@@ -111,7 +111,7 @@ def judge_cells(
     return states, walls[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _seen_around(passes: NDArray[np.int16], row: int, col: int) -> bool:
     """Whether beams pass beside a cell on all sides, not along a surface on one."""
     rows, cols = passes.shape
@@ -124,7 +124,7 @@ def _seen_around(passes: NDArray[np.int16], row: int, col: int) -> bool:
     return around > SEEN_AROUND
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _block_around(states: NDArray[np.uint8], row: int, col: int) -> None:
     rows, cols = states.shape
     reach2 = (TOLERANCE_M / CELL_M) ** 2
@@ -134,7 +134,7 @@ def _block_around(states: NDArray[np.uint8], row: int, col: int) -> None:
                 states[i, j] = BLOCKED
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def state_at(states: NDArray[np.uint8], low: Floats, x: float, y: float) -> int:
     """State of the cell at x, y [m] of the states' frame; unknown outside."""
     u, v = (x - low[0]) / CELL_M, (y - low[1]) / CELL_M
@@ -143,7 +143,7 @@ def state_at(states: NDArray[np.uint8], low: Floats, x: float, y: float) -> int:
     return int(states[int(v), int(u)])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def tally(
     walls: Floats, b_from_a: Floats, states: NDArray[np.uint8], low: Floats
 ) -> tuple[int, int]:

@@ -8,13 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from slarm_graph.consistency.evidence import CELL_M, tally, wrong_place_evidence
 from slarm_graph.consistency.visits import Visits
 from slarm_graph.geometry import Floats, compose
+from slarm_graph.kernels import kernel
 
 MIN_CELLS = 30
 """Wall cells that two visits must share to be compared: 3 m of wall."""
@@ -103,14 +103,14 @@ def _overlapping(poses: Floats, lows: Floats, shapes: NDArray[np.int64]) -> NDAr
     return np.asarray(pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _b_from_a(map_from_b: Floats, map_from_a: Floats) -> Floats:
     c, s = math.cos(map_from_b[2]), math.sin(map_from_b[2])
     dx, dy = map_from_a[0] - map_from_b[0], map_from_a[1] - map_from_b[1]
     return np.array([c * dx + s * dy, -s * dx + c * dy, map_from_a[2] - map_from_b[2]])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _compare(
     pairs: NDArray[np.int64],
     poses: Floats,

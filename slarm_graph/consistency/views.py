@@ -9,7 +9,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.consistency.evidence import (
@@ -22,6 +21,7 @@ from slarm_graph.consistency.evidence import (
     wrong_place_evidence,
 )
 from slarm_graph.geometry import Floats, between
+from slarm_graph.kernels import kernel
 
 USED_RANGE_M = 15.0
 """Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
@@ -87,7 +87,7 @@ def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
     return float(wrong_place_evidence(counts[:1], counts[1:])[0])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _beams(returns: Floats, laser: Floats) -> Floats:
     """Start x, y, end x, y of returns (K, 2) and the length that they look through (M, 5) [m]."""
     beams = np.empty((len(returns), 5))
@@ -113,7 +113,7 @@ def _beams(returns: Floats, laser: Floats) -> Floats:
     return beams[:count].copy()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _gap(returns: Floats, i: int) -> float:
     """Way from one return of (K, 2) to the next [m]; never none."""
     x, y = returns[i + 1, 0] - returns[i, 0], returns[i + 1, 1] - returns[i, 1]

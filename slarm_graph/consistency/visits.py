@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.consistency.views import View, view_of
 from slarm_graph.geometry import Floats, between, compose, transform_points
+from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
 
 THIN_M, THIN_RAD = 0.1, 0.1
@@ -113,7 +113,7 @@ def pack_visits(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _moved_enough(poses: Floats, least_m: float, least_rad: float) -> NDArray[np.int64]:
     kept = np.empty(len(poses), dtype=np.int64)
     kept[0] = 0

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.coverage_grid import (
@@ -26,6 +25,7 @@ from slarm_graph.exploration.coverage_grid import (
 )
 from slarm_graph.exploration.moves import Moves
 from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wavefront
+from slarm_graph.kernels import kernel
 
 _FIRST_ROOM: Final = 1024
 """Cells of a path that there is room for at first; it doubles where needed."""
@@ -106,7 +106,7 @@ def ggmr_path(
     return GgmrPath(cells, walked[:, 1].astype(np.int8), counts, bool(complete))
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _algorithm_1(
     codes: Codes, moves: Moves, start: int, facing: int, max_cells: int, labels: Labels
 ) -> tuple[Walked, NDArray[np.int64], bool]:
@@ -155,7 +155,7 @@ def _algorithm_1(
     return walked[:count], tally, False
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> tuple[int, int]:
     """Look along the row, +x first, then -x; return the direction of travel and the looks."""
     if (bits[here] & 1) and flat[here + 1] == OPEN:
@@ -164,7 +164,7 @@ def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> t
     return (-1 if behind_open else 1), 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _with_room(walked: Walked, missing: int) -> Walked:
     """Double the room of a path where some is missing."""
     if missing <= 0:
@@ -174,7 +174,7 @@ def _with_room(walked: Walked, missing: int) -> Walked:
     return more
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count_turns(cells: PathCells) -> int:
     """Count changes of direction along a path."""
     turns = 0
@@ -186,7 +186,7 @@ def _count_turns(cells: PathCells) -> int:
     return turns
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _step_up(
     flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int, facing: int, cols: int
 ) -> tuple[int, int, int]:

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import DrivingConfig, Stage
@@ -33,6 +32,7 @@ from slarm_graph.exploration.paths import leg_along
 from slarm_graph.exploration.searches import Indices, path_to_nearest, reachable
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import Cells, Mask
+from slarm_graph.kernels import kernel
 
 _TRACKING_M: Final = 0.01
 """How far from its lane the robot may be, as for `ggmr+`; in the tests the follower strays 12 mm at
@@ -178,7 +178,7 @@ def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:
     return np.concatenate(out)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sweep_north_south(codes: Codes, moves: Moves, start: int) -> Indices:
     """Boustrophedon motion of BA*: the first open tile of north, south, east, west."""
     cols = codes.shape[1]

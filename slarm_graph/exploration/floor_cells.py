@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 
 Labels = NDArray[np.int32]
 
@@ -29,7 +29,7 @@ def label_floor_cells(wanted: Mask, jump: float) -> Labels:
     return labels
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _label_runs(wanted: Mask, labels: Labels, jump: float) -> None:
     """Sweep upwards; a run goes on with the cell below it when each touches only the other."""
     before = np.zeros((0, 3), dtype=np.int64)
@@ -52,7 +52,7 @@ def _label_runs(wanted: Mask, labels: Labels, jump: float) -> None:
         before = runs
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _runs_of(row: Mask) -> NDArray[np.int64]:
     """First and last column of every run (N, 3) of a row; the third column is free."""
     cols = len(row)
@@ -69,7 +69,7 @@ def _runs_of(row: Mask) -> NDArray[np.int64]:
     return runs[:count]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _touching(
     runs: NDArray[np.int64], before: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

@@ -11,7 +11,6 @@ from typing import Final
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import ExploreConfig, MappingConfig
@@ -19,6 +18,7 @@ from slarm_graph.exploration.coverage_grid import CoverageGrid, coverage_grid, d
 from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.mapping import GridMapper, Rendering
 from slarm_graph.polygons import contains
 from slarm_graph.readings import LaserScan
@@ -229,7 +229,7 @@ def _densely(points: Floats, step_m: float) -> Floats:
     return np.stack([np.interp(at, knots, points[:, k]) for k in (0, 1)], axis=-1)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sweep(swept: Mask, path: Floats, radius: float) -> None:
     """Mark the cells whose centre lies under a disc on the path; all in cells."""
     rows, cols = swept.shape

@@ -10,10 +10,10 @@ is open only where both ways around its corner are, so that no path cuts a corne
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.distance import clearance
 
 Moves = NDArray[np.uint8]
@@ -75,7 +75,7 @@ def nearest_passable(
     return int(best[0]), int(best[1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _join(moves: Moves, east: Mask, north: Mask) -> None:
     rows, cols = moves.shape
     for r in range(rows):

@@ -9,12 +9,12 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.moves import DELTA_COL, DELTA_ROW, Moves
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Cells, Mask
+from slarm_graph.kernels import kernel
 
 Indices = NDArray[np.int64]
 Labels = NDArray[Any]
@@ -90,7 +90,7 @@ def _unflatten(flat: Indices, cols: int) -> Cells | None:
     return np.stack(np.divmod(flat, cols), axis=-1) if len(flat) else None
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def wavefront(
     moves: Moves,
     codes: NDArray[np.uint8],
@@ -144,7 +144,7 @@ def wavefront(
     return -1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cheapest(nodes: list[int], codes: NDArray[np.uint8], wanted: int, labels: Labels) -> int:
     """Cheapest node with code `wanted`, the first of equals, or -1."""
     best = -1
@@ -158,7 +158,7 @@ def _cheapest(nodes: list[int], codes: NDArray[np.uint8], wanted: int, labels: L
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def walk_back(labels: Labels, last: int, cols: int) -> Indices:
     """Path to `last` from where its wave began; empty for -1."""
     path = [last][:0]
@@ -170,7 +170,7 @@ def walk_back(labels: Labels, last: int, cols: int) -> Indices:
     return np.array(path[::-1], dtype=np.int64)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _distances_between(moves: Moves, flat: Indices, limit: float, labels: Labels) -> Floats:
     count = len(flat)
     out = np.full((count, count), np.inf)
@@ -183,7 +183,7 @@ def _distances_between(moves: Moves, flat: Indices, limit: float, labels: Labels
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _octile(a: int, b: int, cols: int) -> float:
     rows_apart = abs(a // cols - b // cols)
     cols_apart = abs(a % cols - b % cols)
@@ -191,7 +191,7 @@ def _octile(a: int, b: int, cols: int) -> float:
     return max(rows_apart, cols_apart) - short + short * _SQRT2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _astar(moves: Moves, start: int, goal: int, labels: Labels) -> Indices:
     cols = moves.shape[1]
     bits = moves.ravel()
@@ -219,7 +219,7 @@ def _astar(moves: Moves, start: int, goal: int, labels: Labels) -> Indices:
     return walk_back(labels, -1, cols)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _fill(moves: Moves, start: int, found: Mask) -> None:
     """Find what straight steps lead to: no diagonal leads further than they do."""
     cols = moves.shape[1]

@@ -12,10 +12,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 Ends = NDArray[np.int64]
 
@@ -57,7 +57,7 @@ def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s
     return tour
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _nearest_next(between_s: Floats, from_start_s: Floats) -> Ends:
     count = len(from_start_s) // 2
     tour = np.empty(count, dtype=np.int64)
@@ -74,7 +74,7 @@ def _nearest_next(between_s: Floats, from_start_s: Floats) -> Ends:
     return tour
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _link(tour: Ends, k: int, enter: int, between_s: Floats, from_start_s: Floats) -> float:
     """Time from the lane in place k (-1: the robot) to entering at an end; 0 for no lane (-1)."""
     if enter < 0:
@@ -82,7 +82,7 @@ def _link(tour: Ends, k: int, enter: int, between_s: Floats, from_start_s: Float
     return float(from_start_s[enter] if k < 0 else between_s[tour[k] ^ 1, enter])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _improve(tour: Ends, between_s: Floats, from_start_s: Floats) -> None:
     helps = True
     while helps:
@@ -90,7 +90,7 @@ def _improve(tour: Ends, between_s: Floats, from_start_s: Floats) -> None:
         helps |= _or_opt(tour, between_s, from_start_s)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _two_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
     """Turn stretches round; whether any turn helped."""
     count, helped = len(tour), False
@@ -108,7 +108,7 @@ def _two_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
     return helped
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _or_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
     """Move short stretches elsewhere, either way round; whether any move helped."""
     count, helped = len(tour), False
@@ -123,7 +123,7 @@ def _or_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
     return helped
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _best_place(
     tour: Ends, i: int, length: int, between_s: Floats, from_start_s: Floats
 ) -> tuple[int, bool]:
@@ -149,7 +149,7 @@ def _best_place(
     return best, is_turned
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _move(tour: Ends, i: int, length: int, place: int, is_turned: bool) -> None:
     stretch = tour[i : i + length].copy()
     if is_turned:
@@ -162,7 +162,7 @@ def _move(tour: Ends, i: int, length: int, place: int, is_turned: bool) -> None:
         tour[place + 1 - length : place + 1] = stretch
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _worst_stretch(
     tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats
 ) -> tuple[int, int]:

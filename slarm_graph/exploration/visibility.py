@@ -8,11 +8,11 @@ import math
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.exploration.searches import Indices
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.lines import first_crossing
 
 _TIE: Final = 1e-9
@@ -45,7 +45,7 @@ def shortcut(passable: Mask, points: Floats, reach: int = 200) -> Floats:
     return points[_pull(passable, points, reach)]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _sees(passable: Mask, x: float, y: float, end_x: float, end_y: float) -> bool:
     """Walk every cell that the segment touches (Amanatides and Woo 1987)."""
     rows, cols = passable.shape
@@ -72,7 +72,7 @@ def _sees(passable: Mask, x: float, y: float, end_x: float, end_y: float) -> boo
     return 0 <= row < rows and 0 <= col < cols and bool(passable[row, col])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pull(passable: Mask, points: Floats, reach: int) -> Indices:
     kept = [0]
     here = 0

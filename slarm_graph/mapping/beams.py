@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from slarm_graph.config import MappingConfig
 from slarm_graph.geometry import Floats, wrap_angles
+from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
@@ -75,7 +75,7 @@ def beams_in_map(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _trace(
     ranges: Floats,
     angle_min: float,

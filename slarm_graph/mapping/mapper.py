@@ -10,13 +10,13 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.config import MappingConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.kernels import kernel
 from slarm_graph.mapping.beams import beams_in_map
 from slarm_graph.raster.bands import windows
 from slarm_graph.raster.layers import blank_layer, sparse_layer
@@ -221,7 +221,7 @@ def _padded(
     return larger
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _box(beams: Floats) -> Floats:
     """Lowest and highest x, y (2, 2) [m] of the beams' ends."""
     box = np.empty((2, 2))
@@ -235,7 +235,7 @@ def _box(beams: Floats) -> Floats:
     return box
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _walk(
     hits: NDArray[np.int32],
     visits: NDArray[np.int32],

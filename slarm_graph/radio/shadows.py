@@ -7,11 +7,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.bands import by_windows
 from slarm_graph.raster.fill import cover_strictly
 from slarm_graph.tiles import TILE_CELLS, Where, Window
@@ -20,7 +20,7 @@ GRAZE_CELLS = 1e-9
 """A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def boxes_of_cells(
     heights: NDArray[np.generic], above: float, known: Mask
 ) -> tuple[NDArray[np.int64], Floats]:
@@ -82,7 +82,7 @@ def shadowed_cells(
     return by_windows(where, 0, part)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def outlines_of_shadows(
     eye: Floats, corners: Floats, starts: NDArray[np.int64], scales: Floats
 ) -> tuple[Floats, NDArray[np.int64]]:
@@ -114,7 +114,7 @@ def outlines_of_shadows(
     return hulls[:count].copy(), hull_starts
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _filled(
     row_span: tuple[int, int],
     col_span: tuple[int, int],
@@ -140,7 +140,7 @@ def _filled(
     return mask
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def next_around(first: int, points: Floats, corners: Floats, starts: NDArray[np.int64]) -> int:
     """Which polygon, from the first on, is the next that holds any of points (N, 2); or how many.
 
@@ -164,7 +164,7 @@ def next_around(first: int, points: Floats, corners: Floats, starts: NDArray[np.
     return len(starts) - 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def hidden_points(
     eye: Floats, points: Floats, corners: Floats, starts: NDArray[np.int64], scales: Floats
 ) -> Mask:
@@ -181,7 +181,7 @@ def hidden_points(
     return hidden
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _crosses(eye: Floats, point: Floats, corners: Floats, begin: float, end: float) -> bool:
     """Whether eye + u (point - eye) enters a convex polygon (K, 2) for begin < u < end."""
     enters, leaves = begin, end
@@ -200,7 +200,7 @@ def _crosses(eye: Floats, point: Floats, corners: Floats, begin: float, end: flo
     return leaves - enters > 1e-9
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _hull(points: Floats, hull: Floats) -> int:
     """Convex hull of points (N, 2), counter-clockwise into `hull`; returns its size."""
     size = len(points)
@@ -229,6 +229,6 @@ def _hull(points: Floats, hull: Floats) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _turns_left(a: Floats, b: Floats, c: Floats) -> bool:
     return bool((b[0] - a[0]) * (c[1] - b[1]) - (b[1] - a[1]) * (c[0] - b[0]) > 0.0)

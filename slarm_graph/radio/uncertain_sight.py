@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geographic import HeightGroup
 from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.radio.line_of_sight import line_of_sight_to_points, shadow_outlines
 from slarm_graph.raster.bands import cells_of, windows
 from slarm_graph.raster.fill import row_spans
@@ -186,7 +186,7 @@ def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
     return np.concatenate(parts)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _weigh(
     probability: NDArray[np.float32],
     begin: tuple[int, int],

@@ -12,12 +12,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.tiles import TILE_CELLS, KnownTiles, Window
 from slarm_graph.world import Solid
 
@@ -99,7 +99,7 @@ def inside_solids(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
     return Polygons.of_solids(geometry, solids).any()
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cover(
     mask: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int, first_col: int
 ) -> None:
@@ -126,7 +126,7 @@ def _cover(
                     mask[row - first_row, col - first_col] = True
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _flip(
     flips: Mask, corners: Floats, starts: NDArray[np.int64], first_row: int, first_col: int
 ) -> None:
@@ -149,7 +149,7 @@ def _flip(
                 flips[row - first_row, col] = not flips[row - first_row, col]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cover_strictly(
     steps: NDArray[np.int32],
     first_row: int,
@@ -174,7 +174,7 @@ def cover_strictly(
             steps[row, spans[row, 1] - first_col] -= 1
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def row_spans(
     spans: NDArray[np.int64],
     first_row: int,

@@ -7,15 +7,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from slarm_graph.kernels import kernel
 
 _COLS, _ROWS = 73856093, 19349663
 """Primes of a spatial hash (Teschner et al., "Optimized Spatial Hashing for Collision Detection of
 Deformable Objects", VMV 2003)."""
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def first_in_cells(points: NDArray[np.float64], cell: float) -> NDArray[np.int64]:
     """Indices (M,), rising, of the first of points (K, 2) in every square cell."""
     mask = 1

@@ -8,11 +8,11 @@ from itertools import pairwise
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.tiles import TILE_CELLS, KnownTiles, known_tiles
 
 
@@ -49,7 +49,7 @@ def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
     return np.array([exact[tuple(corner)] for corner in kept[:, 0]])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cracks(mask: Mask, known: Mask, leaves: NDArray[np.uint8]) -> int:
     """Mark whether a crack leaves a lattice corner to the right (1), up (2), left (4), down (8)."""
     rows, cols = mask.shape
@@ -76,7 +76,7 @@ def _cracks(mask: Mask, known: Mask, leaves: NDArray[np.uint8]) -> int:
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _trace_cracks(mask: Mask, known: Mask) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Corner points (x, y) where cracks turn, and where each outline starts; of known tiles."""
     rows, cols = mask.shape
@@ -97,7 +97,7 @@ def _trace_cracks(mask: Mask, known: Mask) -> tuple[NDArray[np.int64], NDArray[n
     return corners[:size], np.array(starts)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _follow(
     leaves: NDArray[np.uint8], corners: NDArray[np.int64], size: int, row: int, col: int
 ) -> int:

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import cv2
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.bands import by_windows, cells_of
 from slarm_graph.tiles import TILE_CELLS, KnownTiles, Where, Window
 
@@ -114,7 +114,7 @@ def rim_of(tiles: KnownTiles) -> tuple[Sizes, Sizes, Labels]:
     return rows[inside], cols[inside], outside[inside]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _flood(mask: Mask, reached: Mask, waiting: Sizes) -> None:
     """Mark what steps over sides from the waiting cells reach."""
     rows, cols = mask.shape

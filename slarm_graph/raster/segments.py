@@ -7,11 +7,11 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 
 
 def cells_passed(
@@ -43,7 +43,7 @@ def cells_passed(
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _pass(
     ends: Floats,
     shape: tuple[int, int],
@@ -68,7 +68,7 @@ def _pass(
     return count
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _span(start: float, step: float, grown: float, size: int) -> tuple[int, int]:
     """First and last row or column that a segment may pass."""
     reach = max(grown, 0.0)
@@ -77,7 +77,7 @@ def _span(start: float, step: float, grown: float, size: int) -> tuple[int, int]
     return max(0, first), min(size - 1, last)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _meets_square(x: float, y: float, across: float, up: float, side: float) -> bool:
     """Whether a segment enters the square from (0, 0) to (side, side) (Liang and Barsky 1984)."""
     enter, leave = 0.0, 1.0
@@ -92,7 +92,7 @@ def _meets_square(x: float, y: float, across: float, up: float, side: float) -> 
     return enter <= leave
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def cut_steps(faces: Floats, rows: int, cols: int) -> tuple[Mask, Mask]:
     """Steps to the right (rows, cols) and up (rows, cols) that cross a face.
 
@@ -111,7 +111,7 @@ def cut_steps(faces: Floats, rows: int, cols: int) -> tuple[Mask, Mask]:
     return cut[0], cut[1]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def reached_cells(free: Mask, cut_right: Mask, cut_up: Mask, row: int, col: int) -> Mask:
     """Free cells (rows, cols) that steps over sides join to one, none of them cut."""
     reached = np.zeros(free.shape, dtype=np.bool_)

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.grid import Mask
+from slarm_graph.kernels import kernel
 
 Indices = NDArray[np.int64]
 
@@ -40,13 +40,13 @@ def traced(lines: Mask) -> list[Indices]:
     return np.split(flat, starts[1:]) if len(starts) else []
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _around(cols: int) -> Indices:
     """Offsets of the eight neighbours, counter-clockwise from east."""
     return np.array([1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, -cols + 1])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _thin(flat: NDArray[np.uint8], cells: Indices, cols: int) -> None:
     around = _around(cols)
     alive = cells.copy()
@@ -68,7 +68,7 @@ def _thin(flat: NDArray[np.uint8], cells: Indices, cols: int) -> None:
         alive = alive[flat[alive] > 0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _neighbours(flat: NDArray[np.uint8], cell: int, around: Indices) -> tuple[int, int]:
     """Count the neighbours of a cell, and the rows of them that touch each other."""
     count, rises = 0, 0
@@ -79,7 +79,7 @@ def _neighbours(flat: NDArray[np.uint8], cell: int, around: Indices) -> tuple[in
     return count, rises
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _can_go(flat: NDArray[np.uint8], cell: int, around: Indices, half: int) -> bool:
     count, rises = _neighbours(flat, cell, around)
     if rises != 1 or count < 2 or count > 6:
@@ -95,7 +95,7 @@ def _can_go(flat: NDArray[np.uint8], cell: int, around: Indices, half: int) -> b
     return bool(east * north * west == 0 and north * south * west == 0)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _prune(flat: NDArray[np.uint8], cells: Indices, cols: int, times: int) -> None:
     around = _around(cols)
     alive = cells.copy()
@@ -107,14 +107,14 @@ def _prune(flat: NDArray[np.uint8], cells: Indices, cols: int, times: int) -> No
         alive = alive[flat[alive] > 0]
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _is_end(flat: NDArray[np.uint8], cell: int, around: Indices) -> bool:
     """Whether all neighbours of a cell, at least one, touch each other."""
     count, rises = _neighbours(flat, cell, around)
     return rises == 1 and 1 <= count <= 2
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _trace(flat: NDArray[np.uint8], cells: Indices, cols: int) -> tuple[Indices, Indices]:
     around = _around(cols)
     chain = [cells[:1].sum()][:0]
@@ -144,7 +144,7 @@ def _trace(flat: NDArray[np.uint8], cells: Indices, cols: int) -> tuple[Indices,
     return np.array(chain), np.array(starts)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _next(flat: NDArray[np.uint8], here: int, heading: int, around: Indices) -> tuple[int, int]:
     """Neighbour to go on to, -1 if there is none, and the direction to it.
 

@@ -9,12 +9,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Cells, GridGeometry, Mask
+from slarm_graph.kernels import kernel
 
 LAYERS = 8
 """Ways into one cell that are told apart by how long they were without connection: halving it can
@@ -126,7 +126,7 @@ def _judged(
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _search(
     allowed: Mask,
     covered: Mask,
@@ -180,7 +180,7 @@ def _search(
     return np.empty(0, dtype=np.int64)
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
     """Whether a neighbour may be stepped on: the robot has a width, a diagonal needs both sides."""
     r, c = row + dr, col + dc
@@ -189,13 +189,13 @@ def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
     return bool(allowed[r, c] and allowed[r, col] and allowed[row, c])
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def _octile(across: int, up: int) -> float:
     """Length [cells] of the shortest way over free cells."""
     return max(across, up) + 0.41421356237309515 * min(across, up)
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _cells_back(parent: NDArray[np.int64], last: int, layers: int) -> NDArray[np.int64]:
     """Flat cells from the start to a state."""
     path = [last // layers]

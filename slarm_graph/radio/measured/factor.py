@@ -5,12 +5,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
 
 Ints = NDArray[np.int32]
 
@@ -51,7 +51,7 @@ class Factor:
         return np.asarray(on_diagonal[self._lu.perm_r])
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _selected_inverse(
     starts: Ints, rows: Ints, lower: Floats, diagonal: Floats, inverse: Floats
 ) -> None:

@@ -8,13 +8,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class Nodes:
         return found
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _blend(
     points: Floats,
     own: NDArray[np.int64],

@@ -8,11 +8,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
+from slarm_graph.kernels import kernel
 from slarm_graph.raster.lines import first_crossing
 
 Counts = NDArray[np.int16]
@@ -136,7 +136,7 @@ def _tallest(heights: NDArray[np.float32], moved: Ints) -> NDArray[np.float32]:
     return tallest
 
 
-@njit(cache=True, nogil=True)
+@kernel
 def _count(
     heights: NDArray[np.float32],
     tallest: NDArray[np.float32],

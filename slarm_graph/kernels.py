@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""How loops over cells and beams are compiled, and when what is compiled is still true.
+
+numba keeps compiled code by the date of the function's own file. What that function calls, and the
+numbers it reads, are compiled into it and may live in other files: after those changed it would go
+on as before. Here the code is kept by all that is compiled into it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator, Mapping
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any, Literal, TypeVar, overload
+
+import numpy as np
+from numba import njit
+from numba.core.caching import FunctionCache
+from numba.core.dispatcher import Dispatcher
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+@overload
+def kernel(function: _Function) -> _Function: ...
+@overload
+def kernel(
+    *, inline: Literal["never", "always"] = "never", fastmath: frozenset[str] = frozenset()
+) -> Callable[[_Function], _Function]: ...
+def kernel(
+    function: Any = None,
+    *,
+    inline: Literal["never", "always"] = "never",
+    fastmath: frozenset[str] = frozenset(),
+) -> Any:
+    """Compile a function when it is first called, without the interpreter's lock, and keep it.
+
+    Parameters
+    ----------
+    function : Callable
+        What to compile; it may call other kernels and read numbers of its module.
+    inline : {"never", "always"}
+        `always`: written into its callers before types are known.
+    fastmath : frozenset of str
+        What LLVM may assume of floating-point numbers; by default nothing.
+
+    Returns
+    -------
+    Callable
+        The compiled function, whose kept code is taken only if all it was made of is unchanged.
+    """
+
+    def compiled(function: FunctionType) -> Any:
+        dispatcher = njit(nogil=True, inline=inline, fastmath=set(fastmath))(function)
+        if isinstance(dispatcher, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
+            kept = _KeptByContent(function)  # type: ignore[no-untyped-call]
+            dispatcher._cache = kept  # type: ignore[attr-defined]
+        return dispatcher
+
+    return compiled if function is None else compiled(function)
+
+
+class _KeptByContent(FunctionCache):
+    """Keeps the compiled code of a function by what was compiled into it."""
+
+    def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
+        key = super()._index_key(signature, codegen)  # type: ignore[no-untyped-call]
+        return (*key, content_of(self._py_func))
+
+
+@cache
+def content_of(function: FunctionType) -> str:
+    """Return a digest of a function, of the kernels it calls and of the values it reads.
+
+    Parameters
+    ----------
+    function : FunctionType
+        As Python knows it, before it was compiled.
+
+    Returns
+    -------
+    str
+        Hexadecimal digits; the same in every process.
+    """
+    digest = hashlib.sha256()
+    for part in _parts(function.__code__, function.__globals__):
+        digest.update(part.encode())
+        digest.update(b"\0")
+    return digest.hexdigest()
+
+
+def _parts(code: CodeType, values: Mapping[str, Any]) -> Iterator[str]:
+    yield code.co_code.hex()
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _parts(constant, values)
+        else:
+            yield _told(constant)
+    for name in code.co_names:
+        yield name
+        value = values.get(name)
+        yield _told(value)
+        if isinstance(value, ModuleType):
+            yield from (_told(getattr(value, of, None)) for of in code.co_names)
+
+
+def _told(value: Any) -> str:
+    if isinstance(value, Dispatcher):
+        options = (f"{name} {_told(of)}" for name, of in sorted(value.targetoptions.items()))
+        return " ".join((content_of(value.py_func), *options))
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    if isinstance(value, set | frozenset):
+        return repr(sorted(map(_told, value)))
+    if isinstance(value, type):
+        return f"{value.__qualname__} {getattr(value, '_fields', ())}"
+    if isinstance(value, int | float | complex | str | bytes | tuple | None):
+        return repr(value)
+    return str(getattr(value, "__qualname__", getattr(value, "__name__", type(value))))

@@ -1,0 +1,121 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled code is taken from where it is kept only if all it was made of is unchanged."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from slarm_graph.kernels import content_of, kernel
+
+CALLER = """
+import sys, callee
+from callee import LENGTH_M, TABLE, Pair, twice
+from slarm_graph.kernels import kernel
+
+@kernel
+def result(x):
+    pair = Pair(x, 1.0)
+    return twice(pair.first) + LENGTH_M + TABLE[0] + callee.SHIFT
+
+print(result(1.0), sum(result.stats.cache_hits.values()))
+"""
+
+CALLEE = """
+from typing import NamedTuple
+import numpy as np
+from slarm_graph.kernels import kernel
+
+LENGTH_M = 10.0
+SHIFT = 1000.0
+TABLE = np.array([100.0, 0.0])
+
+class Pair(NamedTuple):
+    first: float
+    second: float
+
+@kernel{of_kernel}
+def twice(x):
+    return inner(x) * 2.0
+
+@kernel
+def inner(x):
+    return x if x > 0.0 else -x
+"""
+
+
+def run(folder: Path, seed: str = "0") -> tuple[float, int]:
+    """Result of the caller in a process of its own, and whether it was taken from what is kept."""
+    environment = {**os.environ, "PYTHONHASHSEED": seed, "NUMBA_CACHE_DIR": str(folder / "kept")}
+    done = subprocess.run(
+        [sys.executable, folder / "caller.py"],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    value, hits = done.stdout.split()
+    return float(value), int(hits)
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "caller.py").write_text(CALLER)
+    (tmp_path / "callee.py").write_text(CALLEE.format(of_kernel=""))
+    return tmp_path
+
+
+def test_what_is_unchanged_is_compiled_once(folder: Path) -> None:
+    assert run(folder, "1") == (1112.0, 0)
+    assert run(folder, "2") == (1112.0, 1)
+
+
+def test_a_change_in_another_file_is_compiled_in(folder: Path) -> None:
+    text = CALLEE.format(of_kernel="")
+    run(folder)
+    for old, new, expected in (
+        ("* 2.0", "* 3.0", 1113.0),
+        ("else -x", "else x", 1113.0),
+        ("LENGTH_M = 10", "LENGTH_M = 20", 1123.0),
+        ("[100.0", "[200.0", 1223.0),
+        ("1000.0", "2000.0", 2223.0),
+        ("first: float\n    second: float", "second: float\n    first: float", 2223.0),
+        ("x if x > 0.0", "0.0 if x > 0.0", 2220.0),
+    ):
+        text = text.replace(old, new)
+        (folder / "callee.py").write_text(text)
+        assert run(folder) == (expected, 0), (old, new)
+
+
+def test_how_a_callee_is_compiled_counts() -> None:
+    def plain(x: float) -> float:
+        return x * 2.0
+
+    def caller_of(callee: object) -> str:
+        values = {"callee": callee}
+        exec("def caller(x):\n    return callee(x)", values)
+        return content_of(values["caller"])  # type: ignore[arg-type]
+
+    fused = kernel(fastmath=frozenset({"contract"}))(plain)
+    always = kernel(inline="always")(plain)
+    assert len({caller_of(callee) for callee in (kernel(plain), fused, always)}) == 3
+    assert caller_of(fused) == caller_of(kernel(fastmath=frozenset({"contract"}))(plain))
+
+
+def test_kernels_run_without_the_lock_and_as_python_does() -> None:
+    @kernel
+    def summed(values: np.ndarray) -> float:
+        total = 0.0
+        for value in values:
+            total += value
+        return total
+
+    assert summed(np.arange(5.0)) == 10.0
+    assert summed.targetoptions["nogil"]  # type: ignore[attr-defined]
+    assert content_of(summed.py_func) == content_of(summed.py_func)  # type: ignore[attr-defined]
