@@ -154,6 +154,7 @@ class GraphBuilder:
             view_center(tracked.points_m),
             self._wheels,
             tracked.lag_covariance,
+            bool(tracked.match),
         )
         self._wheels = _STOOD
         self._graph.add(keyframe)

@@ -49,13 +49,23 @@ def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
     matches, floor = np.zeros((3, 3)), np.zeros((3, 3))
     for keyframe in keyframes[1:]:
         onwards = keyframe.local_from_robot.between(last)
-        matches += _carried(_ADDS_UP * keyframe.covariance, onwards)
+        matches += _carried(_ADDS_UP * _of_match(keyframe), onwards)
         floor += _carried(_ODOMETRY_FLOOR, onwards)
     total = matches + floor
     within = limits_of(total)
     covariance, shared = _symmetric(total * within), _symmetric(matches * within)
     step = before.between(last)
     return Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY, shared)
+
+
+def _of_match(keyframe: Keyframe) -> Floats:
+    """Covariance (3, 3) of what a keyframe's match says: nothing where odometry placed it.
+
+    That tells of its own, and counts once.
+    """
+    if keyframe.is_matched or keyframe.wheels is None:
+        return keyframe.covariance
+    return np.diag(_NOTHING_KNOWN**2)
 
 
 def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:

@@ -42,6 +42,8 @@ _SLIP_SIGMAS = 3.0
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
 end: half and double change nothing (edmonton, mit-csail plain and with hard_1_of_2; so below)."""
+OUTVOTED = 0.5
+"""Weight below which graduated non-convexity has turned a closure down: it ends at 0 or 1."""
 FAR_OFF = "farther from where the graph has it than both may err by"
 _VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
 """How far from an old submap's middle a keyframe's may be to share a view, and what counts as
@@ -123,7 +125,16 @@ class SubmapGraph:
 
     def linked(self) -> set[int]:
         """Return the nodes that a believed closure ties to an older one."""
-        return {e.j for e in self._edges if e.kind is ConstraintKind.LOOP_CLOSURE}
+        return {e.j for e in self._believed()}
+
+    def _believed(self) -> list[Constraint]:
+        """Return the closures that count: what the settled graph has outvoted says nothing."""
+        weights = np.ones(len(self._edges)) if self._settled is None else self._settled.weights
+        return [
+            e
+            for e, weight in zip(self._edges, weights.tolist(), strict=True)
+            if e.kind is ConstraintKind.LOOP_CLOSURE and weight >= OUTVOTED
+        ]
 
     def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
         """Standard deviations of where node j is as seen from node i [m, rad]."""
@@ -262,9 +273,7 @@ class SubmapGraph:
         ]
         steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         believed = [self._edge(c) for c in self.closures if not c.reason]
-        self._edges, self._reach, self._settled = [*steps, *believed], GraphReach(), None
-        for edge in (*self._steps, *believed):
-            self._reach.add(edge)
+        self._edges, self._settled = [*steps, *believed], None
         self.settle(heartbeat)
         self.close(self.judged([replace(c, reason="") for c in anew]), heartbeat)
 
@@ -281,6 +290,9 @@ class SubmapGraph:
         if self._settled is None:
             self._settled = settle(self.pose_graph(), heartbeat)
             self._moved_to(0, self._settled.graph.poses)
+            self._reach = GraphReach()
+            for edge in (*self._steps, *self._believed()):
+                self._reach.add(edge)
         is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
         weights = np.zeros(len(self.closures))
         weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]

@@ -49,6 +49,9 @@ class Keyframe:
         Motion since the keyframe before by odometry alone; None where there is none.
     lag_covariance : (3, 3) float64
         Of where odometry was read, seen from where the points lie as they were matched.
+    is_matched : bool
+        Whether its points lie on those before; else it is where odometry has it, or what the robot
+        did before.
     """
 
     scan: int
@@ -58,6 +61,7 @@ class Keyframe:
     view_center_m: Floats
     wheels: WheelMotion | None = None
     lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    is_matched: bool = True
 
 
 def view_center(points: Floats) -> Floats:
