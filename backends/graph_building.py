@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.path_filling import bridged
+from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
 from slarm_graph.errors import RunFailed
@@ -90,6 +91,7 @@ class GraphBuilder:
         self._lags: list[Floats] = []
         self._has_odometry = False
         self._wheels: WheelMotion | None = None
+        self._unmatched: list[WheelMotion] = []
 
     def take(self, tracked: TrackedScan) -> None:
         """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
@@ -98,6 +100,12 @@ class GraphBuilder:
             self._local[-len(tracked.revised) :] = map(Pose2.from_array, tracked.revised)
         self._local.append(tracked.local_from_robot)
         self._lags.append(tracked.lag_covariance)
+        if tracked.match or tracked.is_keyframe or tracked.wheels is None:
+            if tracked.match and self._unmatched and tracked.wheels is not None:
+                self._bridge(tracked.wheels)
+            self._unmatched = []
+        else:
+            self._unmatched.append(tracked.wheels)
         self._has_odometry |= tracked.odom_from_robot is not None
         self._wheels = joined(self._wheels, tracked.wheels)
         if tracked.is_keyframe:
@@ -145,6 +153,17 @@ class GraphBuilder:
         told = (*graph.notices(), *_rival_notice(rivals))
         return ClosedGraph(settled, graph.node_scans(), poses, table, np.array(self._lags), told)
 
+    def _bridge(self, wheels: WheelMotion) -> None:
+        """Have the scans that odometry placed end where this one was matched."""
+        steps = [*self._unmatched, wheels]
+        first = len(self._local) - len(steps) - 1
+        if first >= 0:
+            start, end = (self._local[k].as_array() for k in (first, -1))
+            motions = np.array([step.motion for step in steps])
+            unsure = np.array([np.trace(step.total_covariance()[:2, :2]) for step in steps])
+            path = bridged(start, end, motions, unsure)
+            self._local[first + 1 : -1] = map(Pose2.from_array, path)
+
     def _add_keyframe(self, tracked: TrackedScan) -> None:
         keyframe = Keyframe(
             len(self._stamps_ns) - 1,
@@ -174,7 +193,7 @@ class GraphBuilder:
     def _row(self, closure: Closure, weight: float) -> tuple[float | int | str, ...]:
         stamp_s = self._stamps_ns[self._graph.keyframes[closure.keyframe].scan] * 1e-9
         x, y, theta = (float(v) for v in closure.submap_from_keyframe)
-        verdict = closure.reason or ("accepted" if weight >= 0.5 else "outvoted by the graph")
+        verdict = closure.reason or ("accepted" if weight >= OUTVOTED else "outvoted by the graph")
         return (
             stamp_s,
             closure.submap,

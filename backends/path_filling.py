@@ -62,9 +62,43 @@ def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats
     before, after, share = neighbours(at, len(local))
     from_before = compose(anchor_poses[before], between(local[at[before]], local))
     from_after = compose(anchor_poses[after], between(local[at[after]], local))
-    away = from_after - from_before
+    return _blended(from_before, from_after, np.minimum(share, 1.0))
+
+
+def bridged(start: Floats, end: Floats, motions: Floats, variances: Floats) -> Floats:
+    """Lead a path by odometry from one known pose to another.
+
+    What odometry misses the end by goes to its steps as their variances have it, as least squares
+    with independent errors do.
+
+    Parameters
+    ----------
+    start, end : (3,) float64
+        Known poses [m, m, rad].
+    motions : (K, 3) float64
+        Steps by odometry, each in the frame that the one before leads to; the last ends at `end`.
+    variances : (K,) float64
+        Of the steps [m^2], above 0.
+
+    Returns
+    -------
+    (K - 1, 3) float64
+        Poses after all steps but the last, in the frame of `start`.
+    """
+    told = [start]
+    for motion in motions:
+        told.append(compose(told[-1], motion))
+    path = np.array(told)
+    back = compose(end, between(path[-1], path))
+    share = np.cumsum(variances) / np.sum(variances)
+    return _blended(path[1:-1], back[1:-1], share[:-1])
+
+
+def _blended(one: Floats, other: Floats, share: Floats) -> Floats:
+    """Poses (N, 3) a share (N,) of the way from one (N, 3) to the other."""
+    away = other - one
     away[:, 2] = wrap_angles(away[:, 2])
-    poses = from_before + np.minimum(share, 1.0)[:, None] * away
+    poses = one + share[:, None] * away
     poses[:, 2] = wrap_angles(poses[:, 2])
     return np.asarray(poses, dtype=np.float64)
 

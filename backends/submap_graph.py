@@ -21,6 +21,7 @@ from slarm_graph.backends.graph_constraints import (
 )
 from slarm_graph.backends.graph_reach import GraphReach
 from slarm_graph.backends.graph_settling import Settled, left_open, settle, step_notices
+from slarm_graph.backends.graph_window import newest
 from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -341,7 +342,8 @@ class SubmapGraph:
             graph, first = self.pose_graph(), 0
             self._last_full = count
         else:
-            graph, first = self._latest(_LOCAL_NODES // 2), count - _LOCAL_NODES // 2
+            first = count - _LOCAL_NODES // 2
+            graph = newest(self.pose_graph(), first)
         found = optimizer.optimize(
             graph,
             kernel=optimizer.Kernel.CAUCHY,
@@ -357,23 +359,3 @@ class SubmapGraph:
         """Put the nodes from one on where an optimiser has them."""
         self._nodes[first:] = list(poses)
         self._reach.outdate()
-
-    def _latest(self, size: int) -> PoseGraph:
-        """Graph of the newest nodes, all older ones held: pose 0 stands for the map's frame."""
-        first = len(self._nodes) - size
-        constraints = []
-        for c in reversed(self._edges):
-            if c.j >= first:
-                constraints.append(self._held(c, first))
-            elif c.kind is ConstraintKind.ODOMETRY:
-                break
-        poses = np.array([np.zeros(3), *self._nodes[first:]])
-        return PoseGraph(poses, tuple(constraints))
-
-    def _held(self, c: Constraint, first: int) -> Constraint:
-        """Renumber a constraint, an older end becoming the map's frame."""
-        j = c.j - first + 1
-        if c.i >= first:
-            return Constraint(c.i - first + 1, j, c.i_from_j, c.covariance, c.kind)
-        map_from_j = Pose2.from_array(self._nodes[c.i]) @ c.i_from_j
-        return Constraint(0, j, map_from_j, c.covariance, c.kind)

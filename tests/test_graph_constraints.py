@@ -94,6 +94,24 @@ def test_no_step_is_less_sure_than_nothing_known() -> None:
     check_graph(PoseGraph(np.zeros((2, 3)), tuple(steps_of_graph)))
 
 
+def test_where_nothing_was_matched_odometry_counts_once() -> None:
+    """A local map begun anew lies where odometry has it: that is no second opinion."""
+    keyframes = [
+        replace(keyframe(k, np.zeros((3, 3))), covariance=1e-2 * np.eye(3)) for k in (0, 1)
+    ]
+    keyframes[1] = replace(keyframes[1], is_matched=False)
+    graph = SubmapGraph(PoseGraphConfig(node_m=0.3))
+    for k in keyframes:
+        graph.add(k)
+    wheels = wheels_step(1, keyframes)
+    assert wheels is not None
+    sigma_m, sigma_rad = graph.sigmas_between(0, 1)
+    assert sigma_m**2 == pytest.approx(np.trace(wheels.covariance[:2, :2]), rel=1e-4)
+    assert sigma_rad**2 == pytest.approx(wheels.covariance[2, 2], rel=1e-4)
+    alone = [replace(k, wheels=None) for k in keyframes]
+    assert matched_step(1, alone).covariance[0, 0] == pytest.approx(3e-2, rel=1e-2)
+
+
 def test_stories_a_building_apart_leave_a_graph_that_can_be_solved() -> None:
     sure = np.diag([1e-4, 1e-4, 1e-4])
     steps = [

@@ -242,6 +242,32 @@ def test_what_came_first_has_no_right_of_its_own() -> None:
     np.testing.assert_allclose(graph.map_from_local().as_array(), 0.0, atol=0.1)
 
 
+def test_what_the_graph_has_outvoted_makes_it_no_surer() -> None:
+    """A wrong find that was taken in, and outvoted by the way, hides no true one beside it."""
+    graph = corridor(30.0)
+    last = len(graph.keyframes) - 1
+    node = graph.node_of(last)
+
+    def found(keyframe: int, off_m: float) -> Closure:
+        pose = Pose2(off_m) @ graph.keyframes[keyframe].local_from_robot
+        return Closure(0, keyframe, pose.as_array(), np.diag([1e4, 1e4, 1e6]), 0.9, True)
+
+    alone = graph.sigmas_between(0, node)
+    graph.close([found(last, 5.0)])
+    assert graph.sigmas_between(0, node)[0] < 0.2 * alone[0]
+    assert graph.linked() == {node}
+    _, weights = graph.settle()
+    assert weights.tolist() == [0.0]
+    assert graph.sigmas_between(0, node) == pytest.approx(alone, rel=1e-6)
+    assert graph.linked() == set()
+    true = graph.judged([found(last - 1, 0.0)])
+    assert not true[0].reason
+    graph.close(true)
+    _, weights = graph.settle()
+    assert weights.tolist() == [0.0, 1.0]
+    assert graph.sigmas_between(0, node)[0] < 0.2 * alone[0]
+
+
 def test_all_of_a_chain_of_finds_is_heard(
     twice: list[Keyframe], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,78 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Between two matches a path by odometry is led from the one to the other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.backends.path_filling import bridged
+from slarm_graph.config import FrontendConfig, PoseGraphConfig
+from slarm_graph.constraint import MatchResult
+from slarm_graph.frontends.scans.tracker import TrackedScan
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
+from slarm_graph.geometry import Pose2, compose
+
+
+def chain(start: np.ndarray, motions: np.ndarray) -> np.ndarray:
+    path = [start]
+    for motion in motions:
+        path.append(compose(path[-1], motion))
+    return np.array(path)
+
+
+def test_steps_take_what_is_missed_as_they_are_unsure() -> None:
+    """Odometry that is short by a tenth, and as unsure as the way is long: the truth comes out."""
+    true = np.array([[0.1, 0.0, 0.0], [2.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
+    path = chain(np.array([1.0, 2.0, 0.5]), true)
+    found = bridged(path[0], path[-1], true * [0.9, 1.0, 1.0], true[:, 0])
+    np.testing.assert_allclose(found, path[1:-1], atol=1e-12)
+
+
+def test_odometry_that_is_right_is_left_alone() -> None:
+    rng = np.random.default_rng(0)
+    motions = rng.normal(0.0, [1.0, 1.0, 2.0], (6, 3))
+    path = chain(np.array([1.0, 2.0, 3.0]), motions)
+    found = bridged(path[0], path[-1], motions, rng.uniform(1.0, 2.0, 6))
+    np.testing.assert_allclose(found[:, :2], path[1:-1, :2], atol=1e-12)
+    np.testing.assert_allclose(np.cos(found[:, 2] - path[1:-1, 2]), 1.0)
+
+
+def test_headings_go_the_short_way_round() -> None:
+    start, end = np.array([0.0, 0.0, 3.1]), np.array([0.0, 0.0, -3.1])
+    found = bridged(start, end, np.zeros((2, 3)), np.ones(2))
+    np.testing.assert_allclose(np.abs(found), [[0.0, 0.0, np.pi]])
+
+
+def scan(k: int, x_m: float, *, matched: bool, has_odometry: bool = True) -> TrackedScan:
+    """Return a scan where the tracker has it; odometry drives half a metre a scan."""
+    pose, unsure = Pose2(x_m), 1e-4 * np.eye(3)
+    match = MatchResult(pose, unsure, 0.9, 100, 1, "" if matched else "no returns")
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), unsure) if has_odometry else None
+    odom = Pose2(0.5 * k) if has_odometry else None
+    points = np.zeros((0, 2))
+    return TrackedScan(k, points, pose, Pose2(), unsure, match, odom, False, wheels)
+
+
+@pytest.mark.parametrize(
+    ("has_odometry", "expected"),
+    [(True, [0.0, 0.6, 1.2, 1.8, 2.4, 2.9]), (False, [0.0, 0.5, 1.0, 1.5, 2.4, 2.9])],
+)
+def test_scans_that_odometry_placed_end_where_the_next_was_matched(
+    has_odometry: bool, expected: list[float]
+) -> None:
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    for k, (x_m, matched) in enumerate(
+        [(0.0, True), (0.5, False), (1.0, False), (1.5, False), (2.4, True), (2.9, True)]
+    ):
+        builder.take(scan(k, x_m, matched=matched, has_odometry=has_odometry or k == 0))
+    np.testing.assert_allclose(builder.unmatched().poses[:, 0], expected, atol=1e-12)
+
+
+def test_what_comes_before_the_first_match_stays() -> None:
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    for k, (x_m, matched) in enumerate([(0.0, False), (0.5, False), (1.4, True)]):
+        builder.take(scan(k, x_m, matched=matched))
+    np.testing.assert_allclose(builder.unmatched().poses[:, 0], [0.0, 0.5, 1.4])
