@@ -24,6 +24,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, path_table, silent
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
+from slarm_graph.backends.graph_constraints import limits_of
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.backends.particle_matching import point_normals
@@ -40,6 +41,7 @@ from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_alon
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
+from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
@@ -67,6 +69,7 @@ class _State:
     begun: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     doubt: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     doubted: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    unmatched: WheelMotion | None = STOOD
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     brought_back: str = ""
 
@@ -230,14 +233,20 @@ class GmappingBackend:
         """Add up the motion since the last update, and note the frontend's doubt.
 
         A match settles what was unsure before it; where the local map is begun anew, the step to it
-        stays as unsure as it was.
+        stays as unsure as it was. While nothing is matched odometry is as unsure as it is where it
+        holds, as in the graph.
         """
         state = self._state
         state.path_m += math.hypot(scan.motion.x, scan.motion.y)
         state.turned_rad += abs(scan.motion.theta)
         sigma = np.sqrt(np.diag(scan.local_covariance)).tolist()
         is_sure = scan.match and max(sigma[:2]) <= _SURE_M and sigma[2] <= _SURE_RAD
-        state.doubt = np.zeros((3, 3)) if is_sure else scan.local_covariance
+        state.unmatched = STOOD if scan.match else joined(state.unmatched, scan.wheels)
+        if scan.match or state.unmatched is None:
+            unsure = scan.local_covariance
+        else:
+            unsure = state.unmatched.total_covariance()
+        state.doubt = np.zeros((3, 3)) if is_sure else unsure * limits_of(unsure)
         if scan.is_keyframe and not scan.match:
             state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
 

@@ -21,7 +21,7 @@ from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
-from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.trajectory import Trajectory
 
@@ -37,8 +37,6 @@ _COLUMNS = (
     "searched",
     "verdict",
 )
-_STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)))
-"""Motion of no steps: what those of a path are added to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +173,7 @@ class GraphBuilder:
             tracked.lag_covariance,
             bool(tracked.match),
         )
-        self._wheels = _STOOD
+        self._wheels = STOOD
         self._graph.add(keyframe)
         keyframes, submaps = self._graph.keyframes, self._graph.submaps
         closures = self._closer.confirm(keyframes, submaps)

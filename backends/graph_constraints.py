@@ -113,7 +113,8 @@ def limits_of(covariance: Floats) -> Floats:
     covariance : (3, 3) float64
         In the body frame [m^2, m rad, rad^2].
     """
-    least = np.minimum(1.0, _NOTHING_KNOWN / np.sqrt(np.diag(covariance)))
+    sigmas = np.sqrt(np.diag(covariance))
+    least = _NOTHING_KNOWN / np.maximum(sigmas, _NOTHING_KNOWN)
     return np.outer(least, least)
 
 

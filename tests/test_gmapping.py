@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -197,6 +198,20 @@ def test_scans_without_returns_keep_the_frontends_pose() -> None:
     result = run(made(), mixed)
     assert len(result.trajectory) == 60
     assert np.isfinite(result.trajectory.poses).all()
+
+
+def test_odometry_alone_after_a_long_silence_is_as_sure_as_odometry() -> None:
+    """Nothing seen before and for some scans after: particles were drawn over 13 km, and died."""
+    readings, truth = recorded()
+    late_ns = 160_000_000_000
+    blind = [
+        replace(r, scan=replace(r.scan, ranges_m=np.full_like(r.scan.ranges_m, np.inf)))
+        for r in readings[:30]
+    ]
+    moved = [replace(r, stamp_ns=r.stamp_ns + late_ns) for r in (*blind[1:], *readings[30:])]
+    backend = made()
+    slam = run(backend, (blind[0], *moved))
+    np.testing.assert_allclose(ate_m(slam.trajectory, truth), 0.0, atol=0.05)
 
 
 def test_nothing_but_blind_scans_is_survived() -> None:

@@ -64,6 +64,10 @@ def _added(
     return compose3(motion, after), sum3(carried3(covariance, after), of_after), both
 
 
+STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)))
+"""Motion of no steps: what those of a path are added to."""
+
+
 def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
     """Return two motions as one, where odometry tells of both."""
     return before.then(after) if before is not None and after is not None else None
