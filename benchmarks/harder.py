@@ -168,6 +168,32 @@ def _restarted(log: Recorded, _rng: np.random.Generator) -> Recorded:
     return _with_odometry(log, poses)
 
 
+def _blinded(
+    begin: float, wrong: tuple[float, float, float], log: Recorded, _rng: np.random.Generator
+) -> Recorded:
+    """Nothing is seen for 40 s, and odometry goes wrong in the middle: carried, or slipped.
+
+    Relations that begin or end meanwhile are left out.
+    """
+    stamps_ns = np.array([r.stamp_ns for r in log.readings])
+    first_ns = stamps_ns[0] + begin * (stamps_ns[-1] - stamps_ns[0])
+    last_ns = first_ns + 40e9
+    readings = tuple(
+        replace(r, scan=replace(r.scan, ranges_m=np.full_like(r.scan.ranges_m, np.inf)))
+        if first_ns < r.stamp_ns < last_ns
+        else r
+        for r in log.readings
+    )
+    poses = odometry_of(log.readings)
+    k = int(np.searchsorted(stamps_ns, 0.5 * (first_ns + last_ns)))
+    poses[k:] = compose(compose(poses[k], np.array(wrong)), between(poses[k], poses[k:]))
+    ends_ns = log.relations.stamps_ns
+    kept = ~((ends_ns > first_ns) & (ends_ns < last_ns)).any(axis=1)
+    true = log.relations.first_from_second[kept]
+    relations = replace(log.relations, stamps_ns=ends_ns[kept], first_from_second=true)
+    return _with_odometry(Recorded(readings, relations), poses)
+
+
 def _scaled(way: float, turn: float, steps: Floats, _rng: np.random.Generator) -> Floats:
     return steps * [way, way, turn]
 
@@ -235,6 +261,9 @@ VARIANTS: dict[str, Change] = {
         partial(_every, 2),
         partial(_both, partial(_scans, partial(_view, math.radians(120))), partial(_crowd, 4)),
     ),
+    "blind for 40 s": partial(_blinded, 0.5, (0.0, 0.0, 0.0)),
+    "blind for 40 s, carried 1.1 m": partial(_blinded, 0.5, (1.0, 0.5, 0.2)),
+    "blind for 40 s, carried 3.2 m": partial(_blinded, 0.5, (3.0, 1.0, 0.7)),
     "8 m, 3 cm, odometry 30 %": partial(
         _both,
         partial(_both, _ranges(partial(_short, 8.0)), _ranges(partial(_noisy, 0.03))),
