@@ -8,6 +8,7 @@ Set Maximization for Robust Multi-robot Map Merging", ICRA 2018.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import networkx as nx
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.geometry import Floats, adjoints, between, compose, invert
 
 _LEAST_SET = 3
@@ -105,7 +107,7 @@ def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) 
     core = nx.max_weight_clique(links, "permille")[0] if len(links) <= 60 else _greedy(links)
     ways = [graph.way_of(found[k].keyframe) for k in core]
     # Where the graph is sure, it tells the same story as one find more.
-    told = any(graph.speaks_for_nat(found[k], SIDEWAYS_M) > _GRAPH_SPEAKS_NAT for k in core)
+    told = any(speaks_for_nat(graph, found[k], SIDEWAYS_M) > _GRAPH_SPEAKS_NAT for k in core)
     independent = told + sum(found[k].searched for k in core) >= _LEAST_SET
     least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
     if told + len(core) < least or max(ways) - min(ways) < span_m:
@@ -122,6 +124,21 @@ def _greedy(links: nx.Graph) -> list[int]:
         if all(links.has_edge(k, c) for c in core):
             core.append(k)
     return core
+
+
+def speaks_for_nat(graph: SubmapGraph, closure: Closure, within_m: float) -> float:
+    """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.
+
+    Parameters
+    ----------
+    graph : SubmapGraph
+    closure : Closure
+    within_m : float
+        Radius of the disc in which a false one would lie, turned by anything.
+    """
+    miss, covariance = graph.miss(closure)
+    anywhere = math.log(2.0 * math.pi**2 * within_m**2)
+    return anywhere - 0.5 * (squared_sigmas(miss, covariance) + log_volume(covariance))
 
 
 def agreeing(found: Sequence[Closure], pairs: Pairs, graph: SubmapGraph) -> NDArray[np.bool_]:

@@ -249,6 +249,7 @@ class GmappingBackend:
         state.doubt = np.zeros((3, 3)) if is_sure else unsure * limits_of(unsure)
         if scan.is_keyframe and not scan.match:
             state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
+            state.unmatched = STOOD
 
     def _is_due(self, scan: TrackedScan) -> bool:
         state = self._state

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Iterable
 
 import numpy as np
 from scipy import sparse
@@ -25,15 +26,21 @@ class GraphReach:
     """Uncertainty between nodes: what the constraints on the surest way between them add up to.
 
     Errors of the constraints are taken as independent, and other ways as saying nothing new.
+
+    Parameters
+    ----------
+    edges : iterable of Constraint
     """
 
-    def __init__(self) -> None:
+    def __init__(self, edges: Iterable[Constraint] = ()) -> None:
         self._at: dict[tuple[int, int], int] = {}
         self._ends, self._bodies = array("q"), array("q")
         self._lengths = array("d")
         self._covariances = array("d")
         self._known: Floats | None = None
         self._known_of = -1
+        for edge in edges:
+            self.add(edge)
 
     def add(self, edge: Constraint) -> None:
         """Take in a constraint; of parallel ones the surest counts."""

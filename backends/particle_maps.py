@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from slarm_graph.config import ParticleMapsConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 TILE_BITS = 4
 """Logarithm of a tile's side, so that indices are shifts; the maps are the same for all."""
@@ -208,7 +208,7 @@ def memory_notice(particles: int, config: ParticleMapsConfig) -> tuple[str, ...]
     )
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def within_tile(row: int, col: int) -> int:
     """Where in its tile a cell of the plane lies."""
     return ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))

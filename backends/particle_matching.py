@@ -18,7 +18,7 @@ from slarm_graph.backends.particle_maps import (
 )
 from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 _SAME_SIDE = 0.5
 """Least cosine between the normals of a point and of the wall it may lie on."""
@@ -122,7 +122,7 @@ def associate(
     return found
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
     """Number of the tile that a cell of the plane lies in, or `NO_TILE`."""
     tile_row, tile_col = (row >> TILE_BITS) - corner[0], (col >> TILE_BITS) - corner[1]
@@ -138,7 +138,7 @@ def log_of_miss(kernel: int, resolution: float, sigma: float) -> float:
     return -math.log(1.0 + (reach / sigma) ** 2)
 
 
-@kernel(fastmath=_FUSED)
+@kernel_with(fastmath=_FUSED)
 def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, miss: float) -> float:
     """Return log p(o | m, x) up to a constant: Cauchy tails, `miss` for points without a line."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -161,7 +161,7 @@ def log_likelihood(points: Floats, lines: Floats, pose: Floats, sigma: float, mi
     return total - math.log(product)
 
 
-@kernel(fastmath=_FUSED)
+@kernel_with(fastmath=_FUSED)
 def log_likelihoods(
     points: Floats, lines: Floats, poses: Floats, sigma: float, miss: float, out: Floats
 ) -> None:

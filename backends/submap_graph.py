@@ -26,7 +26,7 @@ from slarm_graph.backends.path_filling import spread
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
-from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
+from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import (
     Floats,
@@ -163,23 +163,10 @@ class SubmapGraph:
         return [c if c.reason or self._is_near(c) else replace(c, reason=FAR_OFF) for c in closures]
 
     def _is_near(self, closure: Closure) -> bool:
-        return squared_sigmas(*self._miss(closure)) <= SURPRISING
+        return squared_sigmas(*self.miss(closure)) <= SURPRISING
 
-    def speaks_for_nat(self, closure: Closure, within_m: float) -> float:
-        """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.
-
-        Parameters
-        ----------
-        closure : Closure
-        within_m : float
-            Radius of the disc in which a false one would lie, turned by anything.
-        """
-        miss, covariance = self._miss(closure)
-        anywhere = math.log(2.0 * math.pi**2 * within_m**2)
-        return anywhere - 0.5 * (squared_sigmas(miss, covariance) + log_volume(covariance))
-
-    def _miss(self, closure: Closure) -> tuple[Floats, Floats]:
-        """How far (3,) a closure is from what the graph has, and the covariance of that."""
+    def miss(self, closure: Closure) -> tuple[Floats, Floats]:
+        """How far (3,) a closure is from what the graph has, and the covariance (3, 3) of that."""
         edge = self._edge(closure)
         miss = between(between(self._nodes[edge.i], self._nodes[edge.j]), edge.i_from_j.as_array())
         reach = self._reach.covariances(self.poses(), edge.j)[edge.i]
@@ -291,9 +278,7 @@ class SubmapGraph:
         if self._settled is None:
             self._settled = settle(self.pose_graph(), heartbeat)
             self._moved_to(0, self._settled.graph.poses)
-            self._reach = GraphReach()
-            for edge in (*self._steps, *self._believed()):
-                self._reach.add(edge)
+            self._reach = GraphReach((*self._steps, *self._believed()))
         is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
         weights = np.zeros(len(self.closures))
         weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
@@ -343,7 +328,7 @@ class SubmapGraph:
             self._last_full = count
         else:
             first = count - _LOCAL_NODES // 2
-            graph = newest(self.pose_graph(), first)
+            graph = newest(self._nodes, self._edges, first)
         found = optimizer.optimize(
             graph,
             kernel=optimizer.Kernel.CAUCHY,

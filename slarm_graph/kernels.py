@@ -11,9 +11,9 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from functools import cache
+from functools import cache, partial
 from types import CodeType, FunctionType, ModuleType
-from typing import Any, Literal, TypeVar, overload
+from typing import Any, TypeVar
 
 import numpy as np
 from numba import njit
@@ -23,43 +23,45 @@ from numba.core.dispatcher import Dispatcher
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 
-@overload
-def kernel(function: _Function) -> _Function: ...
-@overload
-def kernel(
-    *, inline: Literal["never", "always"] = "never", fastmath: frozenset[str] = frozenset()
-) -> Callable[[_Function], _Function]: ...
-def kernel(
-    function: Any = None,
-    *,
-    inline: Literal["never", "always"] = "never",
-    fastmath: frozenset[str] = frozenset(),
-) -> Any:
+def kernel(function: _Function) -> _Function:
     """Compile a function when it is first called, without the interpreter's lock, and keep it.
 
     Parameters
     ----------
     function : Callable
         What to compile; it may call other kernels and read numbers of its module.
-    inline : {"never", "always"}
-        `always`: written into its callers before types are known.
-    fastmath : frozenset of str
-        What LLVM may assume of floating-point numbers; by default nothing.
 
     Returns
     -------
     Callable
         The compiled function, whose kept code is taken only if all it was made of is unchanged.
     """
+    compiled: _Function = _compiled(function, {})
+    return compiled
 
-    def compiled(function: FunctionType) -> Any:
-        dispatcher = njit(nogil=True, inline=inline, fastmath=set(fastmath))(function)
-        if isinstance(dispatcher, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
-            kept = _KeptByContent(function)  # type: ignore[no-untyped-call]
-            dispatcher._cache = kept  # type: ignore[attr-defined]
-        return dispatcher
 
-    return compiled if function is None else compiled(function)
+def kernel_with(
+    *, inline: bool = False, fastmath: frozenset[str] = frozenset()
+) -> Callable[[_Function], _Function]:
+    """Compile as `kernel` does, otherwise than usual.
+
+    Parameters
+    ----------
+    inline : bool
+        Whether it is written into its callers before types are known.
+    fastmath : frozenset of str
+        What LLVM may assume of floating-point numbers; by default nothing.
+    """
+    options = {"inline": "always" if inline else "never", "fastmath": set(fastmath)}
+    return partial(_compiled, options=options)
+
+
+def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
+    dispatcher = njit(nogil=True, **options)(function)
+    if isinstance(dispatcher, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
+        kept = _KeptByContent(function)  # type: ignore[no-untyped-call]
+        dispatcher._cache = kept  # type: ignore[attr-defined]
+    return dispatcher
 
 
 class _KeptByContent(FunctionCache):

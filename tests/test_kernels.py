@@ -12,12 +12,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.kernels import content_of, kernel
+from slarm_graph.kernels import content_of, kernel, kernel_with
 
 CALLER = """
 import sys, callee
 from callee import LENGTH_M, TABLE, Pair, twice
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 @kernel
 def result(x):
@@ -30,7 +30,7 @@ print(result(1.0), sum(result.stats.cache_hits.values()))
 CALLEE = """
 from typing import NamedTuple
 import numpy as np
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 LENGTH_M = 10.0
 SHIFT = 1000.0
@@ -40,7 +40,7 @@ class Pair(NamedTuple):
     first: float
     second: float
 
-@kernel{of_kernel}
+@kernel
 def twice(x):
     return inner(x) * 2.0
 
@@ -67,7 +67,7 @@ def run(folder: Path, seed: str = "0") -> tuple[float, int]:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "caller.py").write_text(CALLER)
-    (tmp_path / "callee.py").write_text(CALLEE.format(of_kernel=""))
+    (tmp_path / "callee.py").write_text(CALLEE)
     return tmp_path
 
 
@@ -77,7 +77,7 @@ def test_what_is_unchanged_is_compiled_once(folder: Path) -> None:
 
 
 def test_a_change_in_another_file_is_compiled_in(folder: Path) -> None:
-    text = CALLEE.format(of_kernel="")
+    text = CALLEE
     run(folder)
     for old, new, expected in (
         ("* 2.0", "* 3.0", 1113.0),
@@ -102,10 +102,10 @@ def test_how_a_callee_is_compiled_counts() -> None:
         exec("def caller(x):\n    return callee(x)", values)
         return content_of(values["caller"])  # type: ignore[arg-type]
 
-    fused = kernel(fastmath=frozenset({"contract"}))(plain)
-    always = kernel(inline="always")(plain)
+    fused = kernel_with(fastmath=frozenset({"contract"}))(plain)
+    always = kernel_with(inline=True)(plain)
     assert len({caller_of(callee) for callee in (kernel(plain), fused, always)}) == 3
-    assert caller_of(fused) == caller_of(kernel(fastmath=frozenset({"contract"}))(plain))
+    assert caller_of(fused) == caller_of(kernel_with(fastmath=frozenset({"contract"}))(plain))
 
 
 def test_kernels_run_without_the_lock_and_as_python_does() -> None:
@@ -118,4 +118,3 @@ def test_kernels_run_without_the_lock_and_as_python_does() -> None:
 
     assert summed(np.arange(5.0)) == 10.0
     assert summed.targetoptions["nogil"]  # type: ignore[attr-defined]
-    assert content_of(summed.py_func) == content_of(summed.py_func)  # type: ignore[attr-defined]

@@ -197,8 +197,14 @@ def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Ke
 
     graph.close(graph.judged([told(0.05), told(2.0), told(-0.05)]))
     assert [not c.reason for c in graph.closures] == [True, False, True]
-    assert graph.speaks_for_nat(told(0.0), 10.0) > 5.0 > graph.speaks_for_nat(told(2.0), 10.0)
-    assert graph.speaks_for_nat(told(0.0), 1.0) < graph.speaks_for_nat(told(0.0), 10.0)
+    assert (
+        closure_sets.speaks_for_nat(graph, told(0.0), 10.0)
+        > 5.0
+        > closure_sets.speaks_for_nat(graph, told(2.0), 10.0)
+    )
+    assert closure_sets.speaks_for_nat(graph, told(0.0), 1.0) < closure_sets.speaks_for_nat(
+        graph, told(0.0), 10.0
+    )
 
 
 def corridor(there_m: float) -> SubmapGraph:

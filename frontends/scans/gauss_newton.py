@@ -24,7 +24,7 @@ from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid,
 from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, scaled3, times3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 _FLOOR = 0.02
 """Of twice the lost likelihood, as a squared residual in sigmas: nearer than a seventh of a sigma,
@@ -160,7 +160,7 @@ def _normal_equations(
     return h, g, total / max(len(points), 1), inliers
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def slope(
     lattice: Lattice, points: Floats, tangents: Floats, i: int, pose: Floats, c: float, s: float
 ) -> tuple[float, float, float, float]:

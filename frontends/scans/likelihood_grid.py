@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.bicubic import bicubic
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 Grid = NDArray[np.float32]
 
@@ -255,7 +255,7 @@ def likelihoods(lattice: Lattice, points: Floats, pose: Floats) -> Floats:
     return found
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def interpolate(lattice: Lattice, x: float, y: float) -> tuple[float, float, float]:
     """Bicubic (Catmull-Rom) value and gradient [1/m] at a point; zero outside the grid."""
     values, origin_x, origin_y, resolution, _ = lattice

@@ -22,7 +22,7 @@ from slarm_graph.frontends.scans.quantiles import median
 from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 _AWAY_M = 0.1
 """How far away the fall-off is looked at: twice that of the likelihood of a wall, beyond its
@@ -270,12 +270,12 @@ def _are_two(points: Floats, i: int, k: int, slant: float) -> bool:
     return _apart(points, i, k) > max(_APART_M, slant * near_m)
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def _apart(points: Floats, i: int, k: int) -> float:
     return _length(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def _length(x: float, y: float) -> float:
     """Length of a vector: `math.hypot` takes three times as long to be safe from overflow."""
     return math.sqrt(x * x + y * y)

@@ -17,7 +17,7 @@ from numba import types
 from numba.extending import intrinsic
 
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 
 def _fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
@@ -159,7 +159,7 @@ def eigen2(m: Floats) -> tuple[Floats, Floats]:
     return values, axes
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def add_square3(h: Floats, x: float, y: float, z: float, weight: float) -> None:
     """Add weight times the square of the row (x, y, z) to the upper half of a matrix (3, 3)."""
     h[0, 0] += weight * x * x

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 import math
 
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel_with
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def next_on_line(col: int, row: int, error: int, across: int, up: int) -> tuple[int, int, int]:
     """Step to the next cell of Bresenham's line, and its error.
 
@@ -27,7 +27,7 @@ def next_on_line(col: int, row: int, error: int, across: int, up: int) -> tuple[
     return col, row, error
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def first_crossing(at: float, speed: float) -> tuple[int, int, float, float]:
     """Begin the walk over every cell that a ray touches, along one axis (Amanatides and Woo 1987).
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Cells, GridGeometry, Mask
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 LAYERS = 8
 """Ways into one cell that are told apart by how long they were without connection: halving it can
@@ -180,7 +180,7 @@ def _search(
     return np.empty(0, dtype=np.int64)
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
     """Whether a neighbour may be stepped on: the robot has a width, a diagonal needs both sides."""
     r, c = row + dr, col + dc
@@ -189,7 +189,7 @@ def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
     return bool(allowed[r, c] and allowed[r, col] and allowed[row, c])
 
 
-@kernel(inline="always")
+@kernel_with(inline=True)
 def _octile(across: int, up: int) -> float:
     """Length [cells] of the shortest way over free cells."""
     return max(across, up) + 0.41421356237309515 * min(across, up)
