@@ -79,9 +79,12 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
         return None
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
-    total = wheels.total_covariance() + _ODOMETRY_FLOOR + _carried(first, motion) + last
-    covariance = _symmetric(total * limits_of(total))
-    return Constraint(node - 1, node, motion, covariance, ConstraintKind.WHEELS)
+    readings = _ODOMETRY_FLOOR + _carried(first, motion) + last
+    total, held = (
+        _symmetric(covariance * limits_of(covariance))
+        for covariance in (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
+    )
+    return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=held)
 
 
 def closure_constraint(

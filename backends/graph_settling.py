@@ -104,11 +104,20 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
         other = by_wheels.get(c.i) if c.kind is ConstraintKind.ODOMETRY else None
         if other is None:
             continue
-        told = constraints[other]
-        apart = between(c.i_from_j.as_array(), told.i_from_j.as_array())
-        if squared_sigmas(apart, c.covariance + told.covariance) > _CONTRADICTION:
+        if _contradict(c, constraints[other]):
             found += [k, other]
     return found
+
+
+def _contradict(one: Constraint, other: Constraint) -> bool:
+    """Whether two stories of a step cannot both be true, had nothing failed.
+
+    That odometry failed is what a match says that lies elsewhere: a false one would prove itself.
+    """
+    apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
+    apart[2] = wrap_angles(apart[2])
+    both = sum(c.covariance if c.unfailed is None else c.unfailed for c in (one, other))
+    return squared_sigmas(apart, both) > _CONTRADICTION
 
 
 def left_open(one: Constraint, other: Constraint) -> Constraint:
@@ -120,7 +129,7 @@ def left_open(one: Constraint, other: Constraint) -> Constraint:
     apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
     apart[2] = wrap_angles(apart[2])
     both = one.covariance + other.covariance
-    if squared_sigmas(apart, both) > _CONTRADICTION:
+    if _contradict(one, other):
         return replace(one, covariance=np.asarray(0.5 * (both + np.outer(apart, apart))))
     gain = np.linalg.solve(both, one.covariance).T
     fused = one.covariance - gain @ one.covariance

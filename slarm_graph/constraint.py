@@ -67,6 +67,8 @@ class Constraint:
     shared : (3, 3) float64, optional
         The part of `covariance` that errors make which neighbouring constraints share, so that no
         residual tells of them; None for none.
+    unfailed : (3, 3) float64, optional
+        What `covariance` would be had nothing failed that may; None where that is the same.
     """
 
     i: int
@@ -75,6 +77,7 @@ class Constraint:
     covariance: Floats
     kind: ConstraintKind
     shared: Floats | None = None
+    unfailed: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True)

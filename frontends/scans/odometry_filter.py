@@ -239,7 +239,7 @@ class OdometryFilter:
         if self._increment is None or steady is None:
             return None
         holds = self._holds if self._is_seen or self._holds < 0.5 else 1.0
-        motion, covariance, effect = along_path(
+        motion, covariance, held, effect = along_path(
             self._increment,
             self.wheels.known,
             holds,
@@ -248,7 +248,7 @@ class OdometryFilter:
             self._steps_in(self._span_s),
         )
         return WheelMotion(
-            motion, covariance, self.wheels.noise.reading, effect, self.wheels.covariance
+            motion, covariance, held, self.wheels.noise.reading, effect, self.wheels.covariance
         )
 
     def coast(self) -> None:

@@ -145,22 +145,23 @@ def along_path(
     steady: Floats,
     of_steady: Floats,
     steps: float,
-) -> tuple[Floats, Floats, Floats]:
-    """Motion (3,) that odometry tells, its covariance (3, 3) where it may have failed, and effect.
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Motion (3,) that odometry tells, its covariance (3, 3) in all and where it holds, and effect.
 
-    The covariance is of what is another in every step. What the systematic errors may yet be off
+    The covariances are of what is another in every step. What the systematic errors may yet be off
     by is the same in all, so that their effect (3, 3) adds up instead: the derivative by them, in
     the body frame after the motion.
     """
     motion, held = told(increment, wheels.path_excess, wheels.errors, np.zeros((3, 3)))
     total = np.zeros((3, 3))
-    add_spread(total, holds, _levered(held, motion, steps), np.zeros(3))
+    held = _levered(held, motion, steps)
+    add_spread(total, holds, held, np.zeros(3))
     add_spread(total, 1.0 - holds, of_steady, less3(steady, motion))
     effect = effect_of(increment)
     cos, sin = math.cos(motion[2]), math.sin(motion[2])
     x, y = effect[0, 0], effect[1, 0]
     effect[0, 0], effect[1, 0] = cos * x + sin * y, cos * y - sin * x
-    return motion, total, effect
+    return motion, total, held, effect
 
 
 @kernel

@@ -13,6 +13,9 @@ from slarm_graph.frontends.scans.small_pose import carried3, carried_by, compose
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
+_Parts = tuple[Floats, Floats, Floats, Floats]
+"""A motion (3,), its covariance (3, 3) in all and where nothing failed, and the effect on it."""
+
 
 @dataclass(frozen=True, slots=True)
 class WheelMotion:
@@ -23,7 +26,10 @@ class WheelMotion:
     motion : (3,) float64
         Pose of the robot now in its frame before [m, m, rad].
     covariance : (3, 3) float64
-        Of it, in the body frame now, for errors that are others in every step.
+        Of it, in the body frame now, for errors that are others in every step; wider where
+        odometry may have failed.
+    held : (3, 3) float64
+        The same had it not failed.
     reading : (3,) float64
         Variances of a reading of odometry: at either end, they do not add up.
     effect : (3, 3) float64
@@ -34,37 +40,42 @@ class WheelMotion:
 
     motion: Floats
     covariance: Floats
+    held: Floats
     reading: Floats = field(default_factory=lambda: np.zeros(3))
     effect: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     of_errors: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
     def then(self, after: WheelMotion) -> WheelMotion:
         """Return this motion and the one that follows as one."""
-        motion, covariance, effect = _added(
-            self.motion, self.covariance, self.effect, after.motion, after.covariance, after.effect
+        motion, covariance, held, effect = _added(
+            (self.motion, self.covariance, self.held, self.effect),
+            (after.motion, after.covariance, after.held, after.effect),
         )
-        return WheelMotion(motion, covariance, after.reading, effect, after.of_errors)
+        return WheelMotion(motion, covariance, held, after.reading, effect, after.of_errors)
 
     def total_covariance(self) -> Floats:
         """Covariance (3, 3) of the motion by all that it may be off by but the readings' own."""
-        return np.asarray(self.covariance + self.effect @ self.of_errors @ self.effect.T)
+        return self.covariance + self._of_effect()
+
+    def held_covariance(self) -> Floats:
+        """Covariance (3, 3) of the same had odometry not failed."""
+        return self.held + self._of_effect()
+
+    def _of_effect(self) -> Floats:
+        return np.asarray(self.effect @ self.of_errors @ self.effect.T)
 
 
 @kernel
-def _added(
-    motion: Floats,
-    covariance: Floats,
-    effect: Floats,
-    after: Floats,
-    of_after: Floats,
-    effect_after: Floats,
-) -> tuple[Floats, Floats, Floats]:
-    """Motion (3,), its covariance (3, 3) and the effect (3, 3) on it, after another one."""
-    both = sum3(product3(carried_by(after), effect), effect_after)
-    return compose3(motion, after), sum3(carried3(covariance, after), of_after), both
+def _added(before: _Parts, after: _Parts) -> _Parts:
+    """Return the parts of two motions as those of one."""
+    motion = after[0]
+    covariance = sum3(carried3(before[1], motion), after[1])
+    held = sum3(carried3(before[2], motion), after[2])
+    effect = sum3(product3(carried_by(motion), before[3]), after[3])
+    return compose3(before[0], motion), covariance, held, effect
 
 
-STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)))
+STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
 """Motion of no steps: what those of a path are added to."""
 
 
