@@ -82,7 +82,10 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
     readings = _ODOMETRY_FLOOR + _carried(first, motion) + last
     total, held = (
         _symmetric(covariance * limits_of(covariance))
-        for covariance in (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
+        for covariance in (
+            wheels.total_covariance() + readings,
+            wheels.held_covariance() + readings,
+        )
     )
     return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=held)
 

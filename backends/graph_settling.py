@@ -114,10 +114,19 @@ def _contradict(one: Constraint, other: Constraint) -> bool:
 
     That odometry failed is what a match says that lies elsewhere: a false one would prove itself.
     """
+    apart = _apart(one, other)
+    return squared_sigmas(apart, _unfailed(one) + _unfailed(other)) > _CONTRADICTION
+
+
+def _apart(one: Constraint, other: Constraint) -> Floats:
+    """Where another story (3,) of a step ends, as seen from the end of the first."""
     apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
     apart[2] = wrap_angles(apart[2])
-    both = sum(c.covariance if c.unfailed is None else c.unfailed for c in (one, other))
-    return squared_sigmas(apart, both) > _CONTRADICTION
+    return apart
+
+
+def _unfailed(constraint: Constraint) -> Floats:
+    return constraint.covariance if constraint.unfailed is None else constraint.unfailed
 
 
 def left_open(one: Constraint, other: Constraint) -> Constraint:
@@ -126,8 +135,7 @@ def left_open(one: Constraint, other: Constraint) -> Constraint:
     Of stories that contradict each other at least one is not as sure as it says, so that their own
     covariances do not tell which: odds are even, and the spread is that around the first.
     """
-    apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
-    apart[2] = wrap_angles(apart[2])
+    apart = _apart(one, other)
     both = one.covariance + other.covariance
     if _contradict(one, other):
         return replace(one, covariance=np.asarray(0.5 * (both + np.outer(apart, apart))))
@@ -143,11 +151,11 @@ def _either(one: Constraint, other: Constraint) -> Constraint:
     Each counts by how sure it is of what they disagree about. So closures that speak against both
     do not cut the graph there.
     """
-    apart = between(one.i_from_j.as_array(), other.i_from_j.as_array())
-    sure, other_sure = (apart @ np.linalg.solve(c.covariance, apart) for c in (one, other))
+    apart = _apart(one, other)
+    sure, other_sure = (apart @ np.linalg.solve(_unfailed(c), apart) for c in (one, other))
     share = float(other_sure / (sure + other_sure))
     mean = one.i_from_j @ Pose2.from_array(share * apart)
-    within = (1.0 - share) * one.covariance + share * other.covariance
+    within = (1.0 - share) * _unfailed(one) + share * _unfailed(other)
     spread = within + share * (1.0 - share) * np.outer(apart, apart)
     spread = spread * limits_of(spread)
     return replace(one, i_from_j=mean, covariance=spread, shared=spread)

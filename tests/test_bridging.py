@@ -50,7 +50,7 @@ def scan(k: int, x_m: float, *, matched: bool, has_odometry: bool = True) -> Tra
     """Return a scan where the tracker has it; odometry drives half a metre a scan."""
     pose, unsure = Pose2(x_m), 1e-4 * np.eye(3)
     match = MatchResult(pose, unsure, 0.9, 100, 1, "" if matched else "no returns")
-    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), unsure) if has_odometry else None
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), unsure, unsure) if has_odometry else None
     odom = Pose2(0.5 * k) if has_odometry else None
     points = np.zeros((0, 2))
     return TrackedScan(k, points, pose, Pose2(), unsure, match, odom, False, wheels)

@@ -44,7 +44,7 @@ LAG = np.diag([0.04, 0.02, 0.1]) ** 2
 
 
 def keyframe(k: int, lag: Floats) -> Keyframe:
-    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3))
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3), 1e-6 * np.eye(3))
     covariance = np.diag([1e-5, 1e-5, 1e-6])
     return Keyframe(k, np.zeros((0, 2)), Pose2(0.5 * k), covariance, np.zeros(2), wheels, lag)
 
@@ -70,7 +70,7 @@ def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
 def test_what_readings_of_odometry_are_off_counts_at_both_ends_and_not_between() -> None:
     reading = np.array([0.05, 0.0, 0.02]) ** 2
     plain = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
-    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), 1e-6 * np.eye(3), reading)
+    wheels = replace(keyframe(0, LAG).wheels, reading=reading)
     rough = [replace(k, wheels=wheels) for k in plain]
     exact, read = wheels_step(1, plain), wheels_step(1, rough)
     assert exact is not None and read is not None
@@ -82,7 +82,7 @@ def test_no_step_is_less_sure_than_nothing_known() -> None:
     """Minutes of silence, in which a robot at 1 m/s may have gone anywhere and turned at will."""
     lost = np.diag([1e12, 1e12, 1e8])
     silent = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
-    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), lost)
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), lost, lost)
     silent = [replace(k, wheels=wheels, covariance=lost) for k in silent]
     told = wheels_step(1, silent)
     assert told is not None

@@ -5,12 +5,18 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import gtsam
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_settling import contradictory_steps, settle, step_notices
+from slarm_graph.backends.graph_settling import (
+    contradictory_steps,
+    left_open,
+    settle,
+    step_notices,
+)
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, build_likelihood_grid
@@ -154,8 +160,8 @@ def test_what_fits_worse_says_less() -> None:
 
 
 def test_motions_add_up_as_gtsam_says() -> None:
-    a = WheelMotion(np.array([1.0, 0.3, 0.7]), np.diag([1e-4, 4e-4, 9e-4]))
-    b = WheelMotion(np.array([0.5, -0.2, -1.1]), np.diag([2e-4, 1e-4, 5e-4]))
+    a = WheelMotion(np.array([1.0, 0.3, 0.7]), np.diag([1e-4, 4e-4, 9e-4]), 1e-5 * np.eye(3))
+    b = WheelMotion(np.array([0.5, -0.2, -1.1]), np.diag([2e-4, 1e-4, 5e-4]), 2e-5 * np.eye(3))
     both = joined(a, b)
     assert both is not None
     second = gtsam.Pose2(*b.motion)
@@ -163,6 +169,7 @@ def test_motions_add_up_as_gtsam_says() -> None:
     assert np.allclose(both.motion, [whole.x(), whole.y(), whole.theta()])
     adjoint = second.inverse().AdjointMap()
     assert np.allclose(both.covariance, adjoint @ a.covariance @ adjoint.T + b.covariance)
+    assert np.allclose(both.held, adjoint @ a.held @ adjoint.T + b.held)
     assert joined(None, b) is None
     assert joined(a, None) is None
 
@@ -207,6 +214,41 @@ def test_a_step_is_contradictory_beyond_999_in_1000() -> None:
     bound = math.sqrt(16.266) * math.hypot(0.03, 0.04)
     assert contradictory_steps(chain(1.01 * bound, 0.03, 0.04).constraints) == [10, 11]
     assert contradictory_steps(chain(0.99 * bound, 0.03, 0.04).constraints) == []
+
+
+def as_failed(graph: PoseGraph, sigma_m: float) -> PoseGraph:
+    """Return the same graph, odometry of the sixth step as one that a match says has failed."""
+    wide = np.diag([sigma_m, sigma_m, 0.01]) ** 2
+    return replace(
+        graph,
+        constraints=tuple(
+            replace(c, covariance=wide, unfailed=c.covariance)
+            if c.i == 5 and c.kind is ConstraintKind.WHEELS
+            else c
+            for c in graph.constraints
+        ),
+    )
+
+
+@pytest.mark.parametrize(("closures_say_m", "expected_m"), [(None, 8.0), (10.0, 10.0), (8.0, 8.0)])
+def test_a_false_match_does_not_prove_that_odometry_failed(
+    closures_say_m: float | None, expected_m: float
+) -> None:
+    """Odometry as wide as a match has it contradicts nothing; closures must be able to tell."""
+    graph = as_failed(chain(2.0, 0.03, 0.04), 2.0)
+    assert contradictory_steps(graph.constraints) == [10, 11]
+    known = left_open(graph.constraints[10], graph.constraints[11])
+    assert known.covariance[0, 0] > 1.0
+    if closures_say_m is not None:
+        sure = np.diag([0.02, 0.02, 0.005]) ** 2
+        seen = (Pose2(closures_say_m - 10.0 + k) for k in (8, 9, 10))
+        closures = tuple(
+            Constraint(0, k, told, sure, ConstraintKind.LOOP_CLOSURE)
+            for k, told in zip((8, 9, 10), seen, strict=True)
+        )
+        graph = replace(graph, constraints=graph.constraints + closures)
+    settled = settle(graph)
+    assert settled.graph.poses[10, 0] == pytest.approx(expected_m, abs=0.1)
 
 
 @pytest.mark.parametrize(

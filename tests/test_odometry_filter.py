@@ -263,8 +263,8 @@ def test_systematic_errors_add_up_along_a_path() -> None:
         known = WheelCalibration().known._replace(errors=errors, path_excess=ones)
         path: WheelMotion | None = None
         for step in steps:
-            motion, covariance, effect = along_path(step, known, 1.0, step, nothing, 1.0)
-            one = WheelMotion(motion, covariance, np.zeros(3), effect, known.covariance)
+            motion, covariance, held, effect = along_path(step, known, 1.0, step, nothing, 1.0)
+            one = WheelMotion(motion, covariance, held, np.zeros(3), effect, known.covariance)
             path = one if path is None else joined(path, one)
         assert path is not None
         return path
