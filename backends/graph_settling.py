@@ -136,9 +136,10 @@ def left_open(one: Constraint, other: Constraint) -> Constraint:
     covariances do not tell which: odds are even, and the spread is that around the first.
     """
     apart = _apart(one, other)
-    both = one.covariance + other.covariance
     if _contradict(one, other):
+        both = _unfailed(one) + _unfailed(other)
         return replace(one, covariance=np.asarray(0.5 * (both + np.outer(apart, apart))))
+    both = one.covariance + other.covariance
     gain = np.linalg.solve(both, one.covariance).T
     fused = one.covariance - gain @ one.covariance
     mean = one.i_from_j @ Pose2.from_array(gain @ apart)
