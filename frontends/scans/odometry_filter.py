@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slarm_graph.frontends.scans.closures import SURPRISING
 from slarm_graph.frontends.scans.kalman import KalmanState
 from slarm_graph.frontends.scans.odometry_weighing import (
     ACCELERATION,
@@ -234,6 +235,10 @@ class OdometryFilter:
         spread are about the way that odometry tells. What may have failed while nothing was matched
         is rare and far off, which is for those to weigh who meet a contradiction: a spread wide
         enough for it would let any place be the one that is come back to.
+
+        That it failed is known by a match elsewhere, which may be the false one, as rarely as
+        odometry fails where nothing is known. Where it fails so often that a false match is beyond
+        what closures are asked for, odometry is not held against a match.
         """
         steady = self._steady_motion
         if self._increment is None or steady is None:
@@ -247,6 +252,8 @@ class OdometryFilter:
             steady.covariance,
             self._steps_in(self._span_s),
         )
+        if self._failures > SURPRISING * _FAILS * self._steps:
+            held = covariance
         return WheelMotion(
             motion, covariance, held, self.wheels.noise.reading, effect, self.wheels.covariance
         )

@@ -29,7 +29,7 @@ class WheelMotion:
         Of it, in the body frame now, for errors that are others in every step; wider where
         odometry may have failed.
     held : (3, 3) float64
-        The same had it not failed.
+        The same had it not failed, unless it does often.
     reading : (3,) float64
         Variances of a reading of odometry: at either end, they do not add up.
     effect : (3, 3) float64
