@@ -170,11 +170,21 @@ def backends_command() -> None:
             show_table((kind, "status", "what it is"), rows)
 
 
-def doctor_command() -> int:
+def doctor_command(
+    compile_ahead: Annotated[
+        bool,
+        typer.Option("--compile", help="Also compile all that runs call, for the first of them."),
+    ] = False,
+) -> int:
     """Test the environment: versions, the parts that break, where results would go."""
     from slarm_graph.app.cli_output import show_table
     from slarm_graph.app.doctor import examine
 
+    if compile_ahead:
+        from slarm_graph.app.ahead import compile_kernels
+
+        print("Compiling what runs call; takes a minute or two ...")
+        compile_kernels()
     findings = examine(Path.cwd())
     rows = [(f.name, "ok" if f.ok else "PROBLEM", f.detail) for f in findings]
     show_table(("what", "state", "detail"), rows)
