@@ -34,7 +34,7 @@ from slarm_graph.backends.particle_tables import (
     update_table,
 )
 from slarm_graph.backends.path_covariance import fill_covariances, spread_covariances
-from slarm_graph.backends.path_filling import fill_path
+from slarm_graph.backends.path_filling import spread, step_variance
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along
@@ -63,6 +63,7 @@ class _State:
     stamps_ns: list[int] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
     lags: list[Floats] = field(default_factory=list)
+    variances: list[float] = field(default_factory=list)
     updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
     turned_rad: float = 0.0
@@ -131,6 +132,7 @@ class GmappingBackend:
         state.revise(scan.revised)
         state.local.append(scan.local_from_robot.as_array())
         state.lags.append(scan.lag_covariance)
+        state.variances.append(step_variance(scan))
         if not state.updates:
             state.first_points = self._points(scan, reading.scan.robot_from_laser)
             state.filter.start(state.first_points)
@@ -203,15 +205,15 @@ class GmappingBackend:
 
     def _covariances(self, poses: Floats) -> Floats:
         """Spread of the particles' paths, and what none of them can know (S, 3, 3)."""
-        known = self._state.filter
+        state, known = self._state, self._state.filter
         paths = known.ancestry.paths(np.arange(len(known.poses)))
         # A pose is drawn no finer than a motion of length zero allows, and matched to cells.
         cell = np.diag([1.0, 1.0, 0.0]) * self._config.maps.delta_m**2 / 12.0
         floor = motion_covariance(self._config.motion, 0.0, 0.0) + cell
         weights = normalised(known.log_weights)
-        spread = spread_covariances(paths, paths[:, known.best()], weights, floor)
-        filled = fill_covariances(spread, np.array(self._state.updates), poses)
-        return filled + np.array(self._state.lags)
+        spreads = spread_covariances(paths, paths[:, known.best()], weights, floor)
+        updates, variances = np.array(state.updates), np.array(state.variances)
+        return fill_covariances(spreads, updates, poses, variances) + np.array(state.lags)
 
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""
@@ -291,9 +293,8 @@ class GmappingBackend:
     def _filled(self, told: Floats, path: Floats) -> Trajectory:
         """Give every scan a pose: the filter's at its updates, the motion told in between."""
         state = self._state
-        stamps_ns = np.array(state.stamps_ns)
-        poses = fill_path(stamps_ns, told, np.array(state.updates), path)
-        return Trajectory(stamps_ns, poses)
+        poses = spread(told, np.array(state.updates), path, np.array(state.variances))
+        return Trajectory(np.array(state.stamps_ns), poses)
 
 
 @cache

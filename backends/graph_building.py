@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
-from slarm_graph.backends.path_filling import bridged
+from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
@@ -51,6 +51,8 @@ class ClosedGraph:
         The scan that every node stands at.
     poses : (S, 3) float64
         `map_from_robot` at every scan.
+    variances : (S,) float64
+        Of the step to every scan [m^2].
     closures : Table
         Every closure met, accepted or not, with the weight it ended with.
     lag_covariances : (S, 3, 3) float64
@@ -62,6 +64,7 @@ class ClosedGraph:
     graph: PoseGraph
     scans: NDArray[np.int64]
     poses: Floats
+    variances: Floats
     closures: Table
     lag_covariances: Floats
     notices: tuple[str, ...] = ()
@@ -87,6 +90,7 @@ class GraphBuilder:
         self._stamps_ns: list[int] = []
         self._local: list[Pose2] = []
         self._lags: list[Floats] = []
+        self._variances: list[float] = []
         self._has_odometry = False
         self._wheels: WheelMotion | None = None
         self._unmatched: list[WheelMotion] = []
@@ -98,6 +102,7 @@ class GraphBuilder:
             self._local[-len(tracked.revised) :] = map(Pose2.from_array, tracked.revised)
         self._local.append(tracked.local_from_robot)
         self._lags.append(tracked.lag_covariance)
+        self._variances.append(step_variance(tracked))
         if tracked.match or tracked.is_keyframe or tracked.wheels is None:
             if tracked.match and self._unmatched and tracked.wheels is not None:
                 self._bridge(tracked.wheels)
@@ -117,6 +122,10 @@ class GraphBuilder:
     def stamps_ns(self) -> NDArray[np.int64]:
         """Return the stamps (S,) of all scans."""
         return np.array(self._stamps_ns, dtype=np.int64)
+
+    def variances(self) -> Floats:
+        """Return how unsure the step to every scan is (S,) [m^2]."""
+        return np.array(self._variances)
 
     def map_from_robot(self) -> Pose2:
         """Return the present pose by the graph as last optimised."""
@@ -146,10 +155,12 @@ class GraphBuilder:
         )
         rivals = close_finally(graph, matcher, self._heartbeat)
         settled, weights = graph.settle(self._heartbeat)
-        poses = graph.corrected(np.array([pose.as_array() for pose in self._local]))
+        local, variances = np.array([pose.as_array() for pose in self._local]), self.variances()
+        poses = graph.corrected(local, variances)
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals))
-        return ClosedGraph(settled, graph.node_scans(), poses, table, np.array(self._lags), told)
+        lags = np.array(self._lags)
+        return ClosedGraph(settled, graph.node_scans(), poses, variances, table, lags, told)
 
     def _bridge(self, wheels: WheelMotion) -> None:
         """Have the scans that odometry placed end where this one was matched."""
@@ -158,8 +169,8 @@ class GraphBuilder:
         if first >= 0:
             start, end = (self._local[k].as_array() for k in (first, -1))
             motions = np.array([step.motion for step in steps])
-            unsure = np.array([np.trace(step.total_covariance()[:2, :2]) for step in steps])
-            path = bridged(start, end, motions, unsure)
+            unsure = [odometry_variance(step) for step in steps]
+            path = bridged(start, end, motions, np.array(unsure))
             self._local[first + 1 : -1] = map(Pose2.from_array, path)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:

@@ -46,12 +46,14 @@ class NodeCovariances:
     steps: Floats
 
 
-def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) -> Floats | None:
+def path_covariances(
+    graph: PoseGraph, scans: NDArray[np.int64], poses: Floats, variances: Floats
+) -> Floats | None:
     """Return the covariance of every scan's pose out of that of the graph's nodes.
 
-    Model: seen from the node after, the step of every scan between two nodes a and b adds the same
-    share of the covariance Q of the step from a to b, independently. Given both nodes, a scan that
-    is the share s of the scans on the way has the error
+    Model: seen from the node after, the step of every scan between two nodes a and b adds a share
+    of the covariance Q of the step from a to b, by its own variance, independently. Given both
+    nodes, a scan that is a share s of the way has the error
 
         e = (1 - s) A e_a + s B e_b + w,   cov(w) = s (1 - s) B Q B^T
 
@@ -68,6 +70,8 @@ def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) 
         The scan that every node stands at, ascending.
     poses : (S, 3) float64
         `map_from_robot` at every scan.
+    variances : (S,) float64
+        Of the step to every scan [m^2].
 
     Returns
     -------
@@ -77,7 +81,7 @@ def path_covariances(graph: PoseGraph, scans: NDArray[np.int64], poses: Floats) 
     nodes = node_covariances(graph)
     if nodes is None:
         return None
-    before, after, share = neighbours(scans, len(poses))
+    before, after, share = neighbours(scans, variances)
     from_a = adjoints(between(poses, poses[scans[before]]))
     from_b = adjoints(between(poses, poses[scans[after]]))
     s = np.minimum(share, 1.0)[:, None, None]
@@ -218,7 +222,9 @@ def spread_covariances(paths: Floats, best: Floats, weights: Floats, floor: Floa
     return np.asarray(np.einsum("upi,p,upj->uij", away, weights, away) + floor)
 
 
-def fill_covariances(known: Floats, scans: NDArray[np.int64], poses: Floats) -> Floats:
+def fill_covariances(
+    known: Floats, scans: NDArray[np.int64], poses: Floats, variances: Floats
+) -> Floats:
     """Give every scan a covariance, blended from the known ones before and after.
 
     Parameters
@@ -229,13 +235,15 @@ def fill_covariances(known: Floats, scans: NDArray[np.int64], poses: Floats) -> 
         Ascending.
     poses : (S, 3) float64
         `map_from_robot` at every scan.
+    variances : (S,) float64
+        Of the step to every scan [m^2].
 
     Returns
     -------
     (S, 3, 3) float64
         Both neighbours' errors taken as those of one rigid way; equal to `known` at its scans.
     """
-    before, after, share = neighbours(scans, len(poses))
+    before, after, share = neighbours(scans, variances)
     s = np.minimum(share, 1.0)[:, None, None]
     from_before = carried(known[before], adjoints(between(poses, poses[scans[before]])))
     from_after = carried(known[after], adjoints(between(poses, poses[scans[after]])))

@@ -7,43 +7,28 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.tracker import TrackedScan
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, between, compose, wrap_angles
 
 
-def fill_path(
-    stamps_ns: NDArray[np.int64], local: Floats, corrected: NDArray[np.int64], path: Floats
-) -> Floats:
-    """Carry a smooth path over to corrected poses; what is left of a step is spread over time.
-
-    Parameters
-    ----------
-    stamps_ns : (N,) int64
-    local : (N, 3) float64
-        `local_from_robot` at every scan, smooth but drifting.
-    corrected : (U,) int64
-        Increasing indices of the scans with a corrected pose; the first is 0.
-    path : (U, 3) float64
-        Their `map_from_robot`.
-
-    Returns
-    -------
-    (N, 3) float64
-        `map_from_robot` at every scan, equal to `path` at the corrected ones.
-    """
-    scans = np.arange(len(stamps_ns))
-    step = np.searchsorted(corrected, scans, side="right") - 1
-    filled = compose(path[step], between(local[corrected[step]], local))
-    if len(corrected) < 2:
-        return filled
-    left = compose(path[:-1], between(local[corrected[:-1]], local[corrected[1:]]))
-    residual = np.concatenate([between(left, path[1:]), np.zeros((1, 3))])
-    span_ns = np.append(np.diff(stamps_ns[corrected]), 1)
-    share = (stamps_ns - stamps_ns[corrected[step]]) / span_ns[step]
-    return compose(filled, share[:, None] * residual[step])
+def step_variance(scan: TrackedScan) -> float:
+    """How unsure the step to a scan is [m^2]: that of its match, or of odometry without one."""
+    if scan.wheels is not None and not scan.match:
+        return odometry_variance(scan.wheels)
+    return float(np.trace(scan.local_covariance[:2, :2]))
 
 
-def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats:
+def odometry_variance(step: WheelMotion) -> float:
+    """How unsure odometry is of where a step ends [m^2]."""
+    return float(np.trace(step.total_covariance()[:2, :2]))
+
+
+def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats, variances: Floats) -> Floats:
     """Give every scan a pose in the map, given the poses of some.
+
+    What the path misses from one to the next goes to its steps as their variances have it: a
+    silence takes it, not the scans before and after that were matched.
 
     Parameters
     ----------
@@ -53,13 +38,15 @@ def spread(local: Floats, at: NDArray[np.int64], anchor_poses: Floats) -> Floats
         Scans whose pose is known, ascending.
     anchor_poses : (A, 3) float64
         `map_from_robot` of those.
+    variances : (N,) float64
+        Of the step to every scan [m^2].
 
     Returns
     -------
     (N, 3) float64
-        `map_from_robot` of all scans.
+        `map_from_robot` of all scans, equal to `anchor_poses` at the known ones.
     """
-    before, after, share = neighbours(at, len(local))
+    before, after, share = neighbours(at, variances)
     from_before = compose(anchor_poses[before], between(local[at[before]], local))
     from_after = compose(anchor_poses[after], between(local[at[after]], local))
     return _blended(from_before, from_after, np.minimum(share, 1.0))
@@ -104,26 +91,26 @@ def _blended(one: Floats, other: Floats, share: Floats) -> Floats:
 
 
 def neighbours(
-    at: NDArray[np.int64], count: int
+    at: NDArray[np.int64], variances: Floats
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], Floats]:
-    """Which known scans lie before and after every scan, and what share of the way has passed.
+    """Which known scans lie before and after every scan, and what share of the doubt is passed.
 
     Parameters
     ----------
     at : (A,) int64
         Scans of which something is known, ascending.
-    count : int
-        Number S of all scans.
+    variances : (S,) float64
+        Of the step to every scan [m^2].
 
     Returns
     -------
     before, after : (S,) int64
         Indices into `at`; the two last ones for what follows the last.
     share : (S,) float64
-        Of the scans from the one to the other, 0 to 1; above 1 for what follows the last.
+        Of the variance from the one to the other, 0 to 1; above 1 for what follows the last.
     """
-    scans, last = np.arange(count), len(at) - 1
+    scans, last, passed = np.arange(len(variances)), len(at) - 1, np.cumsum(variances)
     before = np.clip(np.searchsorted(at, scans, side="right") - 1, 0, max(last - 1, 0))
     after = np.minimum(before + 1, last)
-    gap = np.maximum(at[after] - at[before], 1)
-    return before, after, np.maximum((scans - at[before]) / gap, 0.0)
+    gap = np.maximum(passed[at[after]] - passed[at[before]], np.finfo(np.float64).tiny)
+    return before, after, np.maximum((passed - passed[at[before]]) / gap, 0.0)

@@ -68,7 +68,7 @@ class PoseGraphBackend:
             return SlamResult(self._builder.unmatched(), notices=(_ODOMETRY_ALONE,))
         closed = self._builder.closed()
         graph = calibrated(closed.graph)
-        covariances = path_covariances(graph, closed.scans, closed.poses)
+        covariances = path_covariances(graph, closed.scans, closed.poses, closed.variances)
         told = (*closed.notices, *covariance_notices(graph, covariances))
         if covariances is not None:
             covariances = covariances + closed.lag_covariances

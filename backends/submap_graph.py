@@ -191,12 +191,9 @@ class SubmapGraph:
         """Return the scan (N,) that every node stands at."""
         return np.array([self.keyframes[k].scan for k in self._firsts], dtype=np.int64)
 
-    def corrected(self, local: Floats) -> Floats:
-        """Move all scans from the tracker's frame (N, 3) into the map (N, 3).
-
-        Between two nodes, what each of them says is blended linearly over the scans.
-        """
-        return spread(local, self.node_scans(), np.array(self._nodes))
+    def corrected(self, local: Floats, variances: Floats) -> Floats:
+        """Move all scans from the tracker's frame (N, 3) into the map (N, 3); see `spread`."""
+        return spread(local, self.node_scans(), np.array(self._nodes), variances)
 
     def expectations(self) -> Expectations:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
