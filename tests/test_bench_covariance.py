@@ -46,7 +46,7 @@ def test_both_are_one_over_many_draws() -> None:
     means, ratios = [], []
     for _ in range(300):
         graph = measured_graph(truth, rng)
-        known = path_covariances(graph, np.arange(NODES), graph.poses)
+        known = path_covariances(graph, np.arange(NODES), graph.poses, np.ones(NODES))
         seen, true = Trajectory(STAMPS, graph.poses), Trajectory(STAMPS, truth)
         means.append(bench.nees(seen, known, true).mean())
         kinds = bench.chi2_by_kind(graph)

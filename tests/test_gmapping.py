@@ -17,7 +17,6 @@ from slarm_graph.backend import SlamResult
 from slarm_graph.backends import rbpf
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.particle_filter import normalised
-from slarm_graph.backends.path_filling import fill_path
 from slarm_graph.config import (
     FrontendConfig,
     GmappingConfig,
@@ -35,7 +34,7 @@ from slarm_graph.eval.relations import read_relations, relation_errors
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, tour
-from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
+from slarm_graph.geometry import Floats, Pose2, wrap_angles
 from slarm_graph.readings import LaserScan, Reading
 from slarm_graph.trajectory import Trajectory
 
@@ -223,32 +222,6 @@ def test_nothing_but_blind_scans_is_survived() -> None:
 def test_needs_a_scan() -> None:
     with pytest.raises(RunFailed, match="no scan"):
         made().result()
-
-
-def test_filling_meets_corrected_poses_and_keeps_the_rest_smooth() -> None:
-    rng = np.random.default_rng(0)
-    stamps = np.cumsum(rng.integers(1, 10**9, 50))
-    local = np.cumsum(rng.normal(0.0, 0.1, (50, 3)), axis=0)
-    corrected = np.array([0, 7, 8, 30])
-    path = local[corrected] + rng.normal(0.0, 0.05, (4, 3))
-    filled = fill_path(stamps, local, corrected, path)
-    assert np.allclose(between(filled[corrected], path), 0.0, atol=1e-12)
-    after = between(filled[30:-1], filled[31:])
-    assert np.allclose(after, between(local[30:-1], local[31:]))
-    same = fill_path(stamps, local, corrected, local[corrected])
-    assert np.allclose(between(same, local), 0.0, atol=1e-12)
-
-
-def test_filling_undoes_a_drift_that_grows_evenly_with_time() -> None:
-    """Brute force: the truth comes back at every scan, however unevenly they are stamped."""
-    rng = np.random.default_rng(1)
-    stamps = np.cumsum(rng.integers(1, 10**9, 40))
-    truth = np.column_stack([np.cumsum(rng.normal(0.0, 0.1, (40, 2)), axis=0), np.zeros(40)])
-    time_s = (stamps - stamps[0])[:, None] * 1e-9
-    local = truth + time_s * np.array([0.02, -0.03, 0.0])
-    corrected = np.array([0, 9, 11, 39])
-    filled = fill_path(stamps, local, corrected, truth[corrected])
-    assert np.allclose(filled, truth, atol=1e-12)
 
 
 def mean_errors(recording: Path, seed: int) -> Floats:

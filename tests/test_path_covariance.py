@@ -31,6 +31,8 @@ from slarm_graph.trajectory import Trajectory
 BETWEEN = 5
 STEP = np.array([0.3, 0.05, 0.2])
 Q = np.array([[4e-4, 5e-5, 1e-5], [5e-5, 9e-4, 2e-5], [1e-5, 2e-5, 1e-4]])
+EVEN = np.full(100, 0.01)
+"""Variances of the steps to scans that are all as sure."""
 
 
 def bent_path(scans: int) -> np.ndarray:
@@ -90,7 +92,7 @@ def dense(graph: PoseGraph) -> np.ndarray:
 @pytest.mark.parametrize("closed", [False, True])
 def test_bridge_is_exact_for_equal_steps(closed: bool) -> None:
     coarse, fine, at = coarse_and_fine(6, closed)
-    found = path_covariances(coarse, at, fine.poses)
+    found = path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)])
     assert found is not None
     np.testing.assert_allclose(found, dense(fine), rtol=1e-5, atol=1e-9)
 
@@ -105,15 +107,17 @@ def test_nodes_agree_with_gtsam() -> None:
 
 def test_solving_in_parts_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     coarse, fine, at = coarse_and_fine(8, True)
-    whole = path_covariances(coarse, at, fine.poses)
+    whole = path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)])
     monkeypatch.setattr("slarm_graph.backends.path_covariance._AT_ONCE", 3)
-    np.testing.assert_allclose(path_covariances(coarse, at, fine.poses), whole, rtol=1e-9)
+    np.testing.assert_allclose(
+        path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)]), whole, rtol=1e-9
+    )
 
 
 def test_scans_after_the_last_node_go_on() -> None:
     coarse, fine, at = coarse_and_fine(4, False)
     fewer = PoseGraph(coarse.poses[:-1], coarse.constraints[:-1])
-    found = path_covariances(fewer, at[:-1], fine.poses)
+    found = path_covariances(fewer, at[:-1], fine.poses, EVEN[: len(fine.poses)])
     assert found is not None
     # Without a loop nothing is learnt from what comes after: as if the step had been measured,
     # but that each share is seen from the node before.
@@ -127,7 +131,7 @@ def test_covariances_are_in_the_robots_frame() -> None:
     poses = np.array([[0.0, float(k), np.pi / 2] for k in range(3)])
     ahead = np.diag([0.04, 0.0001, 1e-8])
     steps = tuple(constraint(poses[::2], k, k + 1, ahead, "odometry") for k in range(1))
-    found = path_covariances(PoseGraph(poses[::2], steps), np.array([0, 2]), poses)
+    found = path_covariances(PoseGraph(poses[::2], steps), np.array([0, 2]), poses, EVEN[:3])
     assert found is not None
     np.testing.assert_allclose(np.diag(found[1])[:2], [0.02, 0.00005], rtol=1e-3)
 
@@ -138,7 +142,10 @@ def test_wheels_beside_matches_make_a_step_surer() -> None:
         coarse,
         constraints=(*coarse.constraints, constraint(coarse.poses, 0, 1, Q, "wheels")),
     )
-    alone, both = (path_covariances(graph, at, fine.poses) for graph in (coarse, twice))
+    alone, both = (
+        path_covariances(graph, at, fine.poses, EVEN[: len(fine.poses)])
+        for graph in (coarse, twice)
+    )
     assert alone is not None
     np.testing.assert_allclose(both, alone / 2.0, rtol=1e-9)
 
@@ -146,10 +153,30 @@ def test_wheels_beside_matches_make_a_step_surer() -> None:
 def test_unknown_where_nothing_ties_nodes() -> None:
     coarse, fine, at = coarse_and_fine(3, True)
     assert (
-        path_covariances(replace(coarse, constraints=coarse.constraints[1:]), at, fine.poses)
+        path_covariances(
+            replace(coarse, constraints=coarse.constraints[1:]),
+            at,
+            fine.poses,
+            EVEN[: len(fine.poses)],
+        )
         is None
     )
-    assert path_covariances(PoseGraph(fine.poses[:1]), at[:1], fine.poses) is None
+    assert (
+        path_covariances(PoseGraph(fine.poses[:1]), at[:1], fine.poses, EVEN[: len(fine.poses)])
+        is None
+    )
+
+
+def test_the_unsure_step_has_the_doubt() -> None:
+    """Nine tenths of a step's variance in its first half leave a tenth of it to the second."""
+    poses = np.array([[float(k), 0.0, 0.0] for k in range(3)])
+    wide = np.diag([0.04, 0.04, 1e-8])
+    steps = (constraint(poses[::2], 0, 1, wide, "odometry"),)
+    found = path_covariances(
+        PoseGraph(poses[::2], steps), np.array([0, 2]), poses, np.array([7.0, 0.9, 0.1])
+    )
+    assert found is not None
+    np.testing.assert_allclose(np.diag(found[1])[:2], 0.9 * 0.04, rtol=1e-3)
 
 
 def test_spread_of_particles_in_the_best_ones_frame() -> None:
@@ -164,12 +191,12 @@ def test_spread_of_particles_in_the_best_ones_frame() -> None:
 def test_filling_carries_along_a_lever() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, np.pi / 2], [1.0, 1.0, np.pi / 2]])
     known = np.array([np.diag([0.0, 0.0, 0.01]), np.diag([0.0, 0.0, 0.04])])
-    found = fill_covariances(known, np.array([0, 2]), poses)
+    found = fill_covariances(known, np.array([0, 2]), poses, EVEN[:3])
     np.testing.assert_allclose(found[[0, 2]], known, atol=1e-15)
     # Half of either: from behind a turn of 0.1 moves the robot 0.1 m to the map's y, which is
     # ahead; from ahead a turn of 0.2 moves it 0.2 m to the map's x, which is aside.
     np.testing.assert_allclose(np.diag(found[1]), [0.005, 0.02, 0.025], atol=1e-12)
-    last = fill_covariances(known[:1], np.array([0]), poses)[2]
+    last = fill_covariances(known[:1], np.array([0]), poses, EVEN[:3])[2]
     np.testing.assert_allclose(last, carried_by_hand(poses, known[0]), atol=1e-12)
 
 

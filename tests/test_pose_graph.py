@@ -245,13 +245,35 @@ def test_spread_keeps_known_poses_and_shapes_between_them() -> None:
     local = np.cumsum(rng.normal(size=(30, 3)) * 0.1, axis=0)
     at = np.array([0, 10, 20])
     shift = np.array([1.0, 2.0, 0.5])
-    rigid = spread(local, at, compose(shift, local[at]))
+    even = np.ones(30)
+    rigid = spread(local, at, compose(shift, local[at]), even)
     assert np.allclose(rigid, compose(shift, local), atol=1e-12)
     bend = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.01]])
     bent = compose(shift, local[at]) + bend
-    moved = spread(local, at, bent)
+    moved = spread(local, at, bent, even)
     assert np.allclose(moved[at], bent, atol=1e-12)
     assert np.allclose(between(moved[20], moved[29]), between(local[20], local[29]), atol=1e-12)
+
+
+def test_spread_undoes_a_drift_that_grows_with_the_variance() -> None:
+    """Brute force: the truth comes back at every scan, however uneven the doubt is."""
+    rng = np.random.default_rng(1)
+    variances = rng.uniform(0.0, 1.0, 40)
+    truth = np.column_stack([np.cumsum(rng.normal(0.0, 0.1, (40, 2)), axis=0), np.zeros(40)])
+    local = truth + np.cumsum(variances)[:, None] * np.array([0.02, -0.03, 0.0])
+    at = np.array([0, 9, 11, 39])
+    assert np.allclose(spread(local, at, truth[at], variances), truth, atol=1e-12)
+    evenly = truth + np.arange(40)[:, None] * [0.02, -0.03, 0.0]
+    assert not np.allclose(spread(evenly, at, truth[at], variances), truth, atol=0.01)
+
+
+def test_a_silence_takes_what_it_was_off_by() -> None:
+    """Four scans that were matched before it, and three after, stay where their nodes have them."""
+    local = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
+    variances = np.full(8, 1e-4)
+    variances[4], local[4:, 1] = 9.0, 7.0
+    found = spread(local, np.array([0, 7]), np.array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]]), variances)
+    assert np.abs(found[:, 1]).max() < 1e-3
 
 
 @pytest.mark.slow
