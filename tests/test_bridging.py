@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from slarm_graph.backends.graph_building import GraphBuilder
-from slarm_graph.backends.path_filling import bridged
+from slarm_graph.backends.path_filling import bridged, step_variance
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans.tracker import TrackedScan
@@ -76,3 +78,13 @@ def test_what_comes_before_the_first_match_stays() -> None:
     for k, (x_m, matched) in enumerate([(0.0, False), (0.5, False), (1.4, True)]):
         builder.take(scan(k, x_m, matched=matched))
     np.testing.assert_allclose(builder.unmatched().poses[:, 0], [0.0, 0.5, 1.4])
+
+
+def test_a_step_is_as_unsure_as_what_tells_of_it() -> None:
+    """A match, else odometry; with neither, what has come to the tracker's own doubt."""
+    told = scan(0, 0.0, matched=True)
+    wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), np.diag([4.0, 1.0, 9.0]), np.eye(3))
+    placed = replace(scan(1, 0.5, matched=False), wheels=wheels)
+    assert step_variance(replace(told, wheels=wheels)) == pytest.approx(2e-4)
+    assert step_variance(placed) == pytest.approx(5.0)
+    assert step_variance(replace(placed, wheels=None)) == pytest.approx(2e-4)
