@@ -219,6 +219,23 @@ def test_nothing_but_blind_scans_is_survived() -> None:
     assert len(result.trajectory) == 30
 
 
+def test_a_turn_on_the_spot_is_a_reason_to_update() -> None:
+    """By default each quarter of a radian, and not at every scan."""
+    readings = []
+    for k in range(21):
+        beams = (np.arange(360) + 0.5) * np.pi / 180 + 0.05 * k
+        x, y = np.cos(beams), np.sin(beams)
+        to_x = np.where(x > 0, 3.0, 2.0) / np.maximum(np.abs(x), 1e-9)
+        to_y = np.where(y > 0, 4.0, 1.5) / np.maximum(np.abs(y), 1e-9)
+        ranges = np.minimum(to_x, to_y).astype(np.float32)
+        scan = LaserScan(ranges, 0.5 * np.pi / 180, np.pi / 180, 0.1, 30.0)
+        readings.append(Reading(k * 200_000_000, scan, Pose2(0.0, 0.0, 0.05 * k)))
+    result = run(made(), tuple(readings))
+    updates = next(t for t in result.tables if t.name == "particles")
+    assert len(updates.rows) in (3, 4)
+    np.testing.assert_allclose(result.trajectory.poses[-1], [0.0, 0.0, 1.0], atol=0.02)
+
+
 def test_needs_a_scan() -> None:
     with pytest.raises(RunFailed, match="no scan"):
         made().result()

@@ -121,3 +121,13 @@ def test_a_heading_that_may_be_any_leaves_room_all_round(turn_rad: float) -> Non
     miss[2] = (miss[2] + np.pi) % (2.0 * np.pi) - np.pi
     assert miss @ np.linalg.solve(found, miss) < 16.27
     assert np.linalg.eigvalsh(found[:2, :2])[-1] < 60.0**2
+
+
+def test_a_heading_is_not_more_unknown_than_on_all_the_circle() -> None:
+    """Several turns unsure or one: what lies 50 m on lies on a circle, 50 m sure along an axis."""
+    poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [51.0, 0.0, 0.0]])
+    second = np.diag([0.2, 0.2, 0.01]) ** 2
+    for heading_rad in (1.0, 3.0, 20.0):
+        first = np.diag([0.1, 0.1, heading_rad]) ** 2
+        found = reach_of(poses, [first, second]).covariances(poses, 2)[0]
+        np.testing.assert_allclose(np.diag(found)[:2], 50.0**2, rtol=1e-3)

@@ -12,7 +12,7 @@ import pytest
 from slarm_graph.backend import silent
 from slarm_graph.backends import closure_sets
 from slarm_graph.backends.closure_sets import agreeing, consistent_sets
-from slarm_graph.backends.final_closures import close_finally, followed
+from slarm_graph.backends.final_closures import _near, close_finally, followed
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -308,3 +308,33 @@ def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
     sigma_m, sigma_rad = graph.sigmas_between(i, j)
     assert sigma_m == pytest.approx(np.sqrt(covariance[0, 0] + covariance[1, 1]))
     assert sigma_rad == pytest.approx(np.sqrt(covariance[2, 2]))
+
+
+def test_only_what_the_graph_is_sure_of_is_looked_for_without_a_search(
+    twice: list[Keyframe],
+) -> None:
+    """Lost between two rounds, nothing is near for sure; by odometry that held, places are."""
+    half = len(twice) // 2
+    back = [replace(k, local_from_robot=AWAY.inverse() @ k.local_from_robot) for k in twice[half:]]
+    asked = {}
+    for name, covariance in (("lost", LOST), ("sure", twice[1].covariance)):
+        graph = SubmapGraph(PoseGraphConfig())
+        for keyframe in [*twice[:half], replace(back[0], covariance=covariance), *back[1:]]:
+            graph.add(keyframe)
+        asked[name] = list(_near(graph, set()))
+        again = graph.node_of(half)
+        assert all(j >= again for j, _, _ in asked[name])
+    assert not asked["lost"]
+    assert len(asked["sure"]) > 3
+
+
+def test_a_submap_is_made_once_it_reaches_half_a_node_beyond_the_next(
+    twice: list[Keyframe],
+) -> None:
+    """As soon, not before: of ten keyframes five to either side of its own."""
+    graph = SubmapGraph(PoseGraphConfig(node_m=1e9))
+    for count, keyframe in enumerate(twice[:41], start=1):
+        graph.add(keyframe)
+        assert len(graph.submaps) == max(0, (count - 5) // 10)
+    found = [(s.first, s.anchor, s.last) for s in graph.submaps]
+    assert found == [(0, 0, 15), (5, 10, 25), (15, 20, 35)]

@@ -69,6 +69,28 @@ def test_normals_point_to_the_laser() -> None:
     assert (towards[directed] > 0.0).all()
 
 
+def test_normals_are_those_of_principal_axes() -> None:
+    """A second implementation: eigenvectors of the covariance of what lies within half a metre."""
+    rng = np.random.default_rng(2)
+    along = np.sort(rng.uniform(0.0, 4.0, 40))
+    points = np.column_stack([along, 2.0 + 0.5 * along + rng.normal(0.0, 0.01, 40)])
+    origin = np.array([0.3, -0.2])
+    found, said = point_normals(points, origin), 0
+    for k, point in enumerate(points):
+        near = points[max(0, k - 3) : k + 4]
+        near = near[np.hypot(*(near - point).T) <= 0.5]
+        variances, axes = (
+            np.linalg.eigh(np.cov(near.T, bias=True)) if len(near) > 2 else (None, None)
+        )
+        if variances is None or variances[0] > 0.1 * variances[1]:
+            assert (found[k, 2:] == 0.0).all()
+            continue
+        normal = axes[:, 0] * np.sign(axes[:, 0] @ (origin - point))
+        np.testing.assert_allclose(found[k, 2:], normal, atol=1e-9)
+        said += 1
+    assert said > 30
+
+
 def test_the_far_side_of_a_wall_is_another_wall() -> None:
     maps = room_maps()
     outside = walls_m()

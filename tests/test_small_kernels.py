@@ -20,6 +20,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     times3,
     with_diagonal3,
 )
+from slarm_graph.frontends.scans.small_pose import log_volume
 from slarm_graph.frontends.scans.standing import _CELL_M, _among, _touched
 from slarm_graph.geometry import Floats, one_per_cell
 
@@ -34,6 +35,14 @@ def test_products_are_those_of_numpy(seed: int) -> None:
     np.testing.assert_allclose(sandwich3(a, b), a @ b @ a.T, rtol=1e-14, atol=1e-13)
     np.testing.assert_allclose(times3(a, v), a @ v, rtol=1e-14, atol=1e-14)
     np.testing.assert_array_equal(with_diagonal3(a, v), a + np.diag(v))
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_volume_is_that_of_numpy(seed: int) -> None:
+    root = np.random.default_rng(seed).normal(size=(3, 3))
+    covariance = root @ root.T
+    expected = np.linalg.slogdet(2.0 * np.pi * covariance).logabsdet
+    assert log_volume(covariance) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("coupling", [0.0, 1e-9, 0.3, -2.0, 1e8])
