@@ -296,6 +296,26 @@ def test_what_may_have_failed_unseen_does_not_widen_a_path() -> None:
     assert failed.covariance[2, 2] > 10.0 * usual.covariance[2, 2]
 
 
+@pytest.mark.parametrize(("every", "is_held_against_it"), [(50, True), (5, False)])
+def test_odometry_that_fails_often_is_not_held_against_a_match(
+    every: int, is_held_against_it: bool
+) -> None:
+    """Where it rarely does, the match that says so may be the false one: its own doubt is kept."""
+    odometry, odom = OdometryFilter(), Pose2()
+    told = None
+    for k in range(200):
+        hangs = k % every == 0 and k > 0
+        odom = odom if hangs else odom @ FORWARD
+        odometry.predict(0.1, odom)
+        odometry.judge(FORWARD.as_array(), SURE)
+        told = odometry.wheel_motion() if hangs else told
+        odometry.learn(FORWARD.as_array(), np.diag(SURE))
+        odometry.correct(0.1, FORWARD.as_array(), SURE)
+    assert told is not None
+    assert (told.held[0, 0] < 0.1 * told.covariance[0, 0]) == is_held_against_it
+    assert np.linalg.eigvalsh(told.held).min() > 0.0
+
+
 def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     """Scans seconds apart: half such a gap carries nothing aside, and covariances stay such."""
     odometry = OdometryFilter()
