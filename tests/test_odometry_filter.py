@@ -303,7 +303,7 @@ def test_odometry_that_fails_often_is_not_held_against_a_match(
     """Where it rarely does, the match that says so may be the false one: its own doubt is kept."""
     odometry, odom = OdometryFilter(), Pose2()
     told = None
-    for k in range(200):
+    for k in range(900):
         hangs = k % every == 0 and k > 0
         odom = odom if hangs else odom @ FORWARD
         odometry.predict(0.1, odom)
