@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Searches over cells against scipy's, and steering that does not depend on where the map begins."""
+"""Searches over cells against scipy's, and steering that is the same wherever the map begins."""
 
 from __future__ import annotations
 

@@ -115,7 +115,7 @@ def wavefront(
     soon = [start][:0]
     later = [start][:0]
     level = 0.0
-    while len(now) + len(soon) + len(later) > 0 and level <= limit:
+    while len(now) + len(soon) > 0 and level <= limit:
         best = _cheapest(now, codes, wanted, labels)
         if best >= 0:
             return best
