@@ -316,6 +316,27 @@ def test_odometry_that_fails_often_is_not_held_against_a_match(
     assert np.linalg.eigvalsh(told.held).min() > 0.0
 
 
+@pytest.mark.parametrize(("silent", "held"), [(0, [True, False, False]), (3, [True, True, True])])
+def test_what_was_seen_to_have_failed_is_not_held_against_the_next_match(
+    silent: int, held: list[bool]
+) -> None:
+    """Encoders hang for three steps; after a silence no match has yet earned to be believed."""
+    odometry, odom = run(100, FORWARD, FORWARD), Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 99)
+    for _ in range(silent):
+        odom = odom @ FORWARD
+        odometry.predict(0.1, odom)
+        odometry.coast()
+    is_held = []
+    for _ in range(3):
+        odometry.predict(0.1, odom)
+        odometry.judge(FORWARD.as_array(), SURE)
+        told = odometry.wheel_motion()
+        assert told is not None
+        is_held.append(bool(told.held[0, 0] < 0.5 * told.covariance[0, 0]))
+        odometry.correct(0.1, FORWARD.as_array(), SURE)
+    assert is_held == held
+
+
 def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     """Scans seconds apart: half such a gap carries nothing aside, and covariances stay such."""
     odometry = OdometryFilter()

@@ -122,6 +122,7 @@ class OdometryFilter:
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
         self._holds, self._hangs, self._is_still = 1.0 - _FAILS, 0.0, False
+        self._failed, self._lasts, self._vouched_nat = 0.0, 0.0, math.inf
         self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
         self._unsteadiness = 1.0
         self._steady_motion: Prediction | None = None
@@ -220,6 +221,8 @@ class OdometryFilter:
         holds, hangs = before * ratio, self._hangs * max(ratio, 1.0)
         total = max(holds + hangs + slips, 1e-300)
         self._holds, self._hangs = holds / total, hangs / total
+        self._vouched_nat += log_odds
+        self._failed = 1.0 - self._holds if self._vouched_nat > -math.log(_FAILS) else 0.0
         self._steps += before
         self._failures += before * (1.0 - self._holds)
 
@@ -237,8 +240,10 @@ class OdometryFilter:
         enough for it would let any place be the one that is come back to.
 
         That it failed is known by a match elsewhere, which may be the false one, as rarely as
-        odometry fails where nothing is known. Where it fails so often that a false match is beyond
-        what closures are asked for, odometry is not held against a match.
+        odometry fails where nothing is known. Where its failure was so much more to be expected,
+        for it often fails or was just seen to have failed, that a false match is beyond what
+        closures are asked for, odometry is not held against a match. Matches after a silence have
+        seen nothing until their agreement with odometry outweighs that they rarely are false.
         """
         steady = self._steady_motion
         if self._increment is None or steady is None:
@@ -252,7 +257,7 @@ class OdometryFilter:
             steady.covariance,
             self._steps_in(self._span_s),
         )
-        if self._failures > SURPRISING * _FAILS * self._steps:
+        if self._lasts + self._failures / self._steps > SURPRISING * _FAILS:
             held = covariance
         return WheelMotion(
             motion, covariance, held, self.wheels.noise.reading, effect, self.wheels.covariance
@@ -263,6 +268,7 @@ class OdometryFilter:
 
         Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
         """
+        self._vouched_nat = 0.0
         if self._measured is not None and self._holds >= 0.5:
             self._kalman.x = self._measured.motion / self._span_s
             self._kalman.P = np.diag(_ANYWHERE**2)
@@ -300,6 +306,7 @@ class OdometryFilter:
             slips = (slips + fell - self._hangs) * (1.0 - _RECOVERS)
         self._holds = 1.0 - self._hangs - slips
         self._is_still = is_still
+        self._lasts = self._failed = (1.0 - _RECOVERS) * self._failed
 
     def _steps_in(self, span_s: float) -> float:
         """How many usual steps a gap is; one where there is none, whose noise is learned whole."""
