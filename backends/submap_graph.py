@@ -103,7 +103,7 @@ class SubmapGraph:
         if node + 1 >= len(self._firsts):
             return
         first, last = self._firsts[node], self._firsts[node + 1]
-        margin = max(1, (last - first) // 2) if self._config.submap_keyframes else 0
+        margin = max(1, (last - first) // 2)
         if len(self.keyframes) >= last + margin:
             begin = max(0, first - margin)
             self.submaps.append(make_submap(self.keyframes, begin, last + margin, first))

@@ -156,8 +156,6 @@ class PoseGraphConfig(Stage):
     """Keyframes per submap node of the graph that is kept up while driving, at most."""
     node_m: float = Field(default=2.5, gt=0)
     """Way per submap node, at most [m]: 10 keyframes of a dense recording."""
-    submap_keyframes: int = Field(default=20, ge=2)
-    """Keyframes a submap is made of."""
     recent_keyframes: int = Field(default=40, ge=1)
     """Submaps with younger keyframes than this are no old places."""
     loops: LoopClosureConfig = LoopClosureConfig()
