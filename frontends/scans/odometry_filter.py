@@ -12,14 +12,12 @@ state of their own, since they read the same until they work again, and nobody s
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from slarm_graph.frontends.scans.closures import SURPRISING
 from slarm_graph.frontends.scans.kalman import KalmanState
 from slarm_graph.frontends.scans.odometry_weighing import (
     ACCELERATION,
@@ -31,6 +29,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     over,
     weighed,
 )
+from slarm_graph.frontends.scans.reliability import Reliability
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -46,16 +45,6 @@ _NO_LAG = np.zeros(3)
 """Variances (3,) of what was asked for at the stamp itself."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
-_FAILS = 1.0 / 300.0
-"""Probability that odometry begins to fail in a step, before failures are counted."""
-_RECOVERS = 0.2
-"""Probability that it ends in a step: slips and jumps last for some scans."""
-_SURE = 600.0
-"""Log odds beyond which a float has no number for them."""
-_STILL = 1e-9
-"""Motion [m, rad] that is none: what subtracting equal poses kilometres away leaves at most."""
-_COUNTED = 300.0
-"""Steps that the first guess of a failure's probability is worth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,21 +110,19 @@ class OdometryFilter:
         self.wheels = WheelCalibration()
         self._last_odom: Pose2 | None = None
         self._odometry_lives = False
-        self._holds, self._hangs, self._is_still = 1.0 - _FAILS, 0.0, False
-        self._failed, self._lasts, self._vouched_nat = 0.0, 0.0, math.inf
-        self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
+        self.reliability = Reliability()
         self._unsteadiness = 1.0
         self._steady_motion: Prediction | None = None
         self._increment: Floats | None = None
         self._measured: Prediction | None = None
         self._usual_span_s = 0.0
         self._span_s = 1.0
-        self._is_seen = False
 
     def branched(self) -> OdometryFilter:
         """Return a filter of its own that has learned the same so far."""
         other = copy.copy(self)
         other._kalman, other.wheels = copy.copy(self._kalman), self.wheels.branched()
+        other.reliability = self.reliability.branched()
         return other
 
     def predict(
@@ -158,7 +145,7 @@ class OdometryFilter:
             agree, and the velocity alone.
         """
         span = self._span_s = self._steady(span_s)
-        self._is_seen = False
+        self.reliability.begin()
         kalman = self._kalman
         self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
@@ -171,7 +158,7 @@ class OdometryFilter:
         if self._increment is None:
             self._steady_motion = Prediction(*over(kalman.x, kalman.P, span))
             return (self._steady_motion,)
-        self._go_on(self._increment)
+        self.reliability.go_on(self._increment)
         lag = self._lag_variances(lag_s)
         kalman.x, kalman.P, motions, covariances = weighed(
             (kalman.x, kalman.P),
@@ -181,11 +168,12 @@ class OdometryFilter:
             lag,
             self._steps_in(span),
         )
-        self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - self._holds)
-        self._measured = Prediction(motions[1], covariances[1], self._holds)
-        wheels = Prediction(motions[2], covariances[2], self._holds, covariances[3])
+        holds = self.reliability.holds
+        self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - holds)
+        self._measured = Prediction(motions[1], covariances[1], holds)
+        wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
         both = (wheels, self._steady_motion)
-        return both if self._holds >= 0.5 else both[::-1]
+        return both if holds >= 0.5 else both[::-1]
 
     def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
         """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
@@ -211,54 +199,34 @@ class OdometryFilter:
         wheels, steady = self._measured, self._steady_motion
         if wheels is None or steady is None:
             return
-        self._is_seen = True
-        before, slips = self._holds, 1.0 - self._holds - self._hangs
         log_odds = log_ratio(
             wheels.motion, wheels.covariance, steady.motion, steady.covariance, found, covariance
         )
-        ratio = math.exp(min(log_odds, _SURE))
-        # Encoders that hang say nothing of the motion: a stand is as probable as it is without.
-        holds, hangs = before * ratio, self._hangs * max(ratio, 1.0)
-        total = max(holds + hangs + slips, 1e-300)
-        self._holds, self._hangs = holds / total, hangs / total
-        self._vouched_nat += log_odds
-        self._failed = 1.0 - self._holds if self._vouched_nat > -math.log(_FAILS) else 0.0
-        self._steps += before
-        self._failures += before * (1.0 - self._holds)
+        self.reliability.judge(log_odds)
 
     def learn(self, moved: Floats, claimed: Floats) -> None:
         """Learn odometry's errors from the way (3,) between two matches; see `WheelCalibration`."""
         if self._increment is not None:
-            self.wheels.learn(self._increment, moved, claimed, self._holds)
+            self.wheels.learn(self._increment, moved, claimed, self.reliability.holds)
 
     def wheel_motion(self) -> WheelMotion | None:
         """Return the last step by odometry alone; None where there is none.
 
         As far as odometry may have failed in it, the robot may have gone on as before: mean and
-        spread are about the way that odometry tells. What may have failed while nothing was matched
-        is rare and far off, which is for those to weigh who meet a contradiction: a spread wide
-        enough for it would let any place be the one that is come back to.
-
-        That it failed is known by a match elsewhere, which may be the false one, as rarely as
-        odometry fails where nothing is known. Where its failure was so much more to be expected,
-        for it often fails or was just seen to have failed, that a false match is beyond what
-        closures are asked for, odometry is not held against a match. Matches after a silence have
-        seen nothing until their agreement with odometry outweighs that they rarely are false.
+        spread are about the way that odometry tells. See `Reliability` for what speaks against it.
         """
         steady = self._steady_motion
         if self._increment is None or steady is None:
             return None
-        holds = self._holds if self._is_seen or self._holds < 0.5 else 1.0
         motion, covariance, held, effect = along_path(
             self._increment,
             self.wheels.known,
-            holds,
+            self.reliability.holds_on_a_path(),
             steady.motion,
             steady.covariance,
             self._steps_in(self._span_s),
         )
-        if self._lasts + self._failures / self._steps > SURPRISING * _FAILS:
-            held = covariance
+        held = held if self.reliability.speaks_against_matches() else covariance
         return WheelMotion(
             motion, covariance, held, self.wheels.noise.reading, effect, self.wheels.covariance
         )
@@ -268,8 +236,8 @@ class OdometryFilter:
 
         Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
         """
-        self._vouched_nat = 0.0
-        if self._measured is not None and self._holds >= 0.5:
+        self.reliability.lose_sight()
+        if self._measured is not None and self.reliability.holds >= 0.5:
             self._kalman.x = self._measured.motion / self._span_s
             self._kalman.P = np.diag(_ANYWHERE**2)
             return
@@ -286,27 +254,6 @@ class OdometryFilter:
     def lag_covariance(self, lag_s: float) -> Floats:
         """Covariance (3, 3) of carrying a pose over `lag_s` with the last interval's velocity."""
         return np.diag(self._lag_variances(lag_s))
-
-    def _go_on(self, increment: Floats) -> None:
-        """Let a step pass in which odometry reads a motion (3,), or none at all.
-
-        What hangs reads none until it moves on, as any failure then: that may be all that was
-        missed, in one. Unseen it ends as rarely as a failure begins. What fails in a step of no
-        motion hangs; later in a stand, where nothing did, it began unseen.
-        """
-        is_still, was_still = bool(np.abs(increment).max() < _STILL), self._is_still
-        fails = self._failures / self._steps
-        hung, fell = self._hangs if is_still else 0.0, self._holds * fails
-        slips = 1.0 - self._holds - hung
-        if is_still and was_still:
-            self._hangs = hung * (1.0 - fails) + slips * (1.0 - _RECOVERS) + fell * fails
-            slips = 0.0
-        else:
-            self._hangs = fell if is_still else 0.0
-            slips = (slips + fell - self._hangs) * (1.0 - _RECOVERS)
-        self._holds = 1.0 - self._hangs - slips
-        self._is_still = is_still
-        self._lasts = self._failed = (1.0 - _RECOVERS) * self._failed
 
     def _steps_in(self, span_s: float) -> float:
         """How many usual steps a gap is; one where there is none, whose noise is learned whole."""
