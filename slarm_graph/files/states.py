@@ -19,7 +19,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.files.arrays import FAILURES, load_arrays
 from slarm_graph.snapshots import State
 
-FORMAT: Final = 1
+FORMAT: Final = 2
 """Raised when what is written changes; other formats are refused."""
 _ANEW: Final = "start the run anew, without --resume"
 
