@@ -29,6 +29,7 @@ from slarm_graph.files.configs import load_config
 from slarm_graph.frontends.recordings.sources import open_source
 
 FACTORS = (0.5, 2.0)
+"""Half and double, as every number of the project is judged."""
 WORTH = 0.002
 """A gain of less than 0.2 % on the others is rounding or luck, and the default stays."""
 
