@@ -7,12 +7,12 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.execution import execute
 from slarm_graph.app.job import Job
 from slarm_graph.app.progress import Quiet
 from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.config import RunConfig
+from slarm_graph.files.worlds import load_world
 
 _BACKENDS = ("pose_graph", "gmapping")
 _WORLD = "paper_room"
@@ -21,8 +21,8 @@ _WORLD = "paper_room"
 
 def compile_kernels() -> None:
     """Have everything compiled and kept that a run with a radio map calls, by running one."""
-    aps = (AccessPoint("AP1", 0.0, 0.0, 2.5),)
+    access_points = load_world(_WORLD).access_points
     with tempfile.TemporaryDirectory() as out:
         for backend in _BACKENDS:
-            job = Job((Path(_WORLD),), RunConfig(backend=backend), aps)
+            job = Job((Path(_WORLD),), RunConfig(backend=backend), access_points)
             execute(job, create_run_folder(Path(out), backend), Quiet())
