@@ -123,10 +123,6 @@ class GraphBuilder:
         """Return the stamps (S,) of all scans."""
         return np.array(self._stamps_ns, dtype=np.int64)
 
-    def variances(self) -> Floats:
-        """Return how unsure the step to every scan is (S,) [m^2]."""
-        return np.array(self._variances)
-
     def map_from_robot(self) -> Pose2:
         """Return the present pose by the graph as last optimised."""
         return self._graph.map_from_local() @ self._local[-1] if self._local else Pose2()
@@ -155,7 +151,8 @@ class GraphBuilder:
         )
         rivals = close_finally(graph, matcher, self._heartbeat)
         settled, weights = graph.settle(self._heartbeat)
-        local, variances = np.array([pose.as_array() for pose in self._local]), self.variances()
+        local = np.array([pose.as_array() for pose in self._local])
+        variances = np.array(self._variances)
         poses = graph.corrected(local, variances)
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals))

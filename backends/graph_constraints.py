@@ -80,13 +80,8 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
     readings = _ODOMETRY_FLOOR + _carried(first, motion) + last
-    total, held = (
-        _symmetric(covariance * limits_of(covariance))
-        for covariance in (
-            wheels.total_covariance() + readings,
-            wheels.held_covariance() + readings,
-        )
-    )
+    told = (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
+    total, held = (_symmetric(covariance * limits_of(covariance)) for covariance in told)
     return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=held)
 
 
