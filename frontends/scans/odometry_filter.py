@@ -236,7 +236,6 @@ class OdometryFilter:
 
         Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
         """
-        self.reliability.lose_sight()
         if self._measured is not None and self.reliability.holds >= 0.5:
             self._kalman.x = self._measured.motion / self._span_s
             self._kalman.P = np.diag(_ANYWHERE**2)

@@ -34,7 +34,7 @@ class Reliability:
     def __init__(self) -> None:
         self.holds = 1.0 - _FAILS
         self._hangs, self._is_still, self._is_seen = 0.0, False, False
-        self._failed, self._lasts, self._vouched_nat = 0.0, 0.0, math.inf
+        self._failed, self._lasts = 0.0, 0.0
         self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
 
     def branched(self) -> Reliability:
@@ -81,14 +81,9 @@ class Reliability:
         holds, hangs = before * ratio, self._hangs * max(ratio, 1.0)
         total = max(holds + hangs + slips, 1e-300)
         self.holds, self._hangs = holds / total, hangs / total
-        self._vouched_nat += log_odds
-        self._failed = 1.0 - self.holds if self._vouched_nat > -math.log(_FAILS) else 0.0
+        self._failed = 1.0 - self.holds
         self._steps += before
         self._failures += before * (1.0 - self.holds)
-
-    def lose_sight(self) -> None:
-        """Note that nothing was matched: the next matches have to earn it to be believed."""
-        self._vouched_nat = 0.0
 
     def holds_on_a_path(self) -> float:
         """Return the probability that odometry holds, for a path along it.
@@ -105,7 +100,5 @@ class Reliability:
         Matches are false as rarely as odometry fails where nothing is known. Where its failure was
         so much more to be expected, for it often fails or was just seen to have failed, that a
         false match is beyond what closures are asked for, odometry does not speak against one.
-        Matches after a silence have seen nothing until their agreement with odometry outweighs that
-        they rarely are false.
         """
         return self._lasts + self.fails <= SURPRISING * _FAILS
