@@ -18,6 +18,7 @@ import numpy as np
 
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction, spread_about
 from slarm_graph.frontends.scans.places import Outlook, Place, best_story, step_to
+from slarm_graph.frontends.scans.reliability import RECOVERS
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
 
@@ -51,6 +52,8 @@ class Story:
         Where the last scan fitted; None where it was not matched.
     raw : (3,) float64 or None
         Pose by the last match alone.
+    walkers : float
+        Probability that what is small walks, as it did when the last scan was seen.
     trail : list of (3,) float64
         Poses since the stories parted, the last one included.
     """
@@ -62,6 +65,7 @@ class Story:
     log_weight: float = 0.0
     place: Place | None = None
     raw: Floats | None = None
+    walkers: float = 0.0
     trail: list[Floats] = field(default_factory=list)
 
     def outlook(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> Outlook:
@@ -72,7 +76,8 @@ class Story:
             predictions.append(
                 Prediction(told.motion, covariance, told.probability, told.unlearned)
             )
-        return Outlook(self.pose, tuple(predictions), self.motion.wheels.noise.match_excess)
+        excess = self.motion.wheels.noise.match_excess
+        return Outlook(self.pose, tuple(predictions), excess, walkers=self.walkers)
 
     def branched(self) -> Story:
         """Return an account of its own that is the same so far."""
@@ -95,6 +100,7 @@ class Story:
             self.spread = spread_about(told, outlook.predictions) + carried3(wider, told)
             self.motion.wheels.interrupt()
             self.motion.coast()
+        self.walkers = (1.0 - RECOVERS) * place.walked
         self.place = place if is_match else None
         self.raw = place.pose if is_match else None
         self.log_weight += place.log_posterior

@@ -18,11 +18,11 @@ import numpy as np
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
 from slarm_graph.frontends.scans.odometry_filter import Expectation
-from slarm_graph.frontends.scans.quantiles import median
 from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
+from slarm_graph.frontends.scans.small_things import SMALL_M, WALKERS, apart_m, are_two, slant_between
 from slarm_graph.geometry import Floats
-from slarm_graph.kernels import kernel, kernel_with
+from slarm_graph.kernels import kernel
 
 _AWAY_M = 0.1
 """How far away the fall-off is looked at: twice that of the likelihood of a wall, beyond its
@@ -41,21 +41,6 @@ of scans that fit 0.95, 0.75, 0.55 and 0.4 of the usual differ from it by 5, 19,
 its own noise (fr-clinic) and by 3, 6, 12 and 45 mm (intel with people): 5 in the log of the noise
 per whole, with tails that are wider. Half of it makes intel.bag 11 % better and fr-clinic with a
 view of 90 degrees lose its way (4.1 m instead of 0.37)."""
-_APART_M = 0.3
-"""Neighbouring returns farther from each other are of two things: half a person's width."""
-_GRAZING_RAD = math.radians(10.0)
-"""But not where a wall met at this angle would show no more returns in between (Borges and Aldon,
-"Line Extraction in 2D Range Images for Mobile Robotics", J. Intell. Robot. Syst. 40, 2004)."""
-_COARSE_RAD = 0.5 / 3.0 / 3.0
-"""Beams farther apart do not tell things from each other: of a person, 0.5 m wide and 3 m away,
-fewer than three return."""
-_SMALL_M = 0.8
-"""What is no wider may walk: a person is 0.5 m wide, and a stride is long."""
-_WALKERS = 0.05
-"""Share of small things that walk: people among table legs, door frames and pillars. With 0.02
-three simulated buildings are 0.20, 0.03 and 0.10 m in place of 0.42, 0.03 and 0.04, but a bare
-corridor without anybody is 7 % too short in place of 3: there the last returns of its walls walk
-along."""
 _WALKED_M = 0.56
 """How far one has come since it was seen last: at 1.4 m/s in the 0.4 s in which a robot of 0.6 m/s
 drives to the next keyframe."""
@@ -151,8 +136,8 @@ def _walks(
         for r in range(2):
             for c in range(2):
                 spread += axis[r] * covariances[k, r, c] * axis[c]
-        stands += (1.0 - _WALKERS) * chances[k] * _density(away2, spread)
-        walks += _WALKERS * chances[k] * _density(away2, spread + walked)
+        stands += (1.0 - WALKERS) * chances[k] * _density(away2, spread)
+        walks += WALKERS * chances[k] * _density(away2, spread + walked)
     return walks / max(stands + walks, 1e-300)
 
 
@@ -230,52 +215,20 @@ def _small_thing(
         jx, jy, here[i], weight = slope(lattice, points, tangents, i, pose, c, s)
         told[i] = weight * (jx * axis[0] + jy * axis[1]) ** 2
         total += told[i]
-    beams_rad = _beams_rad(points)
-    if not beams_rad < _COARSE_RAD:
+    slant = slant_between(points)
+    if math.isinf(slant):
         return here, (0, 0), 0.0
-    slant = math.sin(beams_rad) / math.sin(_GRAZING_RAD - beams_rad)
     most, thing, first, last, own, wide = 0.0, (0, 0), -1, -1, 0.0, 0.0
     for i in range(len(points) + 1):
         is_end = i == len(points)
         if not is_end and told[i] * len(points) <= total:
             continue
-        if first >= 0 and (is_end or _are_two(points, last, i, slant)):
-            if own > most and wide < _SMALL_M:
+        if first >= 0 and (is_end or are_two(points, last, i, slant)):
+            if own > most and wide < SMALL_M:
                 most, thing = own, (first, last + 1)
             first = -1
         if first < 0:
             first, own, wide = i, 0.0, 0.0
         if not is_end:
-            last, own, wide = i, own + told[i], max(wide, _apart(points, first, i))
+            last, own, wide = i, own + told[i], max(wide, apart_m(points, first, i))
     return here, thing, most / max(total, 1e-12)
-
-
-@kernel
-def _beams_rad(points: Floats) -> float:
-    """Median angle between neighbouring returns (K, 2) [rad]; nan where there is but one."""
-    steps_rad = np.empty(max(len(points) - 1, 0))
-    bearing = math.nan
-    for i in range(len(points)):
-        before, bearing = bearing, math.atan2(points[i, 1], points[i, 0])
-        if i > 0:
-            step = abs(bearing - before)
-            steps_rad[i - 1] = min(step, 2.0 * math.pi - step)
-    return median(steps_rad) if len(steps_rad) else math.nan
-
-
-@kernel
-def _are_two(points: Floats, i: int, k: int, slant: float) -> bool:
-    """Whether two returns of points (K, 2) are farther apart than neighbours on one thing."""
-    near_m = min(_length(points[i, 0], points[i, 1]), _length(points[k, 0], points[k, 1]))
-    return _apart(points, i, k) > max(_APART_M, slant * near_m)
-
-
-@kernel_with(inline=True)
-def _apart(points: Floats, i: int, k: int) -> float:
-    return _length(points[k, 0] - points[i, 0], points[k, 1] - points[i, 1])
-
-
-@kernel_with(inline=True)
-def _length(x: float, y: float) -> float:
-    """Length of a vector: `math.hypot` takes three times as long to be safe from overflow."""
-    return math.sqrt(x * x + y * y)

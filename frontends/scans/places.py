@@ -63,6 +63,10 @@ class Place:
         Up to a constant that all places of a scan share.
     fits : float or None
         How well the scan fits there, where that is known already.
+    evidence : float
+        What the scan alone says for it [nat]: part of `log_posterior`.
+    walked : float
+        Probability that small things which fit elsewhere have walked there.
     """
 
     pose: Floats
@@ -72,6 +76,8 @@ class Place:
     iterations: int
     log_posterior: float = 0.0
     fits: float | None = None
+    evidence: float = 0.0
+    walked: float = 0.0
 
     def fit_of(self, points: Floats, local_map: LocalMap, usual: UsualFit) -> float:
         """How well the scan (K, 2) that has this place fits there."""
@@ -92,12 +98,15 @@ class Outlook:
         Variance of a match over that which its points alone would have, per body axis.
     chance : ChanceFit
         How well the scan fits where it does not belong.
+    walkers : float
+        Probability that what is small walks, as it did a scan ago.
     """
 
     base: Floats
     predictions: tuple[Prediction, ...]
     match_excess: Floats
     chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
+    walkers: float = 0.0
     expectation: Expectation = field(init=False, compare=False)
     """Base and predictions, for compiled code."""
 
@@ -149,16 +158,17 @@ def judged(
         lost = fits - fit(points, believed, local_map, usual.mean)
         spread = BASIN if lost > usual.sigma(pieces(points)) else spread
     evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
-    return replace(
-        place, log_posterior=min(evidence, _MOST_EVIDENCE) + log_prior(motion, spread, outlook)
-    )
+    evidence = min(evidence, _MOST_EVIDENCE)
+    posterior = evidence + log_prior(motion, spread, outlook)
+    return replace(place, log_posterior=posterior, evidence=evidence)
 
 
 def unmatched(prediction: Prediction, outlook: Outlook) -> Place:
     """Where a prediction puts a scan that shows nothing of the map: all hidden or all new."""
     pose = compose3(outlook.base, prediction.motion)
-    chance = math.log(_NOTHING_KNOWN) + math.log(max(prediction.probability, 1e-12))
-    return Place(pose, np.zeros((3, 3)), 0.0, 0, 0, chance)
+    evidence = math.log(_NOTHING_KNOWN)
+    posterior = evidence + math.log(max(prediction.probability, 1e-12))
+    return Place(pose, np.zeros((3, 3)), 0.0, 0, 0, posterior, evidence=evidence)
 
 
 def log_prior(motion: Floats, covariance: Floats, outlook: Outlook) -> float:

@@ -15,7 +15,7 @@ from slarm_graph.geometry import Floats
 _FAILS = 1.0 / 300.0
 """Probability that odometry begins to fail in a step, before failures are counted; and that a match
 is false."""
-_RECOVERS = 0.2
+RECOVERS = 0.2
 """Probability that it ends in a step: slips and jumps last for some scans."""
 _SURE_NAT = 600.0
 """Log odds beyond which a float has no number for them."""
@@ -61,14 +61,14 @@ class Reliability:
         hung, fell = self._hangs if is_still else 0.0, self.holds * self.fails
         slips = 1.0 - self.holds - hung
         if is_still and was_still:
-            self._hangs = hung * (1.0 - self.fails) + slips * (1.0 - _RECOVERS) + fell * self.fails
+            self._hangs = hung * (1.0 - self.fails) + slips * (1.0 - RECOVERS) + fell * self.fails
             slips = 0.0
         else:
             self._hangs = fell if is_still else 0.0
-            slips = (slips + fell - self._hangs) * (1.0 - _RECOVERS)
+            slips = (slips + fell - self._hangs) * (1.0 - RECOVERS)
         self.holds = 1.0 - self._hangs - slips
         self._is_still = is_still
-        self._lasts = self._failed = (1.0 - _RECOVERS) * self._failed
+        self._lasts = self._failed = (1.0 - RECOVERS) * self._failed
 
     def judge(self, log_odds: float) -> None:
         """Update by Bayes' rule: a match is so much more probable where odometry holds [nat].

@@ -24,6 +24,7 @@ from slarm_graph.frontends.scans.places import Outlook, Place
 from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.small_pose import between3
+from slarm_graph.frontends.scans.walkers import with_walkers
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
@@ -130,10 +131,12 @@ class ScanTracker:
         """Where each story could go on; all round is looked rarer the longer nothing fits."""
         all_round = not self._unplaced & (self._unplaced - 1)
         alone = len(outlooks) == 1
-        return [
+        found = [
             self._matcher.places(points, self._map, o, all_round=all_round, alone=alone)
             for o in outlooks
         ]
+        usual, walking = self._matcher.usual.mean, [o.walkers for o in outlooks]
+        return with_walkers(found, points, self._map, usual, walking)
 
     def _go_on(
         self,

@@ -1,0 +1,94 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""What fits elsewhere since it has walked: small things move, and then it is not the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slarm_graph.frontends.scans.fits import UNSEEN
+from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
+from slarm_graph.frontends.scans.places import Place
+from slarm_graph.frontends.scans.small_things import WALKERS, small_among
+from slarm_graph.geometry import Floats
+from slarm_graph.kernels import kernel
+
+
+def with_walkers(
+    found: Sequence[Sequence[Place]],
+    points: Floats,
+    local_map: LocalMap,
+    usual: float,
+    walking: Sequence[float],
+) -> list[list[Place]]:
+    """Explain at every place by things that walk what fits better at another.
+
+    Where only small things fit there and not here, the scan is seen from here as it is from there
+    if all of them have walked. What is wider than a person stands.
+
+    Parameters
+    ----------
+    found : sequence of sequences of Place
+        By every story, with what speaks for each.
+    points : (K, 2) float64
+        The scan, in the robot's frame [m].
+    local_map : LocalMap
+    usual : float
+        How well scans fit where they belong.
+    walking : sequence of float
+        Probability that what is small walks since it did a scan ago, by every story.
+
+    Returns
+    -------
+    list of lists of Place
+        As given, the likeliest first.
+    """
+    if local_map.grid is None or sum(map(len, found)) < 2:
+        return [list(places) for places in found]
+    lattice, least = local_map.grid.lattice, UNSEEN * usual
+    others = [p for places in found for p in places if p.inliers]
+    explained = []
+    for places, known in zip(found, walking, strict=True):
+        told = [_explained(p, others, points, lattice, least, known) for p in places]
+        explained.append(sorted(told, key=lambda p: -p.log_posterior))
+    return explained
+
+
+def _explained(
+    place: Place,
+    others: Sequence[Place],
+    points: Floats,
+    lattice: Lattice,
+    least: float,
+    walking: float,
+) -> Place:
+    """Let a place be explained by what fits at another, if that has walked."""
+    best = -math.inf
+    for other in others:
+        if math.log(max(WALKERS, walking)) + other.evidence <= max(place.evidence, best):
+            continue
+        things = _walked(lattice, points, place.pose, other.pose, least)
+        if things:
+            best = max(best, math.log(max(WALKERS**things, walking)) + other.evidence)
+    both = float(np.logaddexp(place.evidence, best))
+    return replace(
+        place,
+        log_posterior=place.log_posterior + both - place.evidence,
+        evidence=both,
+        walked=math.exp(best - both),
+    )
+
+
+@kernel
+def _walked(lattice: Lattice, points: Floats, here: Floats, there: Floats, least: float) -> int:
+    """Count the small things that fit better by `least` from there (3,) than from here (3,).
+
+    0 where that is something wider, or nothing at all.
+    """
+    better = likelihoods(lattice, points, there) - likelihoods(lattice, points, here)
+    return small_among(points, better - least)
