@@ -16,7 +16,7 @@ from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, between
-from slarm_graph.kernels import kernel
+from slarm_graph.kernels import kernel, kernel_with
 
 UNSEEN = 0.5
 """What a return counts where nobody looked yet, in usual returns: neither for nor against."""
@@ -243,10 +243,17 @@ def agreement_at(
         value, _, _ = interpolate(lattice, x, y)
         if value > 0.01:
             total += value
-            continue
-        col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
-        row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
-        is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
-        if not is_inside or not seen[row, col]:
+        elif not is_seen(lattice, seen, seen_step, x, y):
             unseen += 1
     return total + neutral * unseen
+
+
+@kernel_with(inline=True)
+def is_seen(
+    lattice: Lattice, seen: NDArray[np.bool_], seen_step: int, x: float, y: float
+) -> bool:
+    """Whether a beam has passed the block of cells around a point [m]."""
+    col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
+    row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step
+    is_inside = row >= 0 and col >= 0 and row < seen.shape[0] and col < seen.shape[1]
+    return bool(is_inside and seen[row, col])

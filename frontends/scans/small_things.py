@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.quantiles import median
 from slarm_graph.geometry import Floats
@@ -56,8 +57,15 @@ def apart_m(points: Floats, i: int, k: int) -> float:
 
 
 @kernel
-def small_among(points: Floats, chosen: Floats) -> int:
-    """Count the small things that the chosen ones (K,), above zero, of points (K, 2) belong to.
+def small_among(points: Floats, chosen: NDArray[np.bool_], sure: NDArray[np.bool_]) -> int:
+    """Count the small things that the chosen ones of points (K, 2) belong to.
+
+    Parameters
+    ----------
+    points : (K, 2) float64
+        In the order of their beams [m].
+    chosen, sure : (K,) bool
+        A thing of which no chosen point is sure is passed over.
 
     Returns
     -------
@@ -68,16 +76,34 @@ def small_among(points: Floats, chosen: Floats) -> int:
     slant = slant_between(points)
     if math.isinf(slant):
         return 0
-    count, first, last = 0, -1, -1
-    for i in range(len(points)):
-        if chosen[i] <= 0.0:
+    count, first, last, width_m, is_sure = 0, -1, -1, 0.0, False
+    for i in range(len(points) + 1):
+        is_end = i == len(points)
+        if not is_end and not chosen[i]:
             continue
-        if first < 0 or are_two(points, last, i, slant):
-            count, first = count + 1, i
-        elif apart_m(points, first, i) > SMALL_M:
-            return 0
-        last = i
+        if first < 0 or is_end or are_two(points, last, i, slant):
+            if is_sure and width_m > SMALL_M:
+                return 0
+            count += is_sure
+            first, width_m, is_sure = i, 0.0, False
+        if not is_end:
+            last, is_sure = i, is_sure or sure[i]
+            width_m = max(width_m, apart_m(points, first, i))
     return count
+
+
+@kernel
+def is_wide(points: Floats) -> NDArray[np.bool_]:
+    """Which of the points (K, 2), in the order of their beams, are of something that is not small."""
+    wide = np.zeros(len(points), dtype=np.bool_)
+    slant, first, width_m = slant_between(points), 0, 0.0
+    for i in range(1, len(points) + 1):
+        if i == len(points) or are_two(points, i - 1, i, slant):
+            wide[first:i] = width_m > SMALL_M
+            first, width_m = i, 0.0
+        else:
+            width_m = max(width_m, apart_m(points, first, i))
+    return wide
 
 
 @kernel

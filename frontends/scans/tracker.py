@@ -106,7 +106,8 @@ class ScanTracker:
     def track(self, reading: Reading) -> TrackedScan:
         """Follow the robot to the next reading."""
         scan, best = reading.scan, self._stories[0]
-        span_s = (reading.stamp_ns - (self._last_stamp_ns or reading.stamp_ns)) * 1e-9
+        last_ns = reading.stamp_ns if self._last_stamp_ns is None else self._last_stamp_ns
+        span_s = (reading.stamp_ns - last_ns) * 1e-9
         sweep_s = self._sweep_s(scan)
         middle = 0.5 * (len(scan.ranges_m) - 1) if sweep_s else 0.0
         outlooks = [

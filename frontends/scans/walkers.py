@@ -9,12 +9,13 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.fits import UNSEEN
+from slarm_graph.frontends.scans.fits import UNSEEN, is_seen
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
 from slarm_graph.frontends.scans.places import Place
-from slarm_graph.frontends.scans.small_things import WALKERS, small_among
+from slarm_graph.frontends.scans.small_things import WALKERS, is_wide, small_among
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
@@ -50,11 +51,11 @@ def with_walkers(
     """
     if local_map.grid is None or sum(map(len, found)) < 2:
         return [list(places) for places in found]
-    lattice, least = local_map.grid.lattice, UNSEEN * usual
+    look = local_map.grid.lattice, local_map.seen, local_map.seen_step, points
     others = [p for places in found for p in places if p.inliers]
     explained = []
     for places, known in zip(found, walking, strict=True):
-        told = [_explained(p, others, points, lattice, least, known) for p in places]
+        told = [_explained(p, others, look, UNSEEN * usual, known) for p in places]
         explained.append(sorted(told, key=lambda p: -p.log_posterior))
     return explained
 
@@ -62,8 +63,7 @@ def with_walkers(
 def _explained(
     place: Place,
     others: Sequence[Place],
-    points: Floats,
-    lattice: Lattice,
+    look: tuple[Lattice, NDArray[np.bool_], int, Floats],
     least: float,
     walking: float,
 ) -> Place:
@@ -72,7 +72,7 @@ def _explained(
     for other in others:
         if math.log(max(WALKERS, walking)) + other.evidence <= max(place.evidence, best):
             continue
-        things = _walked(lattice, points, place.pose, other.pose, least)
+        things = _walked(*look, place.pose, other.pose, least)
         if things:
             best = max(best, math.log(max(WALKERS**things, walking)) + other.evidence)
     both = float(np.logaddexp(place.evidence, best))
@@ -85,10 +85,24 @@ def _explained(
 
 
 @kernel
-def _walked(lattice: Lattice, points: Floats, here: Floats, there: Floats, least: float) -> int:
+def _walked(
+    lattice: Lattice,
+    seen: NDArray[np.bool_],
+    seen_step: int,
+    points: Floats,
+    here: Floats,
+    there: Floats,
+    least: float,
+) -> int:
     """Count the small things that fit better by `least` from there (3,) than from here (3,).
 
-    0 where that is something wider, or nothing at all.
+    0 where that is something wider, or nothing at all. A wall may go on in what was not seen yet.
     """
-    better = likelihoods(lattice, points, there) - likelihoods(lattice, points, here)
-    return small_among(points, better - least)
+    fits = likelihoods(lattice, points, there) - likelihoods(lattice, points, here)
+    sure = ~is_wide(points)
+    c, s = math.cos(here[2]), math.sin(here[2])
+    for i in range(len(points)):
+        x = here[0] + c * points[i, 0] - s * points[i, 1]
+        y = here[1] + s * points[i, 0] + c * points[i, 1]
+        sure[i] = sure[i] or is_seen(lattice, seen, seen_step, x, y)
+    return small_among(points, fits > least, sure)

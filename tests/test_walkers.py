@@ -1,0 +1,165 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""People about a robot that sees little else: they walk, and the robot is not where they drag it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
+from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.places import Place
+from slarm_graph.frontends.scans.small_things import is_wide, small_among
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.frontends.scans.walkers import with_walkers
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import LaserScan, Reading
+
+BEAMS = np.linspace(-math.pi, math.pi, 361)
+USUAL = 0.8
+
+
+def scan_of(discs: Floats, walls: Floats, pose: Floats, noise_m: Floats) -> LaserScan:
+    """Scan within 5.6 m of discs (D, 3) of x, y, radius and walls (W, 4), from a pose (3,) [m]."""
+    bearings = pose[2] + BEAMS
+    ways = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    ranges_m = np.full(len(BEAMS), np.inf)
+    for x, y, radius in discs:
+        to = np.array([x, y]) - pose[:2]
+        along = ways @ to
+        half = radius**2 - (to @ to - along**2)
+        hit = np.where((half > 0) & (along > 0), along - np.sqrt(np.maximum(half, 0)), np.inf)
+        ranges_m = np.minimum(ranges_m, hit)
+    for x0, y0, x1, y1 in walls:
+        d, to = np.array([x1 - x0, y1 - y0]), np.array([x0, y0]) - pose[:2]
+        across = ways[:, 0] * d[1] - ways[:, 1] * d[0]
+        with np.errstate(divide="ignore"):
+            far = (to[0] * d[1] - to[1] * d[0]) / across
+            at = (to[0] * ways[:, 1] - to[1] * ways[:, 0]) / across
+        ranges_m = np.minimum(ranges_m, np.where((far > 0) & (at >= 0) & (at <= 1), far, np.inf))
+    ranges_m = np.where(ranges_m < 5.6, ranges_m + noise_m, np.inf)
+    return LaserScan(ranges_m, -math.pi, BEAMS[1] - BEAMS[0], 0.1, 5.6)
+
+
+def points_of(scan: LaserScan) -> Floats:
+    seen = np.isfinite(scan.ranges_m)
+    ways = np.stack([np.cos(BEAMS), np.sin(BEAMS)], axis=1)
+    return np.ascontiguousarray(ways[seen] * scan.ranges_m[seen, None])
+
+
+def map_of(points: Floats) -> LocalMap:
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    local_map.add(points, Pose2(0.0, 0.0, 0.0))
+    return local_map
+
+
+def placed(x: float, evidence: float, inliers: int = 10) -> Place:
+    """A place whose posterior is two nats below its evidence."""
+    at = np.array([x, 0.0, 0.0])
+    return Place(at, np.eye(3), 0.5, inliers, 5, evidence - 2.0, evidence=evidence)
+
+
+PILLAR = np.array([[3.0, 0.0, 0.25]])
+TWO = np.array([[3.0, 0.0, 0.25], [0.0, 3.0, 0.25]])
+NOTHING = np.zeros((0, 4))
+HERE, THERE = placed(-0.5, -4.0, inliers=0), placed(0.0, 3.0)
+
+
+def explained(
+    discs: Floats, walls: Floats = NOTHING, walking: float = 0.0, usual: float = USUAL
+) -> Place:
+    """The place half a metre behind where the scan fits, with what may have walked."""
+    points = points_of(scan_of(discs, walls, np.zeros(3), np.zeros(361)))
+    found = with_walkers([[HERE, THERE]], points, map_of(points), usual, [walking])[0]
+    assert found[0].log_posterior >= found[1].log_posterior
+    return next(p for p in found if p.pose is HERE.pose)
+
+
+@pytest.mark.parametrize(
+    ("discs", "walking", "chance"),
+    [(PILLAR, 0.0, 0.05), (TWO, 0.0, 0.0025), (PILLAR, 0.8, 0.8), (TWO, 0.8, 0.8)],
+)
+def test_what_fits_at_another_place_may_have_walked(
+    discs: Floats, walking: float, chance: float
+) -> None:
+    place = explained(discs, walking=walking)
+    walked = chance * math.exp(3.0)
+    assert place.evidence == pytest.approx(math.log(math.exp(-4.0) + walked))
+    assert place.log_posterior == pytest.approx(place.evidence - 2.0)
+    assert place.walked == pytest.approx(walked / (math.exp(-4.0) + walked))
+
+
+def test_walls_do_not_walk_nor_pillars_beside_them() -> None:
+    wall = np.array([[4.0, -3.0, 4.0, -1.0]])
+    for walking in (0.0, 0.8):
+        place = explained(PILLAR, wall, walking)
+        assert (place.evidence, place.log_posterior, place.walked) == (-4.0, -6.0, 0.0)
+
+
+def test_a_wall_that_fits_at_both_places_says_nothing_of_who_walks() -> None:
+    along = np.array([[-30.0, 1.0, 30.0, 1.0]])
+    assert explained(PILLAR, along).walked == pytest.approx(0.98, abs=0.01)
+
+
+def test_places_of_other_stories_are_looked_at_too() -> None:
+    points = points_of(scan_of(PILLAR, NOTHING, np.zeros(3), np.zeros(361)))
+    mine, theirs = with_walkers([[HERE], [THERE]], points, map_of(points), USUAL, [0.8, 0.0])
+    assert mine[0].walked > 0.99
+    assert theirs[0].walked == 0.0
+
+
+def test_things_are_counted_by_their_width() -> None:
+    bearings = np.radians(np.arange(0.0, 40.0))
+    ring = 3.0 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    chosen, sure = np.zeros((2, 40), dtype=bool)
+    sure[:] = True
+    assert small_among(ring, chosen, sure) == 0
+    chosen[[0, 5, 14]] = True
+    assert small_among(ring, chosen, sure) == 2  # the last one is 0.47 m from its neighbour
+    chosen[:15] = True  # 0.73 m across
+    assert small_among(ring, chosen, sure) == 1
+    chosen[25:] = True  # 0.73 m as well
+    assert small_among(ring, chosen, sure) == 2
+    sure[26:] = False
+    assert small_among(ring, chosen, sure) == 2
+    sure[25] = False
+    assert small_among(ring, chosen, sure) == 1
+    chosen[:17] = True  # 0.83 m across
+    assert small_among(ring, chosen, sure) == 0
+    sure[:17] = False
+    assert small_among(ring, chosen, sure) == 0
+    sure[39] = True
+    assert small_among(ring, chosen, sure) == 1
+
+
+def test_wide_is_what_hangs_together() -> None:
+    bearings = np.radians([*range(15), *range(30, 47)])
+    ring = 3.0 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    assert is_wide(ring).tolist() == [False] * 15 + [True] * 17
+
+
+def test_beams_too_far_apart_tell_nothing_of_things() -> None:
+    bearings = np.radians(np.arange(0.0, 360.0, 12.0))
+    ring = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    every = np.ones(30, dtype=bool)
+    assert small_among(ring, every, every) == 0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_people_about_drag_no_robot_along(seed: int) -> None:
+    """In a hall the robot sees a pillar now and then; two people overtake it, one at a time."""
+    rng = np.random.default_rng(seed)
+    pillars = np.array([[x, y, 0.3] for x in np.arange(0.0, 40.0, 6.0) for y in (-3.0, 3.0)])
+    tracker, truth = ScanTracker(FrontendConfig()), np.zeros(3)
+    off_m = []
+    for k in range(240):
+        people = np.array([[-6.0 + 0.22 * k, 1.2, 0.25], [-16.0 + 0.25 * k, -1.0, 0.25]])
+        scan = scan_of(np.vstack([pillars, people]), NOTHING, truth, rng.normal(0, 0.03, 361))
+        odometry = Pose2(truth[0] * 1.002, 0.0, 0.0)
+        tracked = tracker.track(Reading(k * 200_000_000, scan, odometry))
+        off_m.append(math.hypot(*(tracked.local_from_robot.as_array() - truth)[:2]))
+        truth = truth + [0.12, 0.0, 0.0]
+    assert max(off_m) < 0.35
