@@ -249,9 +249,7 @@ def agreement_at(
 
 
 @kernel_with(inline=True)
-def is_seen(
-    lattice: Lattice, seen: NDArray[np.bool_], seen_step: int, x: float, y: float
-) -> bool:
+def is_seen(lattice: Lattice, seen: NDArray[np.bool_], seen_step: int, x: float, y: float) -> bool:
     """Whether a beam has passed the block of cells around a point [m]."""
     col = math.floor((x - lattice.origin_x) / lattice.resolution) // seen_step
     row = math.floor((y - lattice.origin_y) / lattice.resolution) // seen_step

@@ -20,7 +20,13 @@ from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
 from slarm_graph.frontends.scans.odometry_filter import Expectation
 from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
-from slarm_graph.frontends.scans.small_things import SMALL_M, WALKERS, apart_m, are_two, slant_between
+from slarm_graph.frontends.scans.small_things import (
+    SMALL_M,
+    WALKERS,
+    apart_m,
+    are_two,
+    slant_between,
+)
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
