@@ -94,7 +94,7 @@ def small_among(points: Floats, chosen: NDArray[np.bool_], sure: NDArray[np.bool
 
 @kernel
 def is_wide(points: Floats) -> NDArray[np.bool_]:
-    """Which of the points (K, 2), in the order of their beams, are of something that is not small."""
+    """Which of the points (K, 2), in the order of their beams, are of what is not small."""
     wide = np.zeros(len(points), dtype=np.bool_)
     slant, first, width_m = slant_between(points), 0, 0.0
     for i in range(1, len(points) + 1):
