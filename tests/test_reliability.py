@@ -17,7 +17,7 @@ def stepped(reliability: Reliability, log_odds: float, increment: np.ndarray = G
     """Let a step pass and be judged; return whether odometry spoke against its match."""
     reliability.begin()
     reliability.go_on(increment)
-    reliability.judge(log_odds)
+    reliability.judge(log_odds, 0.0)
     return reliability.speaks_against_matches()
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
-from slarm_graph.frontends.scans.small_pose import compose3
+from slarm_graph.frontends.scans.small_pose import SEARCHED, compose3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, between
 from slarm_graph.kernels import kernel, kernel_with
@@ -34,7 +34,7 @@ _LEAST_CHANCE = 0.08
 """Spread of the fit at such places at least: that of 30 independent pieces."""
 _LEAST_SHARE = 0.01
 """Share of pieces, of all or none of which the logarithm would be without end."""
-_ELSEWHERE = np.random.default_rng(1).uniform([-1.5, -1.5, -0.8], [1.5, 1.5, 0.8], (64, 3))
+_ELSEWHERE = np.random.default_rng(1).uniform(-SEARCHED, SEARCHED, (64, 3))
 """Poses around the expected one: the window that is searched."""
 _DRAWN = 32
 """Of them, from which refinement is begun. With half as many, or twice, edmonton stays within the

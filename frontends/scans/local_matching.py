@@ -25,7 +25,6 @@ from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.match_certainty import of_misfit
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import (
-    BASIN,
     Outlook,
     Place,
     distinct,
@@ -35,7 +34,7 @@ from slarm_graph.frontends.scans.places import (
 )
 from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
-from slarm_graph.frontends.scans.small_pose import between3, compose3, squared_sigmas
+from slarm_graph.frontends.scans.small_pose import BASIN, between3, compose3, squared_sigmas
 from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_m
 from slarm_graph.geometry import Floats, Pose2
 

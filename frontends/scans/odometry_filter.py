@@ -25,7 +25,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     add_spread,
     along_path,
     learned_unsteadiness,
-    log_ratio,
+    log_ratios,
     over,
     weighed,
 )
@@ -199,10 +199,10 @@ class OdometryFilter:
         wheels, steady = self._measured, self._steady_motion
         if wheels is None or steady is None:
             return
-        log_odds = log_ratio(
+        ratios = log_ratios(
             wheels.motion, wheels.covariance, steady.motion, steady.covariance, found, covariance
         )
-        self.reliability.judge(log_odds)
+        self.reliability.judge(*ratios)
 
     def learn(self, moved: Floats, claimed: Floats) -> None:
         """Learn odometry's errors from the way (3,) between two matches; see `WheelCalibration`."""

@@ -10,7 +10,14 @@ import numpy as np
 
 from slarm_graph.frontends.scans.kalman import updated
 from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
-from slarm_graph.frontends.scans.small_pose import log_density, squared_sigmas, wrapped
+from slarm_graph.frontends.scans.small_pose import (
+    BASIN,
+    SEARCHED,
+    log_density,
+    log_volume,
+    squared_sigmas,
+    wrapped,
+)
 from slarm_graph.frontends.scans.wheel_calibration import WheelsKnown, effect_of, told, unlearned
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
@@ -22,6 +29,8 @@ _MEMORY = 0.95
 """Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
 _CONTRADICTION = 11.34
 """Chi-square quantile of 99 % for 3 degrees of freedom."""
+_SCALES = math.log(float(SEARCHED[0]) / math.sqrt(float(BASIN[0, 0])))
+"""From what is one place to as far as is searched, in multiples by e."""
 
 
 @kernel
@@ -124,17 +133,32 @@ def over(x: Floats, P: Floats, span_s: float) -> tuple[Floats, Floats]:
 
 
 @kernel
-def log_ratio(
+def log_ratios(
     wheels: Floats,
     of_wheels: Floats,
     steady: Floats,
     of_steady: Floats,
     found: Floats,
     of_found: Floats,
-) -> float:
-    """Log of how much more probable what was found (3,) is by odometry than by the velocity."""
-    for_it = log_density(less3(wheels, found), sum3(of_wheels, of_found))
-    return for_it - log_density(less3(steady, found), sum3(of_steady, of_found))
+) -> tuple[float, float]:
+    """How probable a motion (3,) that was found is by odometry, by velocity, and if false.
+
+    Returns
+    -------
+    by_wheels, by_velocity : float
+        Log of how much more probable it is by odometry than by the velocity, and by the velocity
+        than if the match is false: then odometry holds, and the match lies as often at any
+        multiple of what is one place as at any other, up to how far is searched.
+    """
+    away, around = less3(wheels, found), sum3(of_wheels, of_found)
+    by_velocity = log_density(less3(steady, found), sum3(of_steady, of_found))
+    by_wheels = log_density(away, around) - by_velocity
+    around = sum3(around, BASIN)
+    times = max(math.sqrt(squared_sigmas(away, around)), 1.0)
+    # A shell between two multiples has a volume of 4 pi times their cube over 3, by its axes.
+    axes = 0.5 * log_volume(around) - 1.5 * math.log(2.0 * math.pi)
+    if_false = -math.log(4.0 * math.pi * _SCALES) - 3.0 * math.log(times) - axes
+    return by_wheels, by_velocity - if_false
 
 
 @kernel

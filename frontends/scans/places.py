@@ -24,6 +24,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     times3,
 )
 from slarm_graph.frontends.scans.small_pose import (
+    BASIN,
     between3,
     compose3,
     log_density,
@@ -36,8 +37,6 @@ from slarm_graph.kernels import kernel
 
 _KEEPS_INVERTIBLE = np.diag([0.01, 0.01, 0.01])
 """Information of 10 m and 10 rad: what a scan does not fix stays unknown, but finite."""
-BASIN = np.diag([0.05, 0.05, 0.025]) ** 2
-"""Of a place: poses so near fit alike [m, m, rad]. The fall-off of the likelihood, at 2 m."""
 _NOTHING_KNOWN = 0.01
 """Probability that a scan shows nothing of the local map: a crowd, a lift, a door passed."""
 _MOST_EVIDENCE = 25.0

@@ -36,6 +36,7 @@ class Reliability:
         self._hangs, self._is_still, self._is_seen = 0.0, False, False
         self._failed, self._lasts = 0.0, 0.0
         self._steps, self._failures = _COUNTED, _COUNTED * _FAILS
+        self._log_vouched = 0.0
 
     def branched(self) -> Reliability:
         """Return one of its own that has learned the same so far."""
@@ -48,7 +49,7 @@ class Reliability:
 
     def begin(self) -> None:
         """Begin a step of which nothing has been seen yet."""
-        self._is_seen = False
+        self._is_seen, self._log_vouched = False, 0.0
 
     def go_on(self, increment: Floats) -> None:
         """Let a step pass in which odometry reads a motion (3,), or none at all.
@@ -70,12 +71,19 @@ class Reliability:
         self._is_still = is_still
         self._lasts = self._failed = (1.0 - RECOVERS) * self._failed
 
-    def judge(self, log_odds: float) -> None:
-        """Update by Bayes' rule: a match is so much more probable where odometry holds [nat].
+    def judge(self, log_odds: float, log_vouched: float) -> None:
+        """Update by Bayes' rule with a match.
 
         Encoders that hang say nothing of the motion: a stand is as probable as it is without.
+
+        Parameters
+        ----------
+        log_odds : float
+            How much more probable the match is where odometry holds than where it fails [nat].
+        log_vouched : float
+            How much more probable it is where odometry fails than where it is false itself [nat].
         """
-        self._is_seen = True
+        self._is_seen, self._log_vouched = True, log_vouched
         before, slips = self.holds, 1.0 - self.holds - self._hangs
         ratio = math.exp(min(log_odds, _SURE_NAT))
         holds, hangs = before * ratio, self._hangs * max(ratio, 1.0)
@@ -97,8 +105,10 @@ class Reliability:
     def speaks_against_matches(self) -> bool:
         """Whether a match away from odometry may be the false one, instead of odometry.
 
-        Matches are false as rarely as odometry fails where nothing is known. Where its failure was
-        so much more to be expected, for it often fails or was just seen to have failed, that a
-        false match is beyond what closures are asked for, odometry does not speak against one.
+        Matches are false as rarely as odometry fails where nothing is known. Where its failure is
+        so much more probable that a false match is beyond what closures are asked for, odometry
+        does not speak against one: it often fails, or was just seen to have failed, or the match
+        lies where the velocity leads, and false ones lie anywhere.
         """
-        return self._lasts + self.fails <= SURPRISING * _FAILS
+        failed = math.log(self._lasts + self.fails) + self._log_vouched
+        return failed <= math.log(SURPRISING * _FAILS)

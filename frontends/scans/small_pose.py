@@ -15,6 +15,10 @@ from slarm_graph.kernels import kernel
 _TAILS = 4.0
 """Degrees of freedom of what odometry and velocity miss: of four recordings, 3 to 10 % of the steps
 lie beyond the 99.9 % quantile of a normal distribution."""
+BASIN = np.diag([0.05, 0.05, 0.025]) ** 2
+"""Of a place: poses so near fit alike [m, m, rad]. The fall-off of the likelihood, at 2 m."""
+SEARCHED = np.array([1.5, 1.5, 0.8])
+"""How far around what is expected places are searched for, to either side [m, m, rad]."""
 
 
 @kernel
