@@ -52,8 +52,8 @@ class Story:
         Where the last scan fitted; None where it was not matched.
     raw : (3,) float64 or None
         Pose by the last match alone.
-    walkers : float
-        Probability that what is small walks, as it did when the last scan was seen.
+    walkers : tuple of float, int
+        Probability that small things walk as they did in the last scan, and how many they are.
     trail : list of (3,) float64
         Poses since the stories parted, the last one included.
     """
@@ -65,7 +65,7 @@ class Story:
     log_weight: float = 0.0
     place: Place | None = None
     raw: Floats | None = None
-    walkers: float = 0.0
+    walkers: tuple[float, int] = (0.0, 0)
     trail: list[Floats] = field(default_factory=list)
 
     def outlook(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> Outlook:
@@ -100,7 +100,8 @@ class Story:
             self.spread = spread_about(told, outlook.predictions) + carried3(wider, told)
             self.motion.wheels.interrupt()
             self.motion.coast()
-        self.walkers = (1.0 - RECOVERS) * place.walked
+        probability, things = place.walked
+        self.walkers = (1.0 - RECOVERS) * probability, things
         self.place = place if is_match else None
         self.raw = place.pose if is_match else None
         self.log_weight += place.log_posterior

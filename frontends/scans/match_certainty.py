@@ -22,6 +22,7 @@ from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.frontends.scans.small_things import (
     SMALL_M,
+    WALKED_M,
     WALKERS,
     apart_m,
     are_two,
@@ -47,9 +48,6 @@ of scans that fit 0.95, 0.75, 0.55 and 0.4 of the usual differ from it by 5, 19,
 its own noise (fr-clinic) and by 3, 6, 12 and 45 mm (intel with people): 5 in the log of the noise
 per whole, with tails that are wider. Half of it makes intel.bag 11 % better and fr-clinic with a
 view of 90 degrees lose its way (4.1 m instead of 0.37)."""
-_WALKED_M = 0.56
-"""How far one has come since it was seen last: at 1.4 m/s in the 0.4 s in which a robot of 0.6 m/s
-drives to the next keyframe."""
 
 
 @kernel
@@ -99,7 +97,7 @@ def along_the_weakest(
         said = 0.0
     variance = 1.0 / max(rest + said * strengths[0], _LEAST * strengths[0])
     # What else there is to see does not let it pull the match farther.
-    walked = 1.0 / max(rest, 1.0 / _WALKED_M**2) if said > 0.0 else 0.0
+    walked = 1.0 / max(rest, 1.0 / WALKED_M**2) if said > 0.0 else 0.0
     variance += walked * _walks(axes[:, 0], variance, walked, pose, expected)
     share = min(1.0, max(_LEAST, 1.0 / (variance * strengths[0])))
     shrunk = np.zeros((3, 3))

@@ -64,8 +64,8 @@ class Place:
         How well the scan fits there, where that is known already.
     evidence : float
         What the scan alone says for it [nat]: part of `log_posterior`.
-    walked : float
-        Probability that small things which fit elsewhere have walked there.
+    walked : tuple of float, int
+        Probability that small things which fit elsewhere have walked there, and how many.
     """
 
     pose: Floats
@@ -76,7 +76,7 @@ class Place:
     log_posterior: float = 0.0
     fits: float | None = None
     evidence: float = 0.0
-    walked: float = 0.0
+    walked: tuple[float, int] = (0.0, 0)
 
     def fit_of(self, points: Floats, local_map: LocalMap, usual: UsualFit) -> float:
         """How well the scan (K, 2) that has this place fits there."""
@@ -97,15 +97,15 @@ class Outlook:
         Variance of a match over that which its points alone would have, per body axis.
     chance : ChanceFit
         How well the scan fits where it does not belong.
-    walkers : float
-        Probability that what is small walks, as it did a scan ago.
+    walkers : tuple of float, int
+        Probability that small things walk as they did a scan ago, and how many they are.
     """
 
     base: Floats
     predictions: tuple[Prediction, ...]
     match_excess: Floats
     chance: ChanceFit = field(default_factory=lambda: ChanceFit(0.0, 1.0))
-    walkers: float = 0.0
+    walkers: tuple[float, int] = (0.0, 0)
     expectation: Expectation = field(init=False, compare=False)
     """Base and predictions, for compiled code."""
 

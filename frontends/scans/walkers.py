@@ -15,9 +15,18 @@ from slarm_graph.frontends.scans.fits import UNSEEN, is_seen
 from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
 from slarm_graph.frontends.scans.places import Place
-from slarm_graph.frontends.scans.small_things import WALKERS, is_wide, small_among
+from slarm_graph.frontends.scans.small_pose import BASIN
+from slarm_graph.frontends.scans.small_things import (
+    WALKED_M,
+    WALKERS,
+    is_wide,
+    small_among,
+)
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
+
+_ANOTHER = math.log(WALKERS) + 2.0 * math.log(math.sqrt(float(BASIN[0, 0])) / WALKED_M)
+"""Log of the probability that another thing walks, and to where it seems to stand, too."""
 
 
 def with_walkers(
@@ -25,7 +34,7 @@ def with_walkers(
     points: Floats,
     local_map: LocalMap,
     usual: float,
-    walking: Sequence[float],
+    walking: Sequence[tuple[float, int]],
 ) -> list[list[Place]]:
     """Explain at every place by things that walk what fits better at another.
 
@@ -41,8 +50,8 @@ def with_walkers(
     local_map : LocalMap
     usual : float
         How well scans fit where they belong.
-    walking : sequence of float
-        Probability that what is small walks since it did a scan ago, by every story.
+    walking : sequence of tuple of float, int
+        Probability that small things walk as they did a scan ago, and how many, by every story.
 
     Returns
     -------
@@ -65,23 +74,33 @@ def _explained(
     others: Sequence[Place],
     look: tuple[Lattice, NDArray[np.bool_], int, Floats],
     least: float,
-    walking: float,
+    walking: tuple[float, int],
 ) -> Place:
     """Let a place be explained by what fits at another, if that has walked."""
-    best = -math.inf
+    best, count = -math.inf, 0
     for other in others:
-        if math.log(max(WALKERS, walking)) + other.evidence <= max(place.evidence, best):
+        if _log_chance(1, walking) + other.evidence <= max(place.evidence, best):
             continue
         things = _walked(*look, place.pose, other.pose, least)
-        if things:
-            best = max(best, math.log(max(WALKERS**things, walking)) + other.evidence)
+        told = _log_chance(things, walking) + other.evidence if things else -math.inf
+        if told > best:
+            best, count = told, things
     both = float(np.logaddexp(place.evidence, best))
     return replace(
         place,
         log_posterior=place.log_posterior + both - place.evidence,
         evidence=both,
-        walked=math.exp(best - both),
+        walked=(math.exp(best - both), count),
     )
+
+
+def _log_chance(things: int, walking: tuple[float, int]) -> float:
+    """Log of the probability that so many things walk, all in step."""
+    anew = math.log(WALKERS) + (things - 1) * _ANOTHER
+    probability, known = walking
+    if probability <= 0.0:
+        return anew
+    return max(anew, math.log(probability) + max(things - known, 0) * _ANOTHER)
 
 
 @kernel
