@@ -11,7 +11,8 @@ import pytest
 
 from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.places import Place
+from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
 from slarm_graph.frontends.scans.small_things import is_wide, small_among
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.frontends.scans.walkers import with_walkers
@@ -59,7 +60,17 @@ def map_of(points: Floats) -> LocalMap:
 def placed(x: float, evidence: float, inliers: int = 10) -> Place:
     """A place whose posterior is two nats below its evidence."""
     at = np.array([x, 0.0, 0.0])
-    return Place(at, np.eye(3), 0.5, inliers, 5, evidence - 2.0, evidence=evidence)
+    return Place(
+        at,
+        np.eye(3),
+        0.5,
+        inliers,
+        5,
+        evidence - 2.0,
+        evidence=evidence,
+        prior=-2.0,
+        loose_prior=-2.0,
+    )
 
 
 PILLAR = np.array([[3.0, 0.0, 0.25]])
@@ -68,47 +79,69 @@ NOTHING = np.zeros((0, 4))
 HERE, THERE = placed(-0.5, -4.0, inliers=0), placed(0.0, 3.0)
 
 
-def explained(
-    discs: Floats, walls: Floats = NOTHING, walking: float = 0.0, usual: float = USUAL
-) -> Place:
+ANOTHER = 0.05 * (0.05 / 0.56) ** 2
+NOBODY = (0.0, 0)
+
+
+def explained(discs: Floats, walls: Floats = NOTHING, walking: tuple[float, int] = NOBODY) -> Place:
     """The place half a metre behind where the scan fits, with what may have walked."""
     points = points_of(scan_of(discs, walls, np.zeros(3), np.zeros(361)))
-    found = with_walkers([[HERE, THERE]], points, map_of(points), usual, [walking])[0]
+    found = with_walkers([[HERE, THERE]], points, map_of(points), USUAL, [walking])[0]
     assert found[0].log_posterior >= found[1].log_posterior
     return next(p for p in found if p.pose is HERE.pose)
 
 
 @pytest.mark.parametrize(
     ("discs", "walking", "chance"),
-    [(PILLAR, 0.0, 0.05), (TWO, 0.0, 0.0025), (PILLAR, 0.8, 0.8), (TWO, 0.8, 0.8)],
+    [
+        (PILLAR, NOBODY, 0.05),
+        (TWO, NOBODY, 0.05 * ANOTHER),
+        (PILLAR, (0.8, 1), 0.8),
+        (TWO, (0.8, 1), 0.8 * ANOTHER),
+        (TWO, (0.8, 3), 0.8),
+        (PILLAR, (0.02, 1), 0.05),
+    ],
 )
 def test_what_fits_at_another_place_may_have_walked(
-    discs: Floats, walking: float, chance: float
+    discs: Floats, walking: tuple[float, int], chance: float
 ) -> None:
+    """Each thing walks by chance, those of the last scan go on, and another must keep step."""
     place = explained(discs, walking=walking)
     walked = chance * math.exp(3.0)
-    assert place.evidence == pytest.approx(math.log(math.exp(-4.0) + walked))
-    assert place.log_posterior == pytest.approx(place.evidence - 2.0)
-    assert place.walked == pytest.approx(walked / (math.exp(-4.0) + walked))
+    assert place.log_posterior == pytest.approx(math.log(math.exp(-4.0) + walked) - 2.0)
+    assert place.walked == pytest.approx((walked / (math.exp(-4.0) + walked), len(discs)))
 
 
 def test_walls_do_not_walk_nor_pillars_beside_them() -> None:
     wall = np.array([[4.0, -3.0, 4.0, -1.0]])
-    for walking in (0.0, 0.8):
+    for walking in (NOBODY, (0.8, 2)):
         place = explained(PILLAR, wall, walking)
-        assert (place.evidence, place.log_posterior, place.walked) == (-4.0, -6.0, 0.0)
+        assert (place.log_posterior, place.walked[0]) == (-6.0, 0.0)
 
 
 def test_a_wall_that_fits_at_both_places_says_nothing_of_who_walks() -> None:
     along = np.array([[-30.0, 1.0, 30.0, 1.0]])
-    assert explained(PILLAR, along).walked == pytest.approx(0.98, abs=0.01)
+    assert explained(PILLAR, along).walked[0] == pytest.approx(0.98, abs=0.01)
 
 
 def test_places_of_other_stories_are_looked_at_too() -> None:
     points = points_of(scan_of(PILLAR, NOTHING, np.zeros(3), np.zeros(361)))
-    mine, theirs = with_walkers([[HERE], [THERE]], points, map_of(points), USUAL, [0.8, 0.0])
-    assert mine[0].walked > 0.99
-    assert theirs[0].walked == 0.0
+    known = points, map_of(points), USUAL, [(0.8, 1), NOBODY]
+    mine, theirs = with_walkers([[HERE], [THERE]], *known)
+    assert mine[0].walked[0] > 0.99
+    assert theirs[0].walked[0] == 0.0
+
+
+def test_where_the_robot_may_be_anywhere_nobody_has_to_walk() -> None:
+    points = points_of(scan_of(PILLAR, NOTHING, np.zeros(3), np.zeros(361)))
+    told = []
+    for sigma in (0.05, 0.2):
+        prediction = Prediction(HERE.pose, np.diag([sigma, 0.05, 0.05]) ** 2)
+        hidden = unmatched(prediction, Outlook(np.zeros(3), (prediction,), np.ones(3)))
+        assert hidden.log_posterior == pytest.approx(math.log(0.01))
+        found = with_walkers([[hidden, THERE]], points, map_of(points), USUAL, [(0.8, 1)])[0]
+        told.append(next(p for p in found if p.pose is hidden.pose).walked[0])
+    assert told == [pytest.approx(1.0, abs=0.01), 0.0]
 
 
 def test_things_are_counted_by_their_width() -> None:

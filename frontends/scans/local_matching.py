@@ -29,6 +29,7 @@ from slarm_graph.frontends.scans.places import (
     Place,
     distinct,
     is_same,
+    is_vague,
     judged,
     unmatched,
 )
@@ -44,9 +45,6 @@ _UNUSUAL = 2.33
 """Standard deviations below the usual fit of which 1 % of the scans are."""
 _LOST = 4.0
 """Standard deviations below the usual fit at which a scan is looked for all round."""
-_VAGUE_M, _VAGUE_RAD = 0.1, 0.1
-"""Standard deviations of a prediction from which it agrees with anything: beyond them refinement
-may find another place than the nearest."""
 _SEARCH_POINTS = 80
 """Returns looked up in a search: more repeat each other."""
 _PLENTY_OF_POINTS = 20
@@ -131,7 +129,7 @@ class LocalMatcher:
         """Whether a scan fits as others do, near where all agree that it should be."""
         if place.score < self._config.min_score or not _agree(outlook.predictions):
             return False
-        if len(outlook.predictions) > 1 and _is_vague(outlook.predictions[0].covariance):
+        if len(outlook.predictions) > 1 and is_vague(outlook.predictions[0].covariance):
             return False
         if self._below(place, points, local_map) > _UNUSUAL:
             return False
@@ -271,12 +269,6 @@ def _samples(points: Floats) -> list[Floats]:
 def _loosened(prediction: Prediction) -> Prediction:
     """Widen a prediction, so that what the scan says is found; both are weighed afterwards."""
     return Prediction(prediction.motion, prediction.covariance + BASIN)
-
-
-def _is_vague(covariance: Floats) -> bool:
-    """Whether a prediction of this covariance (3, 3) agrees with anything."""
-    x, y, turn = np.sqrt(covariance.diagonal()).tolist()
-    return bool(max(x, y) > _VAGUE_M or turn > _VAGUE_RAD)
 
 
 def _agree(predictions: tuple[Prediction, ...]) -> bool:

@@ -37,6 +37,9 @@ from slarm_graph.kernels import kernel
 
 _KEEPS_INVERTIBLE = np.diag([0.01, 0.01, 0.01])
 """Information of 10 m and 10 rad: what a scan does not fix stays unknown, but finite."""
+_VAGUE_M, _VAGUE_RAD = 0.1, 0.1
+"""Standard deviations of a prediction from which it agrees with anything: beyond them refinement
+may find another place than the nearest."""
 _NOTHING_KNOWN = 0.01
 """Probability that a scan shows nothing of the local map: a crowd, a lift, a door passed."""
 _MOST_EVIDENCE = 25.0
@@ -64,6 +67,8 @@ class Place:
         How well the scan fits there, where that is known already.
     evidence : float
         What the scan alone says for it [nat]: part of `log_posterior`.
+    is_vague : bool
+        Whether the robot may as well be anywhere about.
     walked : tuple of float, int
         Probability that small things which fit elsewhere have walked there, and how many.
     """
@@ -76,6 +81,7 @@ class Place:
     log_posterior: float = 0.0
     fits: float | None = None
     evidence: float = 0.0
+    is_vague: bool = False
     walked: tuple[float, int] = (0.0, 0)
 
     def fit_of(self, points: Floats, local_map: LocalMap, usual: UsualFit) -> float:
@@ -167,7 +173,14 @@ def unmatched(prediction: Prediction, outlook: Outlook) -> Place:
     pose = compose3(outlook.base, prediction.motion)
     evidence = math.log(_NOTHING_KNOWN)
     posterior = evidence + math.log(max(prediction.probability, 1e-12))
-    return Place(pose, np.zeros((3, 3)), 0.0, 0, 0, posterior, evidence=evidence)
+    is_open = is_vague(prediction.covariance)
+    return Place(pose, np.zeros((3, 3)), 0.0, 0, 0, posterior, evidence=evidence, is_vague=is_open)
+
+
+def is_vague(covariance: Floats) -> bool:
+    """Whether a prediction of this covariance (3, 3) agrees with anything."""
+    x, y, turn = np.sqrt(covariance.diagonal()).tolist()
+    return bool(max(x, y) > _VAGUE_M or turn > _VAGUE_RAD)
 
 
 def log_prior(motion: Floats, covariance: Floats, outlook: Outlook) -> float:

@@ -39,7 +39,8 @@ def with_walkers(
     """Explain at every place by things that walk what fits better at another.
 
     Where only small things fit there and not here, the scan is seen from here as it is from there
-    if all of them have walked. What is wider than a person stands.
+    if all of them have walked. What is wider than a person stands; and where the robot may be
+    anywhere about, what fits at another place contradicts nothing.
 
     Parameters
     ----------
@@ -64,7 +65,9 @@ def with_walkers(
     others = [p for places in found for p in places if p.inliers]
     explained = []
     for places, known in zip(found, walking, strict=True):
-        told = [_explained(p, others, look, UNSEEN * usual, known) for p in places]
+        told = [
+            p if p.is_vague else _explained(p, others, look, UNSEEN * usual, known) for p in places
+        ]
         explained.append(sorted(told, key=lambda p: -p.log_posterior))
     return explained
 
