@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
 from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.geometry import Floats, adjoints, between, compose, invert
 
@@ -27,8 +28,6 @@ _SPAN_M = 2.0
 _LEAST_FOLLOWED, _SPAN_FOLLOWED_M = 4, 6.0
 """Finds that must agree, and the way that they must span, where most only follow from others: one
 more and three times as far, as they begin where they are expected."""
-_CONSISTENT = 11.34
-"""Chi-square quantile of 99 % for 3 degrees of freedom."""
 _CLOSURE = np.diag([0.05, 0.05, 0.02]) ** 2
 """What one find may be off by [m, m, rad]: a cell, and what a cell is at 2.5 m."""
 _NEIGHBOURS_M = 40.0
@@ -174,7 +173,7 @@ def agreeing(found: Sequence[Closure], pairs: Pairs, graph: SubmapGraph) -> NDAr
     spread = spread + _carried(graph.drifts(*targets), invert(across[1]))
     miss = between(one, other)
     squared = np.einsum("pi,pi->p", miss, np.linalg.solve(spread, miss[..., None])[..., 0])
-    return np.asarray((squared < _CONSISTENT) & (at[0] != at[1]))
+    return np.asarray((squared < CHI2_1_PERCENT) & (at[0] != at[1]))
 
 
 def _carried(covariances: Floats, poses: Floats) -> Floats:

@@ -13,6 +13,7 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.graph_constraints import limits_of
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
 
@@ -21,8 +22,6 @@ _SLIP_SIGMAS = 2.0
 2 % worse; plain recordings stay, edmonton moves less than by 2 mm of noise in its ranges."""
 _BELIEVED = 0.5
 """Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
-_CONTRADICTION = 16.27
-"""Chi-square quantile of 99.9 % for 3 degrees of freedom."""
 _MIN_WEIGHT = 1e-6
 """Keeps an eased step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
@@ -115,7 +114,7 @@ def _contradict(one: Constraint, other: Constraint) -> bool:
     That odometry failed is what a match says that lies elsewhere: a false one would prove itself.
     """
     apart = _apart(one, other)
-    return squared_sigmas(apart, _unfailed(one) + _unfailed(other)) > _CONTRADICTION
+    return squared_sigmas(apart, _unfailed(one) + _unfailed(other)) > CHI2_1_PERMILLE
 
 
 def _apart(one: Constraint, other: Constraint) -> Floats:

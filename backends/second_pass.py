@@ -25,9 +25,10 @@ from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.config import GmappingConfig
 from slarm_graph.constraint import ConstraintKind
+from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.geometry import Floats, between, compose, wrap_angles
 
-MISSED = math.sqrt(16.27)
+MISSED = math.sqrt(CHI2_1_PERMILLE)
 """Standard deviations by which a closure is missed: the root of the chi-square quantile of 99.9 %
 for 3 degrees of freedom."""
 _PULL_M = 10.0

@@ -171,21 +171,21 @@ def test_beams_too_far_apart_tell_nothing_of_things() -> None:
     assert small_among(ring, every, every) == 0
 
 
-@pytest.mark.parametrize("seed", [0, 3, 4])
-def test_who_overtakes_drags_no_robot_along(seed: int) -> None:
+@pytest.mark.parametrize(("way_m", "seed"), [(0.2, 0), (0.2, 3), (0.2, 4), (0.16, 6)])
+def test_who_overtakes_drags_no_robot_along(way_m: float, seed: int) -> None:
     """A robot that sees a pillar or two is overtaken by somebody."""
     rng = np.random.default_rng(seed)
     pillars = np.array([[x, 2.5, 0.3] for x in np.arange(-4.0, 40.0, 6.0)])
     tracker, truth, off_m = ScanTracker(FrontendConfig()), np.zeros(3), []
     for k in range(100):
-        somebody = [-7.0 + 0.2 * k, -1.2, 0.25]
+        somebody = [-7.0 + way_m * k, -1.2, 0.25]
         noise_m = rng.normal(0.0, 0.03, len(BEAMS))
         scan = scan_of(np.vstack([pillars, somebody]), NOTHING, truth.copy(), noise_m)
         odometry = Pose2(truth[0] * 1.002, 0.0, 0.0)
         tracked = tracker.track(Reading((k + 1) * 200_000_000, scan, odometry))
         off_m.append(math.hypot(*(tracked.local_from_robot.as_array() - truth)[:2]))
         truth += [0.06, 0.0, 0.0]
-    assert max(off_m) < 0.4  # 0.9 to 1.04 where nobody may walk
+    assert max(off_m) < 0.4  # 0.9 to 2.2 where nobody may walk, or not on
 
 
 def test_a_log_may_begin_at_zero() -> None:

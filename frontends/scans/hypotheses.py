@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction, spread_about
-from slarm_graph.frontends.scans.places import Outlook, Place, best_story, step_to
+from slarm_graph.frontends.scans.places import Outlook, Place, are_same, best_story, step_to
 from slarm_graph.frontends.scans.reliability import RECOVERS
 from slarm_graph.frontends.scans.small_pose import between3, carried3
 from slarm_graph.geometry import Floats, Pose2
@@ -28,8 +28,6 @@ _DECIDED = math.log(100.0)
 """Log odds at which the best story is the right one but for one in a hundred."""
 _MOST = 4
 """Stories kept: two places after each of two doubtful scans."""
-_SAME_M, _SAME_RAD = 0.1, 0.05
-"""Poses nearer than this are one place: twice the fall-off of the likelihood."""
 
 
 @dataclass(slots=True)
@@ -124,7 +122,9 @@ def pruned(stories: Sequence[Story]) -> list[Story]:
     best = ranked[0].log_weight
     kept: list[Story] = []
     for story in ranked:
-        if story.log_weight > best - _HOPELESS and not any(_same(story, k) for k in kept):
+        if story.log_weight > best - _HOPELESS and not any(
+            are_same(story.pose, k.pose) for k in kept
+        ):
             story.log_weight -= best
             kept.append(story)
     return kept[:_MOST]
@@ -133,8 +133,3 @@ def pruned(stories: Sequence[Story]) -> list[Story]:
 def is_decided(stories: Sequence[Story]) -> bool:
     """Whether the first story is beyond doubt."""
     return len(stories) == 1 or stories[1].log_weight < -_DECIDED
-
-
-def _same(a: Story, b: Story) -> bool:
-    away = between3(a.pose, b.pose)
-    return math.hypot(away[0], away[1]) < _SAME_M and abs(away[2]) < _SAME_RAD

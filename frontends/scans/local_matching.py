@@ -27,22 +27,19 @@ from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import (
     Outlook,
     Place,
+    are_same,
     distinct,
-    is_same,
     is_vague,
     judged,
     unmatched,
 )
 from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
+from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE, SIGMAS_1_PERCENT
 from slarm_graph.frontends.scans.small_pose import BASIN, between3, compose3, squared_sigmas
 from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_m
 from slarm_graph.geometry import Floats, Pose2
 
-_SURPRISE = 16.27
-"""Chi-square quantile of 99.9 % for 3 degrees of freedom."""
-_UNUSUAL = 2.33
-"""Standard deviations below the usual fit of which 1 % of the scans are."""
 _LOST = 4.0
 """Standard deviations below the usual fit at which a scan is looked for all round."""
 _SEARCH_POINTS = 80
@@ -119,7 +116,7 @@ class LocalMatcher:
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         start = best_in_window(few, grid, outlook.base, prediction, least=(0.0, 0.0))
         other = self._refine(points, local_map, outlook, loose, start)
-        if is_same(place, other):
+        if are_same(place.pose, other.pose):
             return [max(place, other, key=lambda p: p.score)]
         return [place, other] if other.inliers else [place]
 
@@ -131,12 +128,12 @@ class LocalMatcher:
             return False
         if len(outlook.predictions) > 1 and is_vague(outlook.predictions[0].covariance):
             return False
-        if self._below(place, points, local_map) > _UNUSUAL:
+        if self._below(place, points, local_map) > SIGMAS_1_PERCENT:
             return False
         expected = outlook.predictions[0]
         away = between3(outlook.base, place.pose) - expected.motion
         spread = expected.covariance + outlook.covariance_of(place.information)
-        return squared_sigmas(away, spread) <= _SURPRISE
+        return squared_sigmas(away, spread) <= CHI2_1_PERMILLE
 
     def _below(self, place: Place, points: Floats, local_map: LocalMap) -> float:
         fits = place.fit_of(points, local_map, self.usual)
@@ -158,7 +155,7 @@ class LocalMatcher:
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
             leaning = self._refine(points, local_map, outlook, prediction, evidence=evidence)
-            if not any(is_same(leaning, place) for place in near):
+            if not any(are_same(leaning.pose, place.pose) for place in near):
                 found.append(leaning)
             if prediction is not predictions[0]:
                 found.append(self._refine(points, local_map, outlook, _loosened(prediction)))
@@ -166,7 +163,9 @@ class LocalMatcher:
         places += [unmatched(p, outlook) for p in predictions]
         best = max(places, key=lambda p: p.log_posterior)
         below = min(self._below(p, points, local_map) for p in found)
-        if below <= _UNUSUAL and any(np.array_equal(best.pose, place.pose) for place in near):
+        if below <= SIGMAS_1_PERCENT and any(
+            np.array_equal(best.pose, place.pose) for place in near
+        ):
             return distinct(places)
         found = []
         for some, prediction in product(_samples(points), predictions):
@@ -275,6 +274,7 @@ def _agree(predictions: tuple[Prediction, ...]) -> bool:
     """Whether all stories tell of the same motion."""
     one = predictions[0]
     return all(
-        squared_sigmas(one.motion - other.motion, one.covariance + other.covariance) < _SURPRISE
+        squared_sigmas(one.motion - other.motion, one.covariance + other.covariance)
+        < CHI2_1_PERMILLE
         for other in predictions[1:]
     )

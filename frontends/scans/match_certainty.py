@@ -18,6 +18,7 @@ import numpy as np
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
 from slarm_graph.frontends.scans.odometry_filter import Expectation
+from slarm_graph.frontends.scans.significance import SIGMAS_1_PERCENT
 from slarm_graph.frontends.scans.small_matrix import eigen2, fused, sandwich3
 from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.frontends.scans.small_things import (
@@ -34,12 +35,8 @@ from slarm_graph.kernels import kernel
 _AWAY_M = 0.1
 """How far away the fall-off is looked at: twice that of the likelihood of a wall, beyond its
 roughness. Half of it makes intel.bag 6 % better and fr079 the same."""
-_BY_CHANCE = 2.33
-"""Standard deviations of noise that 1 % of the falls exceed where there is none: of rough walls
-some points fit less a step further on, others more. With 1.0 three simulated buildings are 0.29,
-0.07 and 0.09 in place of 0.42, 0.03 and 0.04."""
 _AS_STRONGEST = 3.72
-"""The same of the strongest of a hundred things, of which one in a hundred exceeds it."""
+"""Standard deviations that the strongest of a hundred things exceeds one time in a hundred."""
 _LEAST = 1e-3
 """Share of information that is left at least: 30 times the noise."""
 _MISFIT = 10.0
@@ -91,7 +88,11 @@ def along_the_weakest(
     strong, _, _ = _drop(here, lattice, points, thing, pose, axes[:, 1])
     count = thing[1] - thing[0]
     if strong > 0.0:
-        sure = weak if weak > _BY_CHANCE * noise / math.sqrt(max(len(points) - count, 1)) else 0.0
+        sure = (
+            weak
+            if weak > SIGMAS_1_PERCENT * noise / math.sqrt(max(len(points) - count, 1))
+            else 0.0
+        )
         rest = min(rest, sure / strong * strengths[1])
     if said > 0.0 and own <= _AS_STRONGEST * noise / math.sqrt(count):
         said = 0.0

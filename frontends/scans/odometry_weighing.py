@@ -9,6 +9,7 @@ import math
 import numpy as np
 
 from slarm_graph.frontends.scans.kalman import updated
+from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
 from slarm_graph.frontends.scans.small_matrix import less3, scaled3, sum3, with_diagonal3
 from slarm_graph.frontends.scans.small_pose import (
     BASIN,
@@ -27,8 +28,6 @@ ACCELERATION = np.array([1.0, 0.5, 2.0])
 learned, so only the first scans depend on it."""
 _MEMORY = 0.95
 """Of the learned unsteadiness: 20 scans, about the length of a manoeuvre at 10 Hz."""
-_CONTRADICTION = 11.34
-"""Chi-square quantile of 99 % for 3 degrees of freedom."""
 _SCALES = math.log(float(SEARCHED[0]) / math.sqrt(float(BASIN[0, 0])))
 """From what is one place to as far as is searched, in multiples by e."""
 
@@ -89,7 +88,7 @@ def weighed(
     noise = with_diagonal3(_levered(noise, told_motion, steps), lag)
     steady, spread = over(x, P, span_s)
     both, both_spread = told_motion, noise
-    if squared_sigmas(less3(told_motion, steady), sum3(spread, noise)) < _CONTRADICTION:
+    if squared_sigmas(less3(told_motion, steady), sum3(spread, noise)) < CHI2_1_PERCENT:
         x, P = updated(x, P, told_motion, noise, scaled3(np.eye(3), span_s))
         both, both_spread = over(x, P, span_s)
     more = unlearned(increment, wheels.excess, wheels.path_excess)

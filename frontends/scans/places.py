@@ -159,7 +159,7 @@ def judged(
     spread = outlook.covariance_of(place.information)
     fits = place.fit_of(points, local_map, usual)
     believed, _ = _fused(place.pose, spread, outlook.expectation)
-    if not _are_same(place.pose, believed):
+    if not are_same(place.pose, believed):
         lost = fits - fit(points, believed, local_map, usual.mean)
         spread = BASIN if lost > usual.sigma(pieces(points)) else spread
     evidence = usual.log_density(fits, pieces(points)) - outlook.chance.log_density(fits)
@@ -206,12 +206,8 @@ def _log_prior(motion: Floats, covariance: Floats, expected: Expectation) -> flo
     return total
 
 
-def is_same(a: Place, b: Place) -> bool:
-    """Whether two poses are one place."""
-    return _are_same(a.pose, b.pose)
-
-
-def _are_same(a: Floats, b: Floats) -> bool:
+def are_same(a: Floats, b: Floats) -> bool:
+    """Whether two poses (3,) are one place."""
     away = between3(a, b)
     return math.hypot(away[0], away[1]) <= _SAME_M and abs(away[2]) <= _SAME_RAD
 
@@ -220,7 +216,7 @@ def distinct(places: Sequence[Place]) -> list[Place]:
     """Sort by posterior and leave out what is the same place as a likelier one."""
     kept: list[Place] = []
     for place in sorted(places, key=lambda p: -p.log_posterior):
-        if not any(is_same(place, k) for k in kept):
+        if not any(are_same(place.pose, k.pose) for k in kept):
             kept.append(place)
     return kept
 
