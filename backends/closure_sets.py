@@ -32,7 +32,7 @@ _CLOSURE = np.diag([0.05, 0.05, 0.02]) ** 2
 """What one find may be off by [m, m, rad]: a cell, and what a cell is at 2.5 m."""
 _NEIGHBOURS_M = 40.0
 """Way between two finds up to which drift leaves the comparison of them sharp."""
-_GRAPH_SPEAKS_NAT = 5.0
+GRAPH_SPEAKS_NAT = 5.0
 """Evidence from which the graph itself counts as one of them: the odds of 150 to 1 that a find
 needs. Without that one of six draws of edmonton is 0.99 m in place of 0.76, one ward 0.027 in place
 of 0.020, one hall 0.066 in place of 0.077; a dozen others stay."""
@@ -75,6 +75,14 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
     return [found[k] for k in sorted(believed)]
 
 
+def stories(found: Sequence[Closure], graph: SubmapGraph) -> list[list[Closure]]:
+    """Part finds into those that hang together by agreeing, pair by pair."""
+    links, pairs = nx.Graph(), _neighbours(found, graph)
+    links.add_nodes_from(range(len(found)))
+    links.add_edges_from(pairs[agreeing(found, pairs, graph)].tolist())
+    return [[found[k] for k in sorted(part)] for part in nx.connected_components(links)]
+
+
 def disputed(graph: SubmapGraph) -> list[Closure]:
     """Return the believed closures that some find disagrees with which was turned down."""
     met = [c for c in graph.closures if not c.reason or c.reason == FAR_OFF]
@@ -106,7 +114,7 @@ def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) 
     core = nx.max_weight_clique(links, "permille")[0] if len(links) <= 60 else _greedy(links)
     ways = [graph.way_of(found[k].keyframe) for k in core]
     # Where the graph is sure, it tells the same story as one find more.
-    told = any(speaks_for_nat(graph, found[k], SIDEWAYS_M) > _GRAPH_SPEAKS_NAT for k in core)
+    told = any(speaks_for_nat(graph, found[k], SIDEWAYS_M) > GRAPH_SPEAKS_NAT for k in core)
     independent = told + sum(found[k].searched for k in core) >= _LEAST_SET
     least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
     if told + len(core) < least or max(ways) - min(ways) < span_m:

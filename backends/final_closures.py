@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
-from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
+from slarm_graph.backends.rival_closures import reconciled, rival_finds
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -44,16 +45,20 @@ _Question = tuple[int, int, Floats]
 """Whether one submap lies in another at a pose (3,) [m, m, rad]."""
 
 
-def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> int:
+def close_finally(
+    graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat
+) -> tuple[SubmapGraph, int]:
     """Find what was missed while driving, until nothing new is found.
 
     Returns
     -------
+    graph : SubmapGraph
+        To go on with.
     rivals : int
         Finds that agree with each other and not with the graph: what it turned down.
     """
     if len(graph.submaps) < 3:
-        return 0
+        return graph, 0
     index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
     tried: set[tuple[int, int]] = set()
     far_off: list[Closure] = []
@@ -73,7 +78,8 @@ def close_finally(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbe
     if open_again:
         heartbeat(f"weighing {len(open_again)} closures against what they had turned down")
         graph.reopen(open_again, heartbeat)
-    return len(consistent_sets([c for c in graph.closures if c.reason == FAR_OFF], graph))
+    graph = reconciled(graph, matcher, heartbeat)
+    return graph, len(rival_finds(graph))
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:

@@ -149,7 +149,8 @@ class GraphBuilder:
         matcher = SubmapMatcher(
             self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
         )
-        rivals = close_finally(graph, matcher, self._heartbeat)
+        self._graph, rivals = close_finally(graph, matcher, self._heartbeat)
+        graph = self._graph
         settled, weights = graph.settle(self._heartbeat)
         local = np.array([pose.as_array() for pose in self._local])
         variances = np.array(self._variances)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import bisect
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,11 +15,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
-from slarm_graph.backends.graph_constraints import (
-    closure_constraint,
-    matched_step,
-    wheels_step,
-)
+from slarm_graph.backends.graph_constraints import closure_constraint, matched_step, wheels_step
 from slarm_graph.backends.graph_reach import GraphReach
 from slarm_graph.backends.graph_settling import Settled, left_open, settle, step_notices
 from slarm_graph.backends.graph_window import newest
@@ -82,6 +79,14 @@ class SubmapGraph:
         self._way_m = 0.0
         self._ways_m: list[float] = []
         self._settled: Settled | None = None
+
+    def with_closures(self, closures: Sequence[Closure]) -> SubmapGraph:
+        """Return a graph of the same keyframes with other closures, or others of them believed."""
+        other = copy.copy(self)
+        other.closures, other._nodes, other._settled = list(closures), list(self._nodes), None
+        other._edges = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
+        other._edges += [self._edge(c) for c in closures if not c.reason]
+        return other
 
     def add(self, keyframe: Keyframe) -> None:
         """Append a keyframe; begin a node and finish a submap when they are due."""

@@ -135,10 +135,15 @@ class SubmapMatcher:
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Say so when what either place saw does not speak for a pose (3,) of one in the other."""
-        seen, old = (self._views.of(self.region(k), self._all_returns) for k in (query, target))
-        if evidence_against(seen, old, pose) < _SPEAKS_FOR_NAT:
+        if self.evidence_against(query, target, pose, _NEIGHBOURS) < _SPEAKS_FOR_NAT:
             return ""
         return "walls and free space of the two places do not speak for it"
+
+    def evidence_against(self, query: int, target: int, pose: Floats, neighbours: int = 0) -> float:
+        """Return what either place saw says against a pose (3,) of one in the other [nat]."""
+        regions = (self.region(k, neighbours) for k in (query, target))
+        seen, old = (self._views.of(region, self._all_returns) for region in regions)
+        return evidence_against(seen, old, pose)
 
     def _poses_of(self, submap: Submap) -> Floats:
         return between(self._poses[submap.anchor], self._poses[submap.first : submap.last])
