@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
 from slarm_graph.backends.misfits import reconciled
-from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -77,9 +77,9 @@ def close_finally(
     open_again = disputed(graph)
     if open_again:
         heartbeat(f"weighing {len(open_again)} closures against what they had turned down")
-        graph.reopen(open_again, heartbeat)
+        graph = graph.reopened(open_again, heartbeat)
     graph = reconciled(graph, matcher, heartbeat)
-    return graph, len(consistent_sets([c for c in graph.closures if c.reason == FAR_OFF], graph))
+    return graph, len(consistent_sets(graph.far_off(), graph))
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:

@@ -86,6 +86,7 @@ class SubmapGraph:
         other.closures, other._nodes, other._settled = list(closures), list(self._nodes), None
         other._edges = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         other._edges += [self._edge(c) for c in closures if not c.reason]
+        other._reach = GraphReach((*self._steps, *other._believed()))
         return other
 
     def add(self, keyframe: Keyframe) -> None:
@@ -245,8 +246,8 @@ class SubmapGraph:
         if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
-    def reopen(self, disputed: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
-        """Judge disputed closures anew together with all that the graph has turned down.
+    def reopened(self, disputed: Sequence[Closure], heartbeat: Heartbeat = silent) -> SubmapGraph:
+        """Return a graph that judges closures anew with all that this one has turned down.
 
         All are held against a graph of what is undisputed: what came first has no right of its own.
 
@@ -256,16 +257,16 @@ class SubmapGraph:
             Believed so far.
         heartbeat : Heartbeat
         """
-        open_again = {id(c) for c in disputed}
-        anew = [c for c in self.closures if id(c) in open_again or c.reason == FAR_OFF]
-        self.closures = [
-            c for c in self.closures if id(c) not in open_again and c.reason != FAR_OFF
-        ]
-        steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
-        believed = [self._edge(c) for c in self.closures if not c.reason]
-        self._edges, self._settled = [*steps, *believed], None
-        self.settle(heartbeat)
-        self.close(self.judged([replace(c, reason="") for c in anew]), heartbeat)
+        open_again = {id(c) for c in (*disputed, *self.far_off())}
+        other = self.with_closures([c for c in self.closures if id(c) not in open_again])
+        other.settle(heartbeat)
+        anew = [replace(c, reason="") for c in self.closures if id(c) in open_again]
+        other.close(other.judged(anew), heartbeat)
+        return other
+
+    def far_off(self) -> list[Closure]:
+        """Return the finds that were turned down as farther off than both may err by."""
+        return [c for c in self.closures if c.reason == FAR_OFF]
 
     def settle(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
         """Decide which closures to believe, and optimise with those.
