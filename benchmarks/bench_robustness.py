@@ -3,10 +3,12 @@
 """What is lost when recordings are made harder, and in buildings never seen.
 
     python benchmarks/bench_robustness.py variants intel.clf.gz ... [--only "90 deg" ...]
+    python benchmarks/bench_robustness.py variants 15 23 ... (of simulated buildings)
     python benchmarks/bench_robustness.py buildings 0 1 2 ... [--backend gmapping]
 
-Beside every recording its `.relations` is expected. Lost is what has more than 1 % of the relations
-off by more than 0.5 m, in a building more than 0.5 m of absolute error.
+Beside every recording its `.relations` is expected; those of a building are drawn from its truth.
+Lost is what has more than 1 % of the relations off by more than 0.5 m, in a building driven as it
+is more than 0.5 m of absolute error.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
-from buildings import building, recording
+from buildings import building, recording, relations_of
 from harder import VARIANTS, Recorded, odometry_of
 from planting import FAR_M, LOST_SHARE
 
@@ -62,16 +64,16 @@ class Outcome:
         )
 
 
-def variant(path: Path, name: str, backend: str) -> Outcome:
+def variant(of: str, name: str, backend: str) -> Outcome:
     """Run a backend on a variant of a recording; the error is the mean over the relations."""
-    whole = Recorded(tuple(open_source([path])), read_relations(_relations_of(path)))
+    whole = _recorded(of)
     log = VARIANTS[name](whole, np.random.default_rng(zlib.crc32(name.encode())))
     estimate, verdict = _run(log.readings, backend)
     laser = log.readings[0].scan.robot_from_laser
     odometry = Trajectory(estimate.stamps_ns, odometry_of(log.readings))
     off, of_odometry = (relation_errors(log.relations, t, laser) for t in (estimate, odometry))
     error_m, far = off.translation_m.mean(), (off.translation_m > FAR_M).mean()
-    stem = path.name.split(".")[0]
+    stem = building(int(of))[0].name if of.isdigit() else _stem(Path(of))
     return Outcome(
         stem, name, float(error_m), float(of_odometry.translation_m.mean()), float(far), verdict
     )
@@ -94,8 +96,18 @@ def simulated(number: int, backend: str) -> Outcome:
     return Outcome(world.name, case, rmse, odometry_rmse, float((off > FAR_M).mean()), verdict)
 
 
-def _relations_of(path: Path) -> Path:
-    return path.with_name(path.name.split(".")[0] + ".relations")
+def _recorded(of: str) -> Recorded:
+    """Read a recording, or drive through the building of a number."""
+    if of.isdigit():
+        readings, truth = recording(int(of))
+        return Recorded(tuple(readings), relations_of(truth))
+    path = Path(of)
+    beside = path.with_name(_stem(path) + ".relations")
+    return Recorded(tuple(open_source([path])), read_relations(beside))
+
+
+def _stem(path: Path) -> str:
+    return path.name.split(".")[0]
 
 
 def _run(readings: Sequence[Reading], backend: str) -> tuple[Trajectory, str]:
@@ -139,7 +151,7 @@ def main() -> None:
         if asked.what == "buildings":
             pending = [pool.submit(simulated, int(n), asked.backend) for n in asked.given]
         else:
-            cases = [(Path(path), name) for path in asked.given for name in asked.only]
+            cases = [(of, name) for of in asked.given for name in asked.only]
             pending = [pool.submit(variant, *case, asked.backend) for case in cases]
         outcomes = [_told(one.result()) for one in pending]
     print(totals(outcomes))

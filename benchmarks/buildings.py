@@ -17,8 +17,9 @@ import numpy as np
 
 from slarm_graph.config import SimulationConfig
 from slarm_graph.config.driving import LidarConfig, WheelConfig
+from slarm_graph.eval.relations import Relations
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid, WorldMap
@@ -34,6 +35,9 @@ _BODY_M = 0.25
 """Half the width of a person's trunk and arms."""
 _NEAR_M = (1.0, 6.0)
 """A passer-by comes into being and is forgotten as far from the robot."""
+_EVERY_M, _REVISIT_M, _AWAY_M = 1.0, 2.0, 20.0
+"""Way between the poses that relations are of; how near a pose must be come to again, and by what
+way in between: as those of the Freiburg benchmark, which join scans that see the same."""
 _WALK_M_S = 0.8
 """Standard deviation of a walker's velocity along an axis: some stand, some walk at 1.4 m/s."""
 
@@ -69,6 +73,22 @@ def recording(number: int) -> tuple[list[Reading], Trajectory]:
     truth = source.truth()
     rng = np.random.default_rng(1000 + number)
     return list(with_people(readings, truth.poses, people, rng)), truth
+
+
+def relations_of(truth: Trajectory) -> Relations:
+    """Draw relations of a true path: each metre with the next, and twice as many with revisits."""
+    way_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(truth.poses[:, :2], axis=0).T))])
+    at = np.unique(np.searchsorted(way_m, np.arange(0.0, way_m[-1], _EVERY_M)))
+    poses, way_m = truth.poses[at], way_m[at]
+    away_m = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))
+    apart_m = np.abs(way_m[:, None] - way_m[None, :])
+    again = np.argwhere(np.triu((away_m < _REVISIT_M) & (apart_m > _AWAY_M)))
+    np.random.default_rng(0).shuffle(again)
+    along = np.stack([np.arange(len(at) - 1), np.arange(1, len(at))], axis=1)
+    first, second = np.concatenate([along, again[: 2 * len(along)]]).T
+    stamps_ns = truth.stamps_ns[at]
+    pairs = np.stack([stamps_ns[first], stamps_ns[second]], axis=1)
+    return Relations(pairs, between(poses[first], poses[second]))
 
 
 def with_people(
