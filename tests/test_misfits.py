@@ -12,7 +12,7 @@ import pytest
 
 from slarm_graph.backend import silent
 from slarm_graph.backends.closure_sets import stories
-from slarm_graph.backends.misfits import MISFITS, contradictions, reconciled
+from slarm_graph.backends.misfits import MISFITS, _beside, contradictions, reconciled
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -26,7 +26,7 @@ from slarm_graph.geometry import Pose2, between
 LOOP = np.array([[-3.0, -2.8], [4.4, -2.2], [3.9, 2.6], [-4.2, 2.2], [-4.2, -2.9]])
 OFF = Pose2(1.2, 0.8, 0.2)
 """Where the second lap is taken to be, by tracking that was sure of itself, or by a false story."""
-SURE, LOST = np.eye(3) * 1e-6, np.diag([1e7, 1e7, 1e5])
+SURE, LOST = np.eye(3) * 1e-6, np.diag([2.0, 2.0, 0.5]) ** 2
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def finds(graph: SubmapGraph, laps: Sequence[Keyframe], off: Pose2) -> list[Clos
     first = [s for s in graph.submaps if s.last < half - 10]
     at = [laps[s.anchor].local_from_robot for s in first]
     told = []
-    for new in range(half + 5, len(laps) - 5, 5):
+    for new in range(half + 15, len(laps) - 5, 5):
         here = off @ laps[new].local_from_robot
         away = [np.hypot(*between(p.as_array(), here.as_array())[:2]) for p in at]
         old = int(np.argmin(away))
@@ -130,3 +130,16 @@ def test_of_two_stories_the_one_that_fits_stays(laps: list[Keyframe]) -> None:
     assert weights[:2].max() > 0.5
     assert weights[2:].max() < 0.5
     assert error_m(better, laps) < 0.1
+
+
+def test_a_story_is_asked_for_what_lies_beside_it(laps: list[Keyframe]) -> None:
+    graph = torn(laps, OFF, LOST)
+    true, false = (finds(graph, laps, off) for off in (Pose2(), OFF))
+    told = stories([*true, *false], graph)
+    assert sorted(map(len, told)) == [len(true), len(false)]
+    one = true[-1]
+    node = graph.node_of(one.keyframe)
+    here, there = [one.submap, node, 3.0], [0, 1, 5.0]
+    against = np.array([here, here, there], dtype=np.float64)
+    assert _beside([one], graph, against) == 6.0
+    assert _beside(true, graph, against[:0]) == 0.0
