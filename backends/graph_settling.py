@@ -103,17 +103,16 @@ def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
         other = by_wheels.get(c.i) if c.kind is ConstraintKind.ODOMETRY else None
         if other is None:
             continue
-        if _contradict(c, constraints[other]):
+        if _contradict(_apart(c, constraints[other]), c, constraints[other]):
             found += [k, other]
     return found
 
 
-def _contradict(one: Constraint, other: Constraint) -> bool:
-    """Whether two stories of a step cannot both be true, had nothing failed.
+def _contradict(apart: Floats, one: Constraint, other: Constraint) -> bool:
+    """Whether two stories of a step, so far (3,) apart, cannot both be true, had nothing failed.
 
     That odometry failed is what a match says that lies elsewhere: a false one would prove itself.
     """
-    apart = _apart(one, other)
     return squared_sigmas(apart, _unfailed(one) + _unfailed(other)) > CHI2_1_PERMILLE
 
 
@@ -135,7 +134,7 @@ def left_open(one: Constraint, other: Constraint) -> Constraint:
     covariances do not tell which: odds are even, and the spread is that around the first.
     """
     apart = _apart(one, other)
-    if _contradict(one, other):
+    if _contradict(apart, one, other):
         both = _unfailed(one) + _unfailed(other)
         return replace(one, covariance=np.asarray(0.5 * (both + np.outer(apart, apart))))
     both = one.covariance + other.covariance
