@@ -38,6 +38,8 @@ _BESIDE_M = 15.0
 def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> SubmapGraph:
     """Leave out closures while that removes contradictions between the places of a graph.
 
+    And while more of them confirm each other: parts that nothing holds do not contradict anything.
+
     Parameters
     ----------
     graph : SubmapGraph
@@ -46,23 +48,24 @@ def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat)
     heartbeat : Heartbeat
     """
     graph.settle(heartbeat)
-    against = contradictions(graph, matcher)
-    while against[:, 2].sum() > GRAPH_SPEAKS_NAT:
+    said = beside_each_other(graph, matcher)
+    while _against(said) > GRAPH_SPEAKS_NAT:
         heartbeat("weighing closures by what the places beside them saw")
         tried = []
-        for closures in _without_stories(graph, against):
+        for closures in _without_stories(graph, said):
             other = graph.with_closures(closures)
             other.settle(heartbeat)
-            tried.append((contradictions(other, matcher), other))
-        best = min(tried, key=lambda t: float(t[0][:, 2].sum()), default=(against, graph))
-        if against[:, 2].sum() - best[0][:, 2].sum() <= GRAPH_SPEAKS_NAT:
+            tried.append((beside_each_other(other, matcher), other))
+        best = min(tried, key=lambda t: float(t[0][:, 2].sum()), default=(said, graph))
+        removed = _against(said) - _against(best[0])
+        if min(removed, said[:, 2].sum() - best[0][:, 2].sum()) <= GRAPH_SPEAKS_NAT:
             break
-        against, graph = best
+        said, graph = best
     return graph
 
 
-def contradictions(graph: SubmapGraph, matcher: SubmapMatcher) -> Floats:
-    """Return which submaps, where the graph has them beside each other, contradict each other.
+def beside_each_other(graph: SubmapGraph, matcher: SubmapMatcher) -> Floats:
+    """Return what the places that a graph has beside each other say of that.
 
     Returns
     -------
@@ -76,26 +79,30 @@ def contradictions(graph: SubmapGraph, matcher: SubmapMatcher) -> Floats:
         nearest = np.argsort(away_m)[:_COMPARED]
         for i in nearest[away_m[nearest] < SIDEWAYS_M].tolist():
             nat = matcher.evidence_against(j, i, between(nodes[i], nodes[j]))
-            if nat > 0.0:
-                found.append((i, j, nat))
+            found.append((i, j, nat))
     return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 
-def _without_stories(graph: SubmapGraph, against: Floats) -> Iterator[list[Closure]]:
+def _against(said: Floats) -> float:
+    """Sum up what speaks against places that lie beside each other [nat]."""
+    return float(np.maximum(said[:, 2], 0.0).sum())
+
+
+def _without_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]]:
     """Leave out one story of closures after the other, that with most contradictions first."""
     _, weights = graph.settle()
     held = [c for c, w in zip(graph.closures, weights.tolist(), strict=True) if w >= OUTVOTED]
-    told = sorted(stories(held, graph), key=lambda s: -_beside(s, graph, against))
+    told = sorted(stories(held, graph), key=lambda s: -_beside(s, graph, said))
     for story in told[:_TRIED]:
         out = {id(c) for c in story}
         yield [replace(c, reason=MISFITS) if id(c) in out else c for c in graph.closures]
 
 
-def _beside(story: Sequence[Closure], graph: SubmapGraph, against: Floats) -> float:
+def _beside(story: Sequence[Closure], graph: SubmapGraph, said: Floats) -> float:
     """Sum up what speaks against the places that a story's closures lay upon each other [nat]."""
-    ways = graph.ways_m()[against[:, :2].astype(np.int64)]
-    is_beside = np.zeros(len(against), dtype=np.bool_)
+    ways = graph.ways_m()[said[:, :2].astype(np.int64)]
+    is_beside = np.zeros(len(said), dtype=np.bool_)
     for c in story:
         at = graph.way_of_submap(c.submap), graph.way_of(c.keyframe)
         is_beside |= (np.abs(ways - at) < _BESIDE_M).all(axis=1)
-    return float(against[is_beside, 2].sum())
+    return _against(said[is_beside])

@@ -12,7 +12,7 @@ import pytest
 
 from slarm_graph.backend import silent
 from slarm_graph.backends.closure_sets import stories
-from slarm_graph.backends.misfits import MISFITS, _beside, contradictions, reconciled
+from slarm_graph.backends.misfits import MISFITS, _against, _beside, beside_each_other, reconciled
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -85,10 +85,12 @@ def test_places_that_lie_right_contradict_nothing(laps: list[Keyframe]) -> None:
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in laps:
         graph.add(keyframe)
-    assert contradictions(graph, matcher_of(graph))[:, 2].sum() < 1.0
+    said = beside_each_other(graph, matcher_of(graph))
+    assert _against(said) < 1.0
     off = torn(laps, OFF, SURE)
-    against = contradictions(off, matcher_of(off))
-    assert against[:, 2].sum() > 20.0
+    against = beside_each_other(off, matcher_of(off))
+    assert _against(against) > 20.0
+    assert against[:, 2].sum() > said[:, 2].sum() + 20.0
     half = off.node_of(len(laps) // 2)
     assert ((against[:, 0] < half) & (against[:, 1] >= half - 1))[against[:, 2] > 1.0].all()
     assert reconciled(graph, matcher_of(graph), silent) is graph
@@ -140,6 +142,18 @@ def test_a_story_is_asked_for_what_lies_beside_it(laps: list[Keyframe]) -> None:
     one = true[-1]
     node = graph.node_of(one.keyframe)
     here, there = [one.submap, node, 3.0], [0, 1, 5.0]
-    against = np.array([here, here, there], dtype=np.float64)
+    confirmed = [one.submap, node, -9.0]
+    against = np.array([here, here, there, confirmed], dtype=np.float64)
     assert _beside([one], graph, against) == 6.0
     assert _beside(true, graph, against[:0]) == 0.0
+
+
+def test_a_story_without_which_a_lap_floats_away_stays(laps: list[Keyframe]) -> None:
+    """Far off nothing contradicts it, but nothing confirms it either."""
+    graph = torn(laps, Pose2(60.0, 0.0, 0.0), LOST)
+    slightly = Pose2(0.25, 0.1, 0.0)
+    graph.close(finds(graph, laps, slightly))
+    graph.settle()
+    matcher = matcher_of(graph)
+    assert _against(beside_each_other(graph, matcher)) > 5.0
+    assert reconciled(graph, matcher, silent) is graph
