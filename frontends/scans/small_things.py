@@ -102,7 +102,8 @@ def is_wide(points: Floats) -> NDArray[np.bool_]:
     slant, first, width_m = slant_between(points), 0, 0.0
     for i in range(1, len(points) + 1):
         if i == len(points) or are_two(points, i - 1, i, slant):
-            wide[first:i] = width_m > SMALL_M
+            for k in range(first, i):
+                wide[k] = width_m > SMALL_M
             first, width_m = i, 0.0
         else:
             width_m = max(width_m, apart_m(points, first, i))
