@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
+from slarm_graph.backends.misfits import MISFITS
 from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
@@ -156,7 +158,7 @@ class GraphBuilder:
         variances = np.array(self._variances)
         poses = graph.corrected(local, variances)
         table = self._table(weights)
-        told = (*graph.notices(), *_rival_notice(rivals))
+        told = (*graph.notices(), *_rival_notice(rivals), *_misfit_notice(graph.closures))
         lags = np.array(self._lags)
         return ClosedGraph(settled, graph.node_scans(), poses, variances, table, lags, told)
 
@@ -223,4 +225,15 @@ def _rival_notice(rivals: int) -> tuple[str, ...]:
         f"{rivals} finds of old places agree with each other, but lie farther from where the graph"
         " has them than both may err by, and were turned down: places look alike, or a stretch of"
         " the path is wrong; see loop_closures.csv",
+    )
+
+
+def _misfit_notice(closures: Sequence[Closure]) -> tuple[str, ...]:
+    """Say that closures were left out by what the places beside them saw."""
+    count = sum(c.reason == MISFITS for c in closures)
+    if not count:
+        return ()
+    return (
+        f"{count} loop closures that agree with each other were left out: with them walls stand where"
+        " the robot looked through from beside; see loop_closures.csv",
     )

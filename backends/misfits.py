@@ -15,11 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph.backend import Heartbeat
-from slarm_graph.backends.closure_sets import (
-    GRAPH_SPEAKS_NAT,
-    SIDEWAYS_M,
-    stories,
-)
+from slarm_graph.backends.closure_sets import GRAPH_SPEAKS_NAT, SIDEWAYS_M, stories
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -89,12 +85,15 @@ def _against(said: Floats) -> float:
 
 
 def _without_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]]:
-    """Leave out one story of closures after the other, that with most contradictions first."""
+    """Leave out one story of closures after the other, that with most contradictions first.
+
+    Of a story those stay beside which nothing is wrong: a long one may be false in a part.
+    """
     _, weights = graph.settle()
     held = [c for c, w in zip(graph.closures, weights.tolist(), strict=True) if w >= OUTVOTED]
     told = sorted(stories(held, graph), key=lambda s: -_beside(s, graph, said))
     for story in told[:_TRIED]:
-        out = {id(c) for c in story}
+        out = {id(c) for c in story if _beside([c], graph, said) > GRAPH_SPEAKS_NAT}
         yield [replace(c, reason=MISFITS) if id(c) in out else c for c in graph.closures]
 
 

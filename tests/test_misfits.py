@@ -12,6 +12,7 @@ import pytest
 
 from slarm_graph.backend import silent
 from slarm_graph.backends.closure_sets import stories
+from slarm_graph.backends.graph_building import _misfit_notice
 from slarm_graph.backends.misfits import MISFITS, _against, _beside, beside_each_other, reconciled
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
@@ -109,6 +110,9 @@ def test_a_false_story_is_not_believed(laps: list[Keyframe]) -> None:
     assert weights.max() < 0.5
     assert error_m(better, laps) < 0.1
     assert MISFITS in {c.reason for c in better.closures}
+    (told,) = _misfit_notice(better.closures)
+    assert told.startswith(f"{sum(c.reason == MISFITS for c in better.closures)} loop closures")
+    assert _misfit_notice(graph.closures) == ()
     assert {c.reason for c in graph.closures} == {""}, "the graph given is left as it was"
 
 
