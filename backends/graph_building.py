@@ -234,6 +234,6 @@ def _misfit_notice(closures: Sequence[Closure]) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        f"{count} loop closures that agree with each other were left out: with them walls stand where"
-        " the robot looked through from beside; see loop_closures.csv",
+        f"{count} loop closures that agree with each other were left out: with them walls stand in"
+        " what was looked through from places beside; see loop_closures.csv",
     )
