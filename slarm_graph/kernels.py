@@ -5,22 +5,48 @@
 numba keeps compiled code by the date of the function's own file. What that function calls, and the
 numbers it reads, are compiled into it and may live in other files: after those changed it would go
 on as before. Here the code is kept by all that is compiled into it.
+
+It names what it compiles by a number that begins at one in every process, and numbers the files it
+keeps by a list that several processes write at once. Code kept by two processes then shares a name,
+and a kernel is called with the other's table of constants, or a signature's file holds another's
+code. Here numbers begin anywhere, and a file is named by what it holds.
 """
 
 from __future__ import annotations
 
 import hashlib
+import os
+import secrets
 from collections.abc import Callable, Iterator, Mapping
 from functools import cache, partial
+from itertools import count
+from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar
 
+import numba
 import numpy as np
 from numba import njit
-from numba.core.caching import FunctionCache
+from numba.core.bytecode import FunctionIdentity
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.core.dispatcher import Dispatcher
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_DIGITS = 32
+"""128 bits: two of a billion digests are alike with a probability of 1e-21."""
+_NAME_BITS = 60
+"""Of a thousand processes of ten thousand functions each, two share a name once in 1e8."""
+
+
+def _name_apart() -> None:
+    """Give what is compiled from now on names that no other process gives."""
+    FunctionIdentity._unique_ids = count(secrets.randbits(_NAME_BITS))
+
+
+_name_apart()
+if hasattr(os, "register_at_fork"):  # a child would go on with its parent's numbers
+    os.register_at_fork(after_in_child=_name_apart)
 
 
 def kernel(function: _Function) -> _Function:
@@ -59,17 +85,51 @@ def kernel_with(
 def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
     dispatcher = njit(nogil=True, **options)(function)
     if isinstance(dispatcher, Dispatcher):  # NUMBA_DISABLE_JIT leaves the function as it is
-        kept = _KeptByContent(function)  # type: ignore[no-untyped-call]
+        kept = _KeptByContent(function)
         dispatcher._cache = kept  # type: ignore[attr-defined]
     return dispatcher
+
+
+class _FilePerKey(IndexDataCacheFile):
+    """A file for everything that is kept, named by its key: processes do not meet in it."""
+
+    def save(self, key: tuple[Any, ...], data: Any) -> None:
+        name = self._name(key)
+        self._save_data(name, data)  # type: ignore[no-untyped-call]
+        folder, of_call = Path(self._cache_path), name.rsplit(".", 2)[0]
+        for stale in folder.glob(f"{of_call}.*.nbc"):
+            if stale.name != name:
+                stale.unlink(missing_ok=True)
+
+    def load(self, key: tuple[Any, ...]) -> Any:
+        try:
+            return self._load_data(self._name(key))  # type: ignore[no-untyped-call]
+        except (OSError, EOFError):
+            return None
+
+    def _name(self, key: tuple[Any, ...]) -> str:
+        """Name a file by the call, the machine and numba, and then by the content."""
+        *of_call, content = key
+        told = repr((numba.__version__, *map(str, of_call))).encode()
+        base = self._index_name.removesuffix(".nbi")
+        return f"{base}.{hashlib.sha256(told).hexdigest()[:_DIGITS]}.{content[:_DIGITS]}.nbc"
 
 
 class _KeptByContent(FunctionCache):
     """Keeps the compiled code of a function by what was compiled into it."""
 
+    def __init__(self, function: FunctionType) -> None:
+        super().__init__(function)  # type: ignore[no-untyped-call]
+        made = self._cache_file
+        self._cache_file = _FilePerKey(  # type: ignore[no-untyped-call]
+            self._cache_path, made._index_name.removesuffix(".nbi"), made._source_stamp
+        )
+
     def _index_key(self, signature: Any, codegen: Any) -> tuple[Any, ...]:
-        key = super()._index_key(signature, codegen)  # type: ignore[no-untyped-call]
-        return (*key, content_of(self._py_func))
+        # a digest of the function's own code is numba's, too, and part of its content here
+        told = super()._index_key(signature, codegen)  # type: ignore[no-untyped-call]
+        call, machine, (_, enclosed) = told
+        return (call, machine, enclosed, content_of(self._py_func))
 
 
 @cache

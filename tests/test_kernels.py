@@ -50,17 +50,37 @@ def inner(x):
 """
 
 
+DOUBLED = """
+import sys
+import numpy as np
+from slarm_graph.kernels import kernel
+
+@kernel
+def doubled(values):
+    return values * 2.0
+
+@kernel
+def total(values):
+    return doubled(values).sum()
+
+for name in sys.argv[1:]:
+    print(np.sum(globals()[name](np.ones(3))))
+"""
+
+
+def output_of(folder: Path, *words: str, seed: str = "0") -> str:
+    """What a program prints in a process of its own."""
+    environment = {**os.environ, "PYTHONHASHSEED": seed, "NUMBA_CACHE_DIR": str(folder / "kept")}
+    command = [sys.executable, *words]
+    done = subprocess.run(
+        command, cwd=folder, env=environment, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
 def run(folder: Path, seed: str = "0") -> tuple[float, int]:
     """Result of the caller in a process of its own, and whether it was taken from what is kept."""
-    environment = {**os.environ, "PYTHONHASHSEED": seed, "NUMBA_CACHE_DIR": str(folder / "kept")}
-    done = subprocess.run(
-        [sys.executable, folder / "caller.py"],
-        env=environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    value, hits = done.stdout.split()
+    value, hits = output_of(folder, "caller.py", seed=seed).split()
     return float(value), int(hits)
 
 
@@ -93,6 +113,43 @@ def test_a_change_in_another_file_is_compiled_in(folder: Path) -> None:
         assert run(folder) == (expected, 0), (old, new)
 
 
+def test_code_of_two_processes_does_not_share_names(tmp_path: Path) -> None:
+    """The second compiles again what the first compiled into a kernel that it loads."""
+    (tmp_path / "own.py").write_text(DOUBLED)
+    output_of(tmp_path, "own.py", "doubled", "total")
+    for path in (tmp_path / "kept").rglob("*.doubled-*"):
+        path.unlink()
+    for _ in range(2):
+        assert output_of(tmp_path, "own.py", "total", "doubled") == "6.0\n6.0\n"
+
+
+def test_every_signature_has_a_file_of_its_own(folder: Path) -> None:
+    """And what is out of date goes."""
+    run(folder)
+    call = "from caller import result; result(1)"
+    output_of(folder, "-c", call)
+    kept = set((folder / "kept").rglob("caller.result-*.nbc"))
+    assert len(kept) == 2
+    (folder / "callee.py").write_text(CALLEE.replace("* 2.0", "* 3.0"))
+    run(folder)
+    assert len(kept & set((folder / "kept").rglob("caller.result-*.nbc"))) == 1
+    output_of(folder, "-c", call)
+    assert not kept & set((folder / "kept").rglob("caller.result-*.nbc"))
+
+
+def test_a_child_names_apart_from_its_parent() -> None:
+    code = """
+import os
+from numba.core.bytecode import FunctionIdentity
+from slarm_graph import kernels
+if child := os.fork():
+    os.waitpid(child, 0)
+print(next(FunctionIdentity._unique_ids), flush=True)
+"""
+    first, second = map(int, output_of(Path.cwd(), "-c", code).split())
+    assert abs(first - second) > 10**6
+
+
 def test_how_a_callee_is_compiled_counts() -> None:
     def plain(x: float) -> float:
         return x * 2.0
@@ -100,7 +157,7 @@ def test_how_a_callee_is_compiled_counts() -> None:
     def caller_of(callee: object) -> str:
         values = {"callee": callee}
         exec("def caller(x):\n    return callee(x)", values)
-        return content_of(values["caller"])  # type: ignore[arg-type]
+        return content_of(values["caller"])
 
     fused = kernel_with(fastmath=frozenset({"contract"}))(plain)
     always = kernel_with(inline=True)(plain)
