@@ -37,7 +37,12 @@ from slarm_graph.backends.path_covariance import fill_covariances, spread_covari
 from slarm_graph.backends.path_filling import spread, step_variance
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
-from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along
+from slarm_graph.backends.second_pass import (
+    MISSED,
+    closure_misses,
+    covariances_about,
+    filter_along,
+)
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
@@ -200,11 +205,16 @@ class GmappingBackend:
         tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
         said = filter(None, (*particle_notices(particles), state.brought_back))
-        covariances = self._covariances(path.poses)
+        covariances = None if closed is None else covariances_about(path.poses, closed)
+        if covariances is None:
+            covariances = self._covariances(path.poses)
         return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(said))
 
     def _covariances(self, poses: Floats) -> Floats:
-        """Spread of the particles' paths, and what none of them can know (S, 3, 3)."""
+        """Spread of the particles' paths, and what none of them can know (S, 3, 3).
+
+        Where there is no graph beside them: whatever all of them have wrong, they do not know.
+        """
         state, known = self._state, self._state.filter
         paths = known.ancestry.paths(np.arange(len(known.poses)))
         # A pose is drawn no finer than a motion of length zero allows, and matched to cells.

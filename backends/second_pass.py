@@ -21,12 +21,14 @@ from numpy.random import Generator
 
 from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.motion_model import motion_covariance
+from slarm_graph.backends.path_covariance import carried, path_covariances
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.config import GmappingConfig
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
-from slarm_graph.geometry import Floats, between, compose, wrap_angles
+from slarm_graph.geometry import Floats, adjoints, between, compose, wrap_angles
 
 MISSED = math.sqrt(CHI2_1_PERMILLE)
 """Standard deviations by which a closure is missed: the root of the chi-square quantile of 99.9 %
@@ -60,6 +62,33 @@ def closure_misses(closed: ClosedGraph, poses: Floats, cell_m: float) -> Floats:
         miss[2] = wrap_angles(miss[2])
         misses.append(math.sqrt(miss @ np.linalg.solve(c.covariance + allowed, miss)))
     return np.array(misses)
+
+
+def covariances_about(poses: Floats, closed: ClosedGraph) -> Floats | None:
+    """Mean squares of what a path may be off, by a graph that has closed the same loops.
+
+    The graph's error has the covariance C, and the path lies d beside it: about the path, the truth
+    has the second moment C + d d^T. Particles of one ancestor cannot tell, they all share it.
+
+    Parameters
+    ----------
+    poses : (S, 3) float64
+        `map_from_robot` at every scan, by the path in question.
+    closed : ClosedGraph
+
+    Returns
+    -------
+    (S, 3, 3) float64 or None
+        In the body frame [m^2, m rad, rad^2]; None where the graph has none.
+    """
+    graph = calibrated(closed.graph)
+    known = path_covariances(graph, closed.scans, closed.poses, closed.variances)
+    if known is None:
+        return None
+    beside = between(poses, closed.poses)
+    beside[:, 2] = wrap_angles(beside[:, 2])
+    about = carried(known + closed.lag_covariances, adjoints(beside))
+    return about + beside[:, :, None] * beside[:, None, :]
 
 
 def filter_along(

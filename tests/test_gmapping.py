@@ -148,8 +148,8 @@ def test_a_restored_snapshot_goes_on_as_if_nothing_had_happened() -> None:
     assert a.tables == b.tables
 
 
-def test_covariances_are_those_of_the_particles_about_the_best() -> None:
-    backend = made()
+def test_covariances_without_a_graph_are_those_of_the_particles_about_the_best() -> None:
+    backend = made(places=None)
     result = run(backend, recorded()[0][:100])
     state = backend._state
     known, at, best = result.covariances, state.updates, state.filter.best_path()

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_gmapping import ate_m, made, recorded, run
@@ -11,7 +14,13 @@ from test_gmapping import ate_m, made, recorded, run
 from slarm_graph.backend import Table
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import ClosedGraph
-from slarm_graph.backends.second_pass import MISSED, closure_misses, filter_along, pulled
+from slarm_graph.backends.second_pass import (
+    MISSED,
+    closure_misses,
+    covariances_about,
+    filter_along,
+    pulled,
+)
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between, compose
@@ -60,6 +69,40 @@ def test_only_closures_speak_and_each_speaks_for_itself() -> None:
 
 def contradicted(closed: ClosedGraph, path: Floats, cell_m: float) -> int:
     return int((closure_misses(closed, path, cell_m) > MISSED).sum())
+
+
+def test_what_a_path_is_off_is_the_graphs_error_and_what_lies_between() -> None:
+    """Errors drawn for the graph, and seen from the path."""
+    closed, rng = chained(), np.random.default_rng(0)
+    known = covariances_about(closed.poses, closed)
+    beside = np.array([0.03, -0.05, 0.4])
+    path = compose(closed.poses, beside)
+    found = covariances_about(path, closed)
+    assert known is not None
+    assert found is not None
+    np.testing.assert_allclose(known[0], closed.lag_covariances[0], atol=1e-12)
+    errors = rng.multivariate_normal(np.zeros(3), known[-1], 200_000)
+    off = between(path[-1], compose(closed.poses[-1], errors))
+    np.testing.assert_allclose(found[-1], off.T @ off / len(off), rtol=0.02, atol=2e-6)
+
+
+def test_a_graph_that_says_nothing_of_itself_says_nothing_of_a_path() -> None:
+    closed = chained()
+    gap = PoseGraph(closed.graph.poses, closed.graph.constraints[:1])
+    assert covariances_about(closed.poses, replace(closed, graph=gap)) is None
+
+
+def chained() -> ClosedGraph:
+    """A square of 4 m of which every side was measured, and sweeps that lag."""
+    closed = square(Pose2())
+    covariance, poses = np.diag(SIGMAS) ** 2, [Pose2.from_array(p) for p in closed.graph.poses]
+    steps = tuple(
+        Constraint(k, k + 1, a.between(b), covariance, ConstraintKind.ODOMETRY)
+        for k, (a, b) in enumerate(itertools.pairwise(poses))
+    )
+    lags = np.tile(np.diag([1e-5, 2e-5, 3e-6]), (len(closed.poses), 1, 1))
+    graph = PoseGraph(closed.graph.poses, steps)
+    return replace(closed, graph=graph, lag_covariances=lags)
 
 
 def bent(poses: Floats) -> Floats:
