@@ -88,3 +88,49 @@ def test_a_branch_learns_for_itself_and_nothing_from_over_a_gap() -> None:
     known = noise.excess.copy()
     noise.learn(np.full(3, 9.0), GUESS, CLAIM, ALWAYS)
     np.testing.assert_array_equal(noise.excess, known)
+
+
+def by_the_book(
+    misses: Floats, guesses: Floats, claims: Floats, tells: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """A second implementation: weighted sums over all that was told, axis by axis."""
+    first = np.minimum(claims[0], guesses[0])
+    averages = np.array([guesses[0] + 2.0 * first, -first, guesses[0], first])
+    path, since, sums = 10.0 * guesses[0] + 2.0 * first, 1, 2.0
+    path_excess = np.ones(3)
+    for k in range(1, len(misses)):
+        memory = min(20.0 + k, 100.0)
+        new = np.array([misses[k] ** 2, misses[k] * misses[k - 1], guesses[k], claims[k]])
+        both = tells[k] * tells[k - 1]
+        share = np.array([tells[k], both, tells[k], tells[k]]) / memory
+        averages += share * (new - averages)
+        square, product, guess, claim = averages
+        ratio = np.minimum(-product, 0.5 * square) / claim
+        back = np.clip(ratio, 1.0, 1000.0) * claim
+        if k + 1 - since == 10:
+            sums = min(sums + 1.0, 10.0)
+            total, heard = misses[since : k + 1].sum(axis=0), tells[since : k + 1].min(axis=0)
+            path = path + heard / sums * (total**2 - path)
+            path_excess, since = np.maximum((path - 2.0 * back) / 10.0 / guess, 0.01), k + 1
+        alike = (ratio < 2.0 * ratio[1]) & (2.0 * ratio > ratio[1])
+        match = min(max(ratio[alike].mean() if alike.any() else 1.0, 1.0), 1000.0)
+        excess = np.maximum((square - 2.0 * match * claim) / guess, 0.01)
+    reading = np.maximum(back - match * claim, 0.0)
+    return excess, np.full(3, match), reading, path_excess
+
+
+@pytest.mark.parametrize("count", [2, 11, 12, 30, 75, 160, 250])
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_learned_is_what_averages_say(seed: int, count: int) -> None:
+    """Whatever is told, and about whichever axes, in a drive in which guesses and claims change."""
+    rng = np.random.default_rng(seed)
+    misses = rng.normal(0.0, 0.03, (count, 3)) - np.roll(rng.normal(0.0, 0.02, (count, 3)), 1)
+    guesses, claims = (v * rng.uniform(0.3, 3.0, (count, 3)) for v in (GUESS, CLAIM))
+    tells = rng.random((count, 3)) < (0.98 if seed else 1.1)
+    noise = OdometryNoise()
+    for told_now in zip(misses, guesses, claims, tells, strict=True):
+        noise.learn(*told_now)
+    found = (noise.excess, noise.match_excess, noise.reading, noise.path_excess)
+    expected = by_the_book(misses, guesses, claims, tells.astype(np.float64))
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15)
