@@ -120,13 +120,14 @@ def by_the_book(
 
 
 @pytest.mark.parametrize("count", [2, 11, 12, 30, 75, 160, 250])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(4))
 def test_what_is_learned_is_what_averages_say(seed: int, count: int) -> None:
     """Whatever is told, and about whichever axes, in a drive in which guesses and claims change."""
     rng = np.random.default_rng(seed)
-    misses = rng.normal(0.0, 0.03, (count, 3)) - np.roll(rng.normal(0.0, 0.02, (count, 3)), 1)
+    matches = np.diff(rng.normal(0.0, np.sqrt([9.0, 9.0, 14.0] * CLAIM), (count + 1, 3)), axis=0)
+    misses = matches + 0.02 * seed * rng.normal(size=(count, 3))
     guesses, claims = (v * rng.uniform(0.3, 3.0, (count, 3)) for v in (GUESS, CLAIM))
-    tells = rng.random((count, 3)) < (0.98 if seed else 1.1)
+    tells = rng.random((count, 3)) < (0.8 if seed else 1.1)
     noise = OdometryNoise()
     for told_now in zip(misses, guesses, claims, tells, strict=True):
         noise.learn(*told_now)
@@ -134,3 +135,10 @@ def test_what_is_learned_is_what_averages_say(seed: int, count: int) -> None:
     expected = by_the_book(misses, guesses, claims, tells.astype(np.float64))
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15)
+
+
+def test_before_anything_is_learned_noise_is_as_guessed() -> None:
+    noise = OdometryNoise()
+    for factor in (noise.excess, noise.match_excess, noise.path_excess):
+        np.testing.assert_array_equal(factor, [1.0, 1.0, 1.0])
+    np.testing.assert_array_equal(noise.reading, [0.0, 0.0, 0.0])
