@@ -72,7 +72,7 @@ def _residual(weights: Floats) -> Indices:
     copies = np.floor(expected).astype(np.int64)
     kept = np.repeat(np.arange(len(weights)), copies)
     remaining = expected - copies
-    if len(kept) >= len(weights) or not remaining.sum() > 0.0:
+    if len(kept) >= len(weights):
         return kept[: len(weights)]
     drawn = multinomial_resample(remaining / remaining.sum())
     return np.concatenate([kept, drawn[: len(weights) - len(kept)]])

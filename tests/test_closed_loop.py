@@ -311,3 +311,20 @@ def test_the_follower_never_drives_faster_than_it_can_brake(speed_m_s: float) ->
         fastest = max(fastest, speed)
         pose = Pose2(pose.x + 0.05 * speed, 0.0, 0.0)
     assert fastest == pytest.approx(min(speed_m_s, math.sqrt(0.4 * 1.7)), abs=0.05)
+
+
+@pytest.mark.parametrize("gap_m", [0.42, 0.5])
+def test_a_gap_that_the_body_just_fits_through_is_passed_when_nothing_else_is_left(
+    gap_m: float,
+) -> None:
+    """However often the goal is looked at on the way, it is not given up for the gap."""
+    walls = (box("low", 1.6, 0.0, 0.3, 0.3), box("high", 1.6, 0.3 + gap_m, 0.3, 2.1 - gap_m))
+    boundary = np.array([[0.0, 0.0], [3.4, 0.0], [3.4, 2.4], [0.0, 2.4]])
+    heard = (AccessPoint("ap", 3.0, 2.2, 2.2),)
+    room = WorldMap("gap", walls, boundary, 2.5, heard, Pose2(0.6, 1.6, 0.0))
+    driving = DrivingConfig(margin_m=0.1)
+    config = ExploreConfig(explorer="frontier", resolution_m=0.1, driving=driving)
+    outcome = explored(room, config)
+    assert outcome.truth.poses[:, 0].max() > 1.9
+    assert share_of_reachable(room, outcome)[0] > 0.99
+    assert outcome.report.collisions == 0

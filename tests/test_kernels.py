@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -76,6 +77,20 @@ def output_of(folder: Path, *words: str, seed: str = "0") -> str:
         command, cwd=folder, env=environment, capture_output=True, text=True, check=True
     )
     return done.stdout
+
+
+BUILT = """
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic
+
+def added(context, builder, signature, given):
+    return builder.fadd(given[0], ir.Constant(ir.DoubleType(), 10.0))
+
+@intrinsic
+def more(typing, x):
+    return types.float64(types.float64), added
+"""
 
 
 def run(folder: Path, seed: str = "0") -> tuple[float, int]:
@@ -163,6 +178,18 @@ def test_how_a_callee_is_compiled_counts() -> None:
     always = kernel_with(inline=True)(plain)
     assert len({caller_of(callee) for callee in (kernel(plain), fused, always)}) == 3
     assert caller_of(fused) == caller_of(kernel_with(fastmath=frozenset({"contract"}))(plain))
+
+
+def test_what_builds_the_code_of_a_callee_counts(tmp_path: Path) -> None:
+    """An intrinsic is no kernel, and what it calls is not looked into: its file counts."""
+    told = []
+    for number, text in enumerate((BUILT, BUILT, BUILT.replace("10.0", "20.0"))):
+        file = tmp_path / f"built_{number}.py"
+        file.write_text(text)
+        values = runpy.run_path(str(file))
+        exec("def caller(x):\n    return more(x)", values)
+        told.append(content_of(values["caller"]))
+    assert told[0] == told[1] != told[2]
 
 
 def test_kernels_run_without_the_lock_and_as_python_does() -> None:

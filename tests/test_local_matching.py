@@ -9,7 +9,7 @@ import pytest
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.local_matching import LocalMatcher
+from slarm_graph.frontends.scans.local_matching import LocalMatcher, _agree, _samples
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.places import Outlook
 from slarm_graph.geometry import Floats, Pose2, between, invert, transform_points
@@ -78,3 +78,35 @@ def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
     )
     assert places[0].inliers == 0, "the prediction is kept"
     assert any(place.inliers for place in places[1:]), "another front was found"
+
+
+@pytest.mark.parametrize("count", [0, 1, 100, 159, 160, 239, 240, 1000, 1081])
+def test_many_returns_are_searched_for_by_two_samples(count: int) -> None:
+    """Each of every n-th return, halfway between those of the other; few are searched for whole."""
+    points = np.arange(2.0 * count).reshape(count, 2)
+    samples = _samples(points)
+    if count < 160:
+        assert len(samples) == 1
+        np.testing.assert_array_equal(samples[0], points)
+        return
+    step = count // 80
+    first, second = ([int(x) // 2 for x in sample[:, 0]] for sample in samples)
+    assert first == list(range(0, count, step))
+    assert second == list(range(step // 2, count, step))
+    assert 80 <= len(first) < 160
+
+
+def test_stories_agree_as_far_as_both_are_unsure() -> None:
+    """Up to four standard deviations, chi squared of 3 at a thousandth."""
+    sure = np.diag([0.03, 0.03, 0.03]) ** 2
+    unsure = np.diag([0.04, 0.04, 0.04]) ** 2
+    one = Prediction(np.array([0.5, 0.0, 3.1]), sure)
+    for off, agree in [(0.0, True), (0.19, True), (0.21, False)]:
+        aside = Prediction(np.array([0.5, off, 3.1]), unsure)
+        turned = Prediction(np.array([0.5, 0.0, 3.1 + off - 2.0 * np.pi]), unsure)
+        for other in (aside, turned):
+            assert _agree((one, other)) == agree
+            assert _agree((one, one, other)) == agree
+            # All are held against the first.
+            assert _agree((other, one)) == agree
+    assert _agree((one,))

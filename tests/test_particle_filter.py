@@ -113,3 +113,16 @@ def test_particles_of_different_origin_have_no_common_update() -> None:
     assert tree.common_update() == -1
     tree.append(np.array([1, 1]), np.zeros((2, 3)))
     assert tree.common_update() == 0
+
+
+def test_residual_resampling_draws_only_what_whole_copies_leave() -> None:
+    rng = np.random.default_rng(1)
+    whole = resample(np.array([0.5, 0.0, 0.25, 0.25]), "residual", rng)
+    assert sorted(whole.tolist()) == [0, 0, 2, 3]
+    drawn = set()
+    for _ in range(60):
+        copies = np.bincount(resample(WEIGHTS, "residual", rng), minlength=len(WEIGHTS))
+        assert (copies >= np.floor(len(WEIGHTS) * WEIGHTS)).all()
+        drawn |= set(np.flatnonzero(copies > np.floor(len(WEIGHTS) * WEIGHTS)).tolist())
+    # What is left of 0.1, 2.0, 0.15, 1.25 and 1.5: nothing of the second.
+    assert drawn == {0, 2, 3, 4}

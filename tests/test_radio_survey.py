@@ -12,7 +12,12 @@ import pytest
 from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.coverage_grid import known_coverage
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.radio_survey import RadioSurvey, RadioSurveyConfig
+from slarm_graph.exploration.radio_survey import (
+    RadioSurvey,
+    RadioSurveyConfig,
+    _cell_of_nodes,
+    _goals,
+)
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.certainty import Certainty, Shadowing
@@ -115,3 +120,73 @@ def test_a_place_that_was_the_goal_too_often_is_let_be():
 def test_a_certainty_that_no_drive_can_reach_is_refused() -> None:
     with pytest.raises(ValueError, match="never reached"):
         RadioSurveyConfig(certainty_db=1.0)
+
+
+def test_a_piece_of_floor_is_driven_to_where_its_middle_is() -> None:
+    """Brute force: of its own cells the one nearest to the mean of them."""
+    rng = np.random.default_rng(3)
+    nodes = make_nodes(GRID, rng.random(GRID.shape) < 0.8, 0.5, 1000)
+    for node, cell in enumerate(_cell_of_nodes(nodes)):
+        own = np.argwhere(nodes.of_cell == node)
+        away = np.linalg.norm(GRID.center_of(own) - nodes.centers_m[node], axis=1)
+        at = divmod(int(cell), GRID.cols)
+        assert nodes.of_cell[at] == node
+        off = np.linalg.norm(GRID.center_of(np.array(at)) - nodes.centers_m[node])
+        assert off == pytest.approx(away.min(), abs=1e-9)
+
+
+def test_goals_are_uncertain_for_their_time_and_a_metre_apart() -> None:
+    rng = np.random.default_rng(4)
+    sure = Certainty(floor_nodes(), rng.uniform([0.1, 0.1], [2.5, 3.9], (40, 2)), SHADOWING)
+    time_s = rng.uniform(2.0, 20.0, len(sure.nodes))
+    time_s[::7] = np.inf
+    goals = _goals(sure, time_s)
+    rate, centers = sure.variance_db2 / time_s, sure.nodes.centers_m
+    assert (np.diff(rate[goals]) <= 0.0).all()
+    assert np.isfinite(time_s[goals]).all()
+    apart = np.abs(centers[goals][:, None] - centers[goals]).max(axis=2)
+    assert (apart + 9.0 * np.eye(len(goals))).min() >= 1.0
+    # What is no goal is near to a better one, or cannot be reached.
+    for node in set(range(len(rate))) - set(goals.tolist()):
+        near = goals[np.abs(centers[goals] - centers[node]).max(axis=1) < 1.0]
+        assert rate[node] == 0.0 or rate[near].max() >= rate[node]
+    wide = GridGeometry(0.0, 0.0, 0.1, 120, 100)
+    nodes = make_nodes(wide, np.ones(wide.shape, dtype=bool), 0.5, 1000)
+    sure = Certainty(nodes, np.array([[0.1, 0.1]]), SHADOWING)
+    assert len(_goals(sure, np.ones(len(nodes)))) == 40
+    assert not len(_goals(sure, np.full(len(nodes), np.inf)))
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.57, 3.14, -1.57])
+def test_of_ways_that_tell_the_same_the_one_ahead_is_gone(heading: float) -> None:
+    """From the middle of a square all four ways are alike but for the turn."""
+    square = np.ones((60, 60), dtype=bool)
+    middle = listened([[3.0, 3.0]], square)
+    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig(turn_rate_rad_s=0.2))
+    leg = explorer.next_goal(middle, Pose2(3.0, 3.0, heading))
+    assert isinstance(leg, Leg)
+    way = leg.points_m[-1] - leg.points_m[0]
+    assert abs(np.arctan2(way[1], way[0]) - heading) % (2.0 * np.pi) < 0.5
+
+
+def test_places_asked_for_too_often_are_told_by_squares() -> None:
+    explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
+    nodes = floor_nodes()
+    explorer._asks.update({(2, 3): 8, (5, 5): 7, (0, 0): 9})
+    worth = explorer._worth_trying(nodes)
+    squares = np.floor(nodes.centers_m / 0.5).astype(int).tolist()
+    expected = [square not in ([2, 3], [0, 0]) for square in squares]
+    assert worth.tolist() == expected
+    assert worth.sum() < len(nodes)
+
+
+def test_what_cannot_be_reached_is_no_goal() -> None:
+    """Of two rooms without a door the robot knows the one it stands in."""
+    free = np.ones((40, 60), dtype=bool)
+    free[18:22] = False
+    for y_m in (1.0, 3.0):
+        explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig())
+        leg = explorer.next_goal(listened([[1.0, y_m]], free), Pose2(1.0, y_m, 0.0))
+        assert isinstance(leg, Leg)
+        assert leg.points_m[-1, 0] > 1.5
+        assert (leg.points_m[:, 1] > 2.0).all() == (y_m > 2.0)

@@ -128,6 +128,7 @@ class ClosedLoop:
         self._leg = _NO_LEG
         self._leg_age_s = 0.0
         self._going_home = False
+        self._is_squeezing = False
         self._is_relocating = False
         self._returns = 0
         self._commands: list[DriveCommand] = []
@@ -252,9 +253,13 @@ class ClosedLoop:
         return path_between(coverage.driving, here, home)
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
-        goal = self._goal(coverage, pose)
+        # Asked without the gap in between, the explorer would take its goal there for lost.
+        tight = self._squeeze(coverage, pose) if self._is_in_a_gap(coverage, pose) else None
+        goal = tight or self._goal(coverage, pose)
         if isinstance(goal, Finished) and not go_on:
-            goal = self._squeeze(coverage, pose) or goal
+            tight = self._squeeze(coverage, pose)
+            goal = tight or goal
+        self._is_squeezing = tight is not None
         if isinstance(goal, Finished):
             self._leg = _NO_LEG
             if not go_on:
@@ -269,6 +274,14 @@ class ClosedLoop:
             self._follower.extend(goal.points_m)
         else:
             self._follower.follow(goal.points_m)
+
+    def _is_in_a_gap(self, coverage: CoverageGrid, pose: Pose2) -> bool:
+        """Whether what is being driven leads to where only the body itself fits."""
+        start = driving_cell(coverage.driving, pose.x, pose.y)
+        if not self._is_squeezing or self._follower.done or start is None:
+            return False
+        end = coverage.driving.geometry.cell_of(self._follower.points_m[-1])
+        return not bool(reachable(coverage.driving.moves, start)[tuple(end)])
 
     def _squeeze(self, coverage: CoverageGrid, pose: Pose2) -> Leg | None:
         """Look for a path through a gap that the body just fits through, into a part unknown."""

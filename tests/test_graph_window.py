@@ -1,0 +1,77 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The newest part of a graph by itself misses what the whole graph misses, with the rest held."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.graph_settling import _either
+from slarm_graph.backends.graph_window import newest
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
+
+COUNT = 12
+STEP, CLOSURE = ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE
+
+
+def constraint(rng: np.random.Generator, i: int, j: int, kind: ConstraintKind) -> Constraint:
+    root = rng.normal(size=(3, 3))
+    return Constraint(i, j, Pose2(*rng.normal(size=3)), 0.1 * (root @ root.T + np.eye(3)), kind)
+
+
+def misses(graph: PoseGraph) -> Floats:
+    """What constraints miss (M, 3), in the frames of their later ends."""
+    away = [
+        between(between(graph.poses[c.i], graph.poses[c.j]), c.i_from_j.as_array())
+        for c in graph.constraints
+    ]
+    return np.array([[x, y, wrap_angles(turn)] for x, y, turn in away])
+
+
+@pytest.mark.parametrize("first", [1, 5, 11])
+def test_only_what_ends_there_counts_and_older_ends_are_held(first: int) -> None:
+    rng = np.random.default_rng(first)
+    told = []
+    for j in range(1, COUNT):
+        told.append(constraint(rng, j - 1, j, STEP))
+        told += [constraint(rng, int(i), j, CLOSURE) for i in rng.integers(0, j, 2)]
+    nodes = list(rng.normal(size=(COUNT, 3)))
+    part = newest(nodes, told, first)
+    kept = [c for c in reversed(told) if c.j >= first]
+    assert [(c.kind, id(c.covariance)) for c in part.constraints] == [
+        (c.kind, id(c.covariance)) for c in kept
+    ]
+    # Wherever the new nodes are moved to.
+    nodes[first:] = list(rng.normal(size=(COUNT - first, 3)))
+    whole = PoseGraph(np.array(nodes), tuple(kept))
+    moved = replace(part, poses=np.array([np.zeros(3), *nodes[first:]]))
+    np.testing.assert_allclose(misses(moved), misses(whole), atol=1e-12)
+    assert len(part.poses) == COUNT - first + 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_one_story_or_the_other_is_their_mixture_by_sureness(seed: int) -> None:
+    """Each weighs by the inverse of its variance along what they disagree about."""
+    rng = np.random.default_rng(seed)
+    one = constraint(rng, 3, 4, STEP)
+    apart = rng.normal(size=3) * [1.0, 1.0, 0.3]
+    end = compose(one.i_from_j.as_array(), apart)
+    other = replace(constraint(rng, 3, 4, ConstraintKind.WHEELS), i_from_j=Pose2.from_array(end))
+    along = [apart @ np.linalg.solve(c.covariance, apart) for c in (one, other)]
+    share = along[1] / sum(along)
+    found = _either(one, other)
+    mean = between(one.i_from_j.as_array(), found.i_from_j.as_array())
+    np.testing.assert_allclose(mean, share * apart, atol=1e-9)
+    spread = np.zeros((3, 3))
+    for weight, c, at in ((1.0 - share, one, 0.0), (share, other, 1.0)):
+        off = (at - share) * apart
+        spread += weight * (c.covariance + np.outer(off, off))
+    np.testing.assert_allclose(found.covariance, spread, rtol=1e-9)
+    # What either leaves open decides where it is said.
+    doubted = _either(replace(one, unfailed=4.0 * one.covariance), other)
+    nearer = between(doubted.i_from_j.as_array(), end)
+    assert np.linalg.norm(nearer) < np.linalg.norm(between(found.i_from_j.as_array(), end))
