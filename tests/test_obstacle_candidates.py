@@ -83,6 +83,12 @@ def test_without_a_fitted_side_there_is_no_rectangle(fitted: list[int]) -> None:
     assert not list(candidates_on(outline(BEFORE_A_WALL, fitted), NO_RETURNS, 1.5))
 
 
+@pytest.mark.parametrize("size", [0.2, 1.0, 4.0])
+def test_corners_in_front_were_seen_whatever_the_size(size: float) -> None:
+    found = only(list(candidates_on(outline(BEFORE_A_WALL * size), NO_RETURNS, 1.5 * size)))
+    assert found.plan.corners_seen == 2
+
+
 def test_the_smallest_rectangle_counts() -> None:
     """A side that is slanted by mistake makes a larger one."""
     slanted = BEFORE_A_WALL.copy()
