@@ -27,6 +27,10 @@ _FLAT = 0.25
 """Third extent over second; above it a path is no plane and only the axes' custom is left."""
 _WIDE = 0.02
 """Second extent over first; below it a path is a line and any plane through it would do."""
+_LEVEL = math.cos(math.radians(60.0))
+"""A body whose z axis is nearer to the plane is a camera, which looks along z; one whose z axis
+stands farther out of it is a robot, which looks along x. To ask which of two axes lies more in the
+plane would be to ask the noise: both do."""
 _UPS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
 """What is up where the plane is across x, y (as cameras have it: y is down) or z."""
 _NAMES = ("y-z", "x-z", "x-y")
@@ -115,9 +119,9 @@ def seen_in(path: SpatialTrajectory, plane: Plane) -> Trajectory:
         return path.in_xy()
     positions = path.poses[:, :3] @ plane.plane_from_space.T
     turns = Rotation.from_matrix(plane.plane_from_space) * Rotation.from_quat(path.poses[:, 3:])
-    # The yaw of the first pose is that of its axis that lies most in the plane; then it turns.
-    axis = int(np.argmax(np.linalg.norm(turns[0].as_matrix()[:2], axis=0)[[2, 0, 1]]))
-    first = turns[0].as_matrix()[:2, (2, 0, 1)[axis]]
+    # The yaw of the first pose is that of the axis in which its body looks; then it turns.
+    in_plane = turns[0].as_matrix()[:2]
+    first = in_plane[:, 2 if np.linalg.norm(in_plane[:, 2]) > _LEVEL else 0]
     turned = (turns * turns[0].inv()).as_quat()
     yaw = math.atan2(first[1], first[0]) + 2.0 * np.arctan2(turned[:, 2], turned[:, 3])
     return Trajectory(path.stamps_ns, np.column_stack([positions[:, :2], yaw]))

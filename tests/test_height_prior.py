@@ -21,7 +21,7 @@ from slarm_graph.radio.files import read_radio_npz, write_radio_npz
 from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
-from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, plan_kind
+from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, height_group, plan_kind
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.world import Solid
 
@@ -112,6 +112,35 @@ def test_furniture_is_as_often_a_surface_as_higher():
 
 
 @pytest.mark.parametrize(
+    ("kind", "highest_m", "shares"),
+    [
+        # Bounds of EN and DIN, and how many of the heights are at or below each.
+        ("furniture", (0.70, 1.10, 2.10, 3.0), (0.1, 0.5, 0.9, 1.0)),
+        ("column", (0.70, 1.10, 2.10, 2.9, 3.0), (0.05, 0.25, 0.45, 0.45, 1.0)),
+        ("rack", (0.70, 2.10, 3.0), (0.0, 0.1, 1.0)),
+        ("screen", (1.2, 1.8, 2.9, 3.0), (0.0, 0.5, 0.5, 1.0)),
+        ("wall", (2.9, 3.0), (0.0, 1.0)),
+    ],
+)
+def test_heights_are_spread_as_the_standards_have_them(kind, highest_m, shares):
+    """Ten equally likely heights tell every share to a tenth, and are even between two bounds."""
+    levels = HeightPrior(3.0, 0.2).levels_m(kind)
+    for bound_m, share in zip(highest_m, shares, strict=True):
+        assert np.mean(levels <= bound_m) == pytest.approx(share, abs=0.051)
+    inside = levels[(levels > highest_m[0]) & (levels < highest_m[1])]
+    if len(inside) > 2:
+        np.testing.assert_allclose(np.diff(inside, 2), 0.0, atol=1e-12)
+
+
+def test_a_group_has_a_column_for_each_solid():
+    prior = HeightPrior(3.0, 0.2)
+    group = height_group(prior, [4, 7], ["furniture", "wall"])
+    assert group.solids == (4, 7)
+    expected = np.column_stack([prior.levels_m("furniture"), prior.levels_m("wall")])
+    np.testing.assert_array_equal(group.levels_m, expected)
+
+
+@pytest.mark.parametrize(
     ("sides", "area", "at_wall", "kind"),
     [
         ((0.12, 4.0), 0.48, True, "wall"),
@@ -123,6 +152,17 @@ def test_furniture_is_as_often_a_surface_as_higher():
         ((1.6, 0.8), 1.28, False, "furniture"),
         ((0.585, 0.585), 0.269, False, "furniture"),
         ((2.0, 3.0), 1.2, False, "wall"),
+        # Just at a bound, and beyond it.
+        ((0.5, 0.5), 0.25, False, "column"),
+        ((0.5, 0.51), 0.255, False, "furniture"),
+        ((0.34, 0.5), 0.17, False, "column"),
+        ((0.34, 0.51), 0.1734, False, "screen"),
+        ((0.35, 0.51), 0.1785, False, "furniture"),
+        ((2.8, 4.0), 11.2, False, "furniture"),
+        ((2.81, 4.0), 11.24, False, "wall"),
+        ((2.8, 4.01), 11.228, False, "rack"),
+        ((1.0, 1.0), 0.7, False, "furniture"),
+        ((1.0, 1.0), 0.69, False, "wall"),
     ],
 )
 def test_plans_tell_classes(sides, area, at_wall, kind):

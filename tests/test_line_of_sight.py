@@ -248,3 +248,20 @@ def test_points_and_cells_see_the_same(seed: int, antenna_m: float) -> None:
     assert (points != cells[outside]).sum() <= 2
     assert 0 < points.sum() <= len(points)
     assert line_of_sight_to_points(centers[0], [], ap, antenna_m).all()
+
+
+@pytest.mark.parametrize("quarter", range(4))
+def test_a_ray_along_the_sides_of_a_box_is_hidden_by_it_and_passes_beside_it(quarter: int) -> None:
+    """By hand: from four metres before a box to four behind it, inside its width and outside."""
+    turn = np.linalg.matrix_power(np.array([[0.0, -1.0], [1.0, 0.0]]), quarter)
+    wall = Solid("box", box(-1.0, -0.5, 1.0, 0.5, math.inf).corners_m @ turn.T, math.inf)
+    for across_m, is_clear in (
+        (0.0, False),
+        (0.4, False),
+        (-0.4, False),
+        (0.6, True),
+        (-0.6, True),
+    ):
+        eye, point = turn @ [-4.0, across_m], turn @ [4.0, across_m]
+        found = line_of_sight_to_points(point[None], [wall], np.array([*eye, 2.0]), 0.5)
+        assert found.tolist() == [is_clear]

@@ -203,3 +203,34 @@ def test_the_closer_view_shows_where_most_cells_differ(
         (low_x, low_y, high_x - low_x, high_y - low_y)
     )
     assert {axes.get_aspect() for axes in (whole, closer)} == {1.0}
+
+
+@pytest.mark.parametrize("wide_m", [0.7, 2.9, 3.1, 16.0, 29.0, 250.0])
+def test_the_scale_is_as_long_as_it_says_and_round(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wide_m: float
+) -> None:
+    """One, two or five of a power of ten: the longest of at most a third of the width."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    geometry = GridGeometry(3.0, -2.0, wide_m / 100, 70, 100)
+    grid = OccupancyGrid(geometry, np.zeros(geometry.shape, dtype=np.float32))
+    save_difference(tmp_path / "d.png", grid, grid)
+    rounds_m = [n * 10.0**k for k in range(-3, 4) for n in (1, 2, 5)]
+    for axes in drawn[0].axes:
+        (x_min, x_max), (y_min, y_max) = axes.get_xlim(), axes.get_ylim()
+        (bar,) = axes.lines
+        (left, low), (right, high) = bar.get_xydata()
+        expected_m = max(m for m in rounds_m if m <= (x_max - x_min) / 3.0 * (1.0 + 1e-12))
+        assert right - left == pytest.approx(expected_m)
+        assert axes.texts[0].get_text() == f"{expected_m:g} m"
+        assert x_min < left < right < x_max
+        assert y_min < low == high < y_min + 0.2 * (y_max - y_min)
+        assert high < axes.texts[0].get_position()[1] < y_min + 0.2 * (y_max - y_min)
+        assert axes.texts[0].get_position()[0] == left
+    whole, closer = drawn[0].axes
+    assert (whole.get_xlabel(), whole.get_ylabel()) == ("x [m]", "y [m]")
+    assert closer.get_xlabel() == "x [m]"
+    assert closer.get_title() == "no cell differs"
+    names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
+    assert names == ["wall in both", "wall only in EST", "wall only in REF", "free in both",
+                     "unknown in either"]  # fmt: skip

@@ -16,7 +16,7 @@ from slarm_graph.files.configs import load_config
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.path_loss import path_loss_db
-from slarm_graph.radio.propagation.crossings import wall_crossings
+from slarm_graph.radio.propagation.crossings import passages, wall_crossings
 from slarm_graph.radio.propagation.links import Links
 from slarm_graph.radio.propagation.over_map import links_to, make_model, predicted_radio_map
 from slarm_graph.radio.radio_map import radio_map
@@ -97,6 +97,62 @@ def test_multi_wall_by_hand():
     )
     answer = make_model(config).path_loss_db(links([10.0, 100.0], [0, 2], [True, False]))
     np.testing.assert_allclose(answer.loss_db, [70.0, 114.0])
+
+
+def test_log_distance_by_hand():
+    """Blocked links lose more and spread wider; below 0.1 m no law of distance holds."""
+    config = load_config(
+        None,
+        [
+            "radio.propagation=log-distance",
+            "log-distance.exponent=3",
+            "log-distance.blocked_db=8",
+            "log-distance.intercept_db=40",
+            "log-distance.sigma_db=2",
+            "log-distance.sigma_blocked_db=5",
+        ],
+    )
+    clear = [True, False, True, True]
+    answer = make_model(config).path_loss_db(links([10.0, 100.0, 0.1, 0.01], [0] * 4, clear))
+    np.testing.assert_allclose(answer.loss_db, [70.0, 108.0, 10.0, 10.0])
+    np.testing.assert_array_equal(answer.shadowing_sigma_db, [2.0, 5.0, 2.0, 2.0])
+
+
+@pytest.mark.parametrize("name", ["log-distance", "multi-wall"])
+def test_the_first_metre_is_free_space_unless_said_otherwise(name):
+    """Friis at 3.5 GHz over 1 m: a wavelength of 8.565 cm, 20 log10(4 pi / 0.08565)."""
+    config = load_config(None, [f"radio.propagation={name}"])
+    answer = make_model(config).path_loss_db(links([1.0, 10.0], [0, 0], [True, True]))
+    np.testing.assert_allclose(answer.loss_db, [43.33, 63.33], atol=0.005)
+    np.testing.assert_array_equal(answer.shadowing_sigma_db, [4.0, 4.0])
+
+
+def test_a_map_moved_by_a_cell_has_the_crossings_of_a_moved_access_point():
+    """The oracle moves the link the other way, on a map with room around what stands on it."""
+    rng = np.random.default_rng(2)
+    heights = np.zeros(GRID.shape, dtype=np.float32)
+    heights[10:50, 30:32], heights[20:23, 12:66], heights[42, 10:40] = math.inf, 1.0, 1.9
+    points = rng.uniform([0.1, -0.9], [5.9, 2.9], (150, 2))
+    eye = np.array([0.512, 0.337, 2.5])
+    found = passages(GRID, heights, eye, points, 0.4, off_cells=2)
+    shifts = 0.1 * 2 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
+    for counts, shift in zip(found.counts, shifts, strict=True):
+        moved = wall_crossings(GRID, heights, eye - [*shift, 0.0], points - shift, 0.4)
+        np.testing.assert_array_equal(counts, moved)
+    assert len({tuple(counts) for counts in found.counts}) == 5
+    (alone,) = passages(GRID, heights, eye, points, 0.4).counts
+    np.testing.assert_array_equal(alone, found.counts[0])
+
+
+def test_a_link_passes_the_inside_of_an_obstacle_below_its_top():
+    heights, insides = np.zeros(GRID.shape), np.zeros(GRID.shape, dtype=np.int16)
+    heights[:, 20:30], heights[:, 40:50] = 1.0, math.inf
+    insides[:, 22:28], insides[:, 42:48] = 1, 2
+    for eye_m, through in ((0.5, [True, True]), (8.0, [False, True])):
+        eye = [0.05, 0.05, eye_m]
+        found = passages(GRID, heights, eye, [[5.95, 0.05], [1.05, 0.05]], 0.5, insides=insides)
+        assert found.through[0].tolist() == through
+    assert passages(GRID, heights, eye, [[5.95, 0.05]], 0.5).through.shape == (1, 0)
 
 
 def test_radio_map_by_another_model():

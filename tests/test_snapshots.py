@@ -247,6 +247,19 @@ def test_another_version_is_named(
         read_states(tmp_path / "state.npz")
 
 
+def test_what_another_version_says_of_itself_is_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """To twenty letters each: a file can say anything."""
+    with monkeypatch.context() as later:
+        later.setattr(states, "FORMAT", "f" * 99)
+        later.setattr(states, "__version__", "v" * 99)
+        write_states(tmp_path / "state.npz", saved())
+    with pytest.raises(BadInput) as told:
+        read_states(tmp_path / "state.npz")
+    assert f"slarm-graph {'v' * 20}, format {'f' * 20};" in str(told.value)
+
+
 def test_a_compressed_file_is_refused_before_it_is_expanded(tmp_path: Path) -> None:
     with (tmp_path / "state.npz").open("wb") as file:
         np.savez_compressed(file, header=np.zeros(10**6, np.uint8))

@@ -32,6 +32,9 @@ _LEAST_SEEN = 0.5
 """Returns of less than half of the plan show one side only."""
 _FRONT_SHARE = 0.25
 """Corners of the rectangle in the front quarter of its depth were seen into."""
+_ROUNDING_M = 1e-9
+"""Corners of the rectangle that are the run's own end are no farther behind it: coordinates of a
+hundred kilometres are rounded by a hundredth of this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,7 +156,7 @@ def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> Obstacle
     """The obstacle behind a run of sides, filled up to its rectangle behind the run's two ends."""
     chord = run[0] - run[-1]
     behind_m = _left_m(run[-1], chord, box)
-    hidden = box[behind_m > 0.0]
+    hidden = box[behind_m > _ROUNDING_M]
     hidden = hidden[np.argsort((hidden - run[-1]) @ chord)]
     ring = np.concatenate([hidden, run])[::-1].copy()
     seen = int(np.sum(behind_m < _FRONT_SHARE * behind_m.min()))

@@ -256,7 +256,7 @@ def _snapped(wall: Wall, main_rad: float | None, resolution_m: float) -> Wall:
         return wall
     angle = math.atan2(wall.direction[1], wall.direction[0])
     square = main_rad + round((angle - main_rad) / (np.pi / 2)) * np.pi / 2
-    turn = abs(math.remainder(angle - square, 2 * math.pi))
+    turn = abs(angle - square)
     sway_m = 0.5 * wall.length_m * math.sin(turn)
     if turn > _MAIN_RAD or sway_m > max(0.015, _SNAP_CELLS * resolution_m):
         return wall

@@ -27,8 +27,10 @@ def measured_figure(measured: MeasuredMap) -> Figure:
     """Draw expected level and its standard deviation of every access point."""
     known = np.isfinite(measured.mean_dbm).any(axis=0)
     cells = np.argwhere(known)
-    corner, far = measured.geometry.center_of(np.array([cells.min(axis=0), cells.max(axis=0)]))
-    width, height = np.maximum(far - corner, measured.geometry.resolution_m)
+    half_m = 0.5 * measured.geometry.resolution_m
+    corner = measured.geometry.center_of(cells.min(axis=0)) - half_m
+    far = measured.geometry.center_of(cells.max(axis=0)) + half_m
+    width, height = far - corner
     tall_in = min(max(0.42 * _WIDTH_IN * height / width, 1.6), 6.0) + 0.6
     count = len(measured.access_points)
     figure = Figure(figsize=(_WIDTH_IN, count * tall_in), layout="constrained")
@@ -48,7 +50,8 @@ def measured_figure(measured: MeasuredMap) -> Figure:
                 interpolation="nearest",
             )
             figure.colorbar(image, ax=axes, label=label)
-            axes.set(xlim=(corner[0], far[0]), ylim=(corner[1], far[1]), title=name)
+            axes.set(xlim=(corner[0], far[0]), ylim=(corner[1], far[1]))
+            axes.set_title(name, parse_math=False)  # a name is text, whatever is in it
             axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
         ap = measured.access_points[index]
         if np.isfinite(ap.x_m):

@@ -1,0 +1,128 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Clocks apart: each step of the search, where it is known by how much."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_evaluation import noisy, room_drive
+
+from slarm_graph.errors import BadInput
+from slarm_graph.eval.association import associate
+from slarm_graph.eval.clocks import (
+    _NO_FIT_M,
+    _candidates_s,
+    _correlation,
+    _Fits,
+    _motion,
+    _overlap,
+    _thinned,
+    better_offset,
+    find_offset,
+)
+from slarm_graph.eval.trajectory_accuracy import aligned_rmse_m
+from slarm_graph.trajectory import Trajectory
+
+
+def later(path: Trajectory, offset_s: float) -> Trajectory:
+    return replace(path, stamps_ns=path.stamps_ns + round(offset_s * 1e9))
+
+
+@pytest.mark.parametrize("off_s", [-0.49, -0.26, 0.0, 0.12, 0.4])
+@pytest.mark.parametrize("apart_s", [0.0, 7.0])
+def test_the_best_offset_within_half_a_second_is_found(off_s: float, apart_s: float) -> None:
+    path = room_drive()
+    fits = _Fits(path, later(path, -apart_s), 0.3)
+    found_s = fits.best_near_s(apart_s + off_s)
+    assert found_s == pytest.approx(apart_s, abs=2e-3)
+    assert fits.misfit(apart_s) < 1e-9
+
+
+def test_a_misfit_is_the_error_over_the_share_that_overlaps() -> None:
+    path = room_drive()
+    estimate = noisy(path)
+    fits = _Fits(path, estimate, 0.5)
+    whole = fits.misfit(0.0)
+    assert whole == pytest.approx(aligned_rmse_m(associate(path, estimate)))
+    half = replace(path, stamps_ns=path.stamps_ns[:240], poses=path.poses[:240])
+    there = replace(estimate, stamps_ns=estimate.stamps_ns[:240], poses=estimate.poses[:240])
+    expected = aligned_rmse_m(associate(half, there)) / 0.6
+    assert _Fits(half, estimate, 0.5).misfit(0.0) == pytest.approx(expected)
+    assert _Fits(half, estimate, 0.61).misfit(0.0) == _NO_FIT_M
+    assert fits.misfit(1e4) == _NO_FIT_M
+
+
+def test_motion_is_speed_and_turning_of_either_sign_in_equal_steps() -> None:
+    stamps = np.arange(0, 3_000_000_000, 50_000_000)
+    seconds = stamps * 1e-9
+    for sign in (1.0, -1.0):
+        poses = np.column_stack([0.4 * seconds, np.zeros(len(seconds)), sign * 3.0 * seconds])
+        found = _motion(Trajectory(stamps, poses), 0.1)
+        np.testing.assert_allclose(found, np.tile([0.4, 3.0], (29, 1)), atol=1e-9)
+
+
+def test_likeness_is_the_correlation_coefficient_of_what_overlaps() -> None:
+    """At every shift, as numpy has it; none where less than the least overlaps."""
+    rng = np.random.default_rng(0)
+    a, b, least = 3.0 + rng.normal(size=30), 5.0 + rng.normal(size=20), 6
+    found = _correlation(a, b, least)
+    assert len(found) == 49
+    for index, value in enumerate(found):
+        shift = index - 19
+        low, high = max(0, shift), min(30, shift + 20)
+        if high - low < least:
+            assert value == -np.inf
+        else:
+            expected = np.corrcoef(a[low:high], b[low - shift : high - shift])[0, 1]
+            assert value == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("apart_s", [-3.0, 12.5, 1000.0])
+def test_what_moves_alike_is_a_candidate(apart_s: float) -> None:
+    """To half a step; offset zero is one as well where both share time."""
+    path = room_drive()
+    part = replace(path, stamps_ns=path.stamps_ns[100:300], poses=path.poses[100:300])
+    found = _candidates_s(path, later(part, -apart_s))
+    assert min(abs(offset_s - apart_s) for offset_s in found) <= 0.05
+    assert (0.0 in found) == (abs(apart_s) < 100.0)
+    assert len(found) == 3 + (0.0 in found)
+
+
+def test_overlap_is_the_share_of_the_estimates_poses() -> None:
+    path = room_drive(101)
+    assert _overlap(path, path, 0.0) == 1.0
+    assert _overlap(path, path, 5.0) == pytest.approx(51 / 101)
+    assert _overlap(path, path, -2.5) == pytest.approx(76 / 101)
+    assert _overlap(path, path, 11.0) == 0.0
+
+
+def test_a_long_estimate_is_thinned_evenly() -> None:
+    stamps = np.arange(4_001, dtype=np.int64) * 10
+    found = _thinned(Trajectory(stamps, np.zeros((4_001, 3))))
+    assert found.stamps_ns.tolist() == list(range(0, 40_010, 30))
+
+
+def test_paths_that_share_too_little_have_no_offset() -> None:
+    """The estimate is a third as long, and all of it must lie within the reference's time."""
+    path = room_drive()
+    third = replace(path, stamps_ns=path.stamps_ns[:130], poses=path.poses[:130])
+    with pytest.raises(BadInput, match="give --t-offset"):
+        find_offset(third, path, least_pairs=0.9)
+    assert find_offset(path, later(third, 3.0), least_pairs=0.9).offset_s == pytest.approx(
+        -3.0, abs=2e-3
+    )
+
+
+def test_a_gain_too_small_to_tell_is_not_told() -> None:
+    """Both clocks are right, or the error is below half a centimetre anyway."""
+    path = room_drive()
+    assert better_offset(path, noisy(path), associate(path, noisy(path))) == ""
+    late = later(path, 0.01)
+    assert aligned_rmse_m(associate(path, late)) < 0.005
+    assert better_offset(path, late, associate(path, late)) == ""
+    said = better_offset(path, later(path, 0.6), associate(path, later(path, 0.6)))
+    assert "(--t-offset -0.600, or auto)" in said
+    assert "with the offset 0 s and 0.000 m with -0.600 s" in said
