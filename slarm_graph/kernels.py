@@ -14,6 +14,7 @@ code. Here numbers begin anywhere, and a file is named by what it holds.
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
 import secrets
@@ -93,13 +94,13 @@ def _compiled(function: Any, options: Mapping[str, Any]) -> Any:
 class _FilePerKey(IndexDataCacheFile):
     """A file for everything that is kept, named by its key: processes do not meet in it."""
 
+    def flush(self) -> None:
+        self._remove(self._base())
+
     def save(self, key: tuple[Any, ...], data: Any) -> None:
         name = self._name(key)
         self._save_data(name, data)  # type: ignore[no-untyped-call]
-        folder, of_call = Path(self._cache_path), name.rsplit(".", 2)[0]
-        for stale in folder.glob(f"{of_call}.*.nbc"):
-            if stale.name != name:
-                stale.unlink(missing_ok=True)
+        self._remove(name.rsplit(".", 2)[0], but=name)
 
     def load(self, key: tuple[Any, ...]) -> Any:
         try:
@@ -111,8 +112,17 @@ class _FilePerKey(IndexDataCacheFile):
         """Name a file by the call, the machine and numba, and then by the content."""
         *of_call, content = key
         told = repr((numba.__version__, *map(str, of_call))).encode()
-        base = self._index_name.removesuffix(".nbi")
-        return f"{base}.{hashlib.sha256(told).hexdigest()[:_DIGITS]}.{content[:_DIGITS]}.nbc"
+        of_call_digest = hashlib.sha256(told).hexdigest()
+        return f"{self._base()}.{of_call_digest[:_DIGITS]}.{content[:_DIGITS]}.nbc"
+
+    def _base(self) -> str:
+        return str(self._index_name.removesuffix(".nbi"))
+
+    def _remove(self, base: str, but: str = "") -> None:
+        """Remove what is kept under a name, or is left of it from before a change."""
+        for kept in Path(self._cache_path).glob(f"{glob.escape(base)}.*.nbc"):
+            if kept.name != but:
+                kept.unlink(missing_ok=True)
 
 
 class _KeptByContent(FunctionCache):

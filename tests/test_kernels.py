@@ -152,6 +152,12 @@ def test_every_signature_has_a_file_of_its_own(folder: Path) -> None:
     assert not kept & set((folder / "kept").rglob("caller.result-*.nbc"))
 
 
+def test_what_is_compiled_again_on_wish_is_not_taken_from_what_is_kept(folder: Path) -> None:
+    run(folder)
+    call = "from caller import result; result.recompile(); print(*result.stats.cache_hits.values())"
+    assert output_of(folder, "-c", call).split()[-1] == "1"  # from importing it, before
+
+
 def test_a_child_names_apart_from_its_parent() -> None:
     code = """
 import os
