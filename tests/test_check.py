@@ -177,12 +177,38 @@ def test_every_impossible_scan_is_named(
 def test_clock_jump_and_unconnected_frames_are_errors(tmp_path: Path) -> None:
     messages = drive(maker_of("bag"))
     twice = write_recording(tmp_path / "a.bag", messages + [(t, s + 6, m) for t, s, m in messages])
-    assert of(twice, "/scan", "the clock jumps back 1 times").severity == "error"
+    assert of(twice, "/scan", "the clock jumps back once").severity == "error"
     assert check(twice, SourceConfig(segment=1)).readings == 60
     make = maker_of("bag")
     lost = [("/scan", s, make.laser_scan(s, [2.0] * 9)) if t == "/scan" else (t, s, m)
             for t, s, m in messages]  # fmt: skip
     assert "no path laser -> base_link" in check(write_recording(tmp_path / "b.bag", lost)).text()
+
+
+def test_a_chosen_segment_is_judged_by_itself(tmp_path: Path) -> None:
+    messages = drive(maker_of("bag"))
+    make = maker_of("bag")
+    # The clock begins anew half way, at the very stamps of the first half, and elsewhere.
+    again = [
+        (t, s + 6, make.odom(s, x=50.0 + s - T0) if t == "/odom" else m) for t, s, m in messages
+    ]
+    path = write_recording(tmp_path / "a.bag", messages + again)
+    told = [finding.what for finding in check(path).findings]
+    assert len(told) == 3
+    assert all("the clock" in what for what in told)
+    for number in (1, 2):
+        assert check(path, SourceConfig(segment=number)).exit_code == 0
+
+
+def test_odometry_whose_clock_alone_jumps_is_no_reason_to_choose_a_segment(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    messages = [
+        (t, s, make.odom(s - 500.0 * (s > T0 + 3), x=s) if t == "/odom" else m)
+        for t, s, m in drive(make)
+    ]
+    path = write_recording(tmp_path / "a.bag", messages)
+    assert of(path, "/odom", "the clock jumps back once").severity == "warning"
+    assert check(path).readings == 60
 
 
 def test_imu_without_gravity_is_noted(shared_data: Path) -> None:

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from slarm_graph.frontends.recordings.check_time import check_stamps
+from slarm_graph.frontends.recordings.check_time import Jumps, check_stamps
 from slarm_graph.frontends.recordings.findings import Finding, Severity, counted
 from slarm_graph.frontends.recordings.messages import ScanBlock
 from slarm_graph.frontends.recordings.ranges import clean_ranges, count_returns, usable_limits
@@ -26,13 +26,14 @@ _NOTED_SHARE = 0.2
 """Of all ranges: a value so common is a code of the driver. A choice; only a note depends on it."""
 
 
-def check_scans(where: str, blocks: list[ScanBlock]) -> list[Finding]:
-    """Look at all scans of a topic."""
+def check_scans(where: str, blocks: list[ScanBlock], segment: int | None = None) -> list[Finding]:
+    """Look at all scans of a topic; of their stamps, at those of the segment, where one is chosen."""
     table = ScanTable(blocks)
     limits = table.flat([block.limits for block in blocks])
     beams = table.flat([np.full(len(b), b.ranges_m.shape[1]) for b in blocks])
-    stamps = table.stamp_ns
-    found = check_stamps(where, stamps, table.record_ns)
+    jumps = Jumps.of_scans(table.stamp_ns, segment)
+    rows = jumps.rows(table.stamp_ns)
+    found = check_stamps(where, table.stamp_ns[rows], table.record_ns[rows], jumps, "scans")
     found += _check_limits(where, limits, table)
     found += _check_angles(where, limits, beams, table)
     found += _check_sweep(where, table)
