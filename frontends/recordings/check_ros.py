@@ -37,9 +37,9 @@ from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
 from slarm_graph.frontends.recordings.rotations import usable_quaternions
+from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.frontends.recordings.scan_units import in_si_units
 from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, torn
-from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats, between
 
 _IMU = "sensor_msgs/msg/Imu"
@@ -61,7 +61,7 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
     for name, blocks in messages.scans.items():
         units = config.range_unit_m, config.angle_unit_rad
         measured = [in_si_units(block, *units) for block in blocks]
-        findings += check_scans(name, measured, config.segment) if measured else []
+        findings += check_scans(name, measured, config) if measured else []
     jumps = _jumps(messages, config)
     for name, odometry in messages.odometry.items():
         findings += _check_odometry(name, _chosen(odometry, jumps), jumps)

@@ -78,9 +78,7 @@ def check_stamps(
     return found + _check_skew(where, stamps[set_rows], record_ns[set_rows])
 
 
-def check_order(
-    where: str, stamps: Ints, jumps: Jumps, what: str = "messages"
-) -> list[Finding]:
+def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "messages") -> list[Finding]:
     """Look for clocks that jump back, late messages and repeated stamps.
 
     A clock that jumps back is an error where a segment has to be chosen; a stream that jumps where

@@ -30,7 +30,9 @@ def choose_scan_topic(topics: Sequence[Topic], wanted: str | None, frame_of: Fra
         return found[0]
     filled = [topic for topic in scans if topic.count] or scans
     if not filled:
-        raise BadInput(f"no LaserScan topic in the recording; it has {listed(topics)}{_way(topics)}")
+        raise BadInput(
+            f"no LaserScan topic in the recording; it has {listed(topics)}{_way(topics)}"
+        )
     if len(filled) > 1:
         flags = " or ".join(f"--scan {topic.name}" for topic in filled)
         told = listed(filled, frame_of)
