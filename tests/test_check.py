@@ -138,7 +138,7 @@ def _two_parents(make: Writer, messages: list[Recorded]) -> list[Recorded]:
         (_silence, "warning", "/scan", "gaps: 1 (longest 2.00 s, usual 0.100 s)"),
         (_another_clock, "note", "/scan", "stamps are 500.000 s behind the time of recording"),
         (_stuck, "warning", "/scan", "the scan data never change"),
-        (_at_maximum, "warning", "/scan", "50% of all beams are exactly range_max"),
+        (_at_maximum, "warning", "/scan", "50% of all returns are exactly range_max"),
         (_empty, "warning", "/scan", "1 of 60 scans have no return"),
         (_leap, "warning", "/odom", "1 leaps faster than 5 m/s"),
         (_still, "warning", "/odom", "the pose never changes"),
@@ -177,12 +177,63 @@ def test_every_impossible_scan_is_named(
 def test_clock_jump_and_unconnected_frames_are_errors(tmp_path: Path) -> None:
     messages = drive(maker_of("bag"))
     twice = write_recording(tmp_path / "a.bag", messages + [(t, s + 6, m) for t, s, m in messages])
-    assert of(twice, "/scan", "the clock jumps back 1 times").severity == "error"
+    assert of(twice, "/scan", "the clock jumps back once").severity == "error"
     assert check(twice, SourceConfig(segment=1)).readings == 60
     make = maker_of("bag")
     lost = [("/scan", s, make.laser_scan(s, [2.0] * 9)) if t == "/scan" else (t, s, m)
             for t, s, m in messages]  # fmt: skip
     assert "no path laser -> base_link" in check(write_recording(tmp_path / "b.bag", lost)).text()
+
+
+def test_ranges_that_are_a_code_are_told_until_the_limit_is_set(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    # One beam of eleven, one return of four.
+    beams = [10.0, 2.1, 2.2, *[np.nan] * 7]
+    scans = [
+        (t, s, make.laser_scan(s, [*beams, 2.0 + 1e-3 * s], frame="base_link"))
+        for t, s, _ in drive(make)
+        if t == "/scan"
+    ]
+    path = write_recording(tmp_path / "a.bag", scans)
+    words = "25% of all returns are exactly range_max"
+    assert of(path, "/scan", words).severity == "warning"
+    assert any(words in notice for notice in open_source(path).info().notices)
+    mended = SourceConfig(range_max_m=9.99)
+    assert words not in check(path, mended).text()
+    assert words not in "".join(open_source(path, mended).info().notices)
+
+
+def test_limits_that_are_set_take_the_place_of_impossible_ones(tmp_path: Path) -> None:
+    scans = drive(maker_of("bag"), limits=(0.1, 0.0))
+    path = write_recording(tmp_path / "a.bag", scans)
+    assert check(path).exit_code == 2
+    assert check(path, SourceConfig(range_max_m=10.0)).exit_code == 0
+
+
+def test_a_chosen_segment_is_judged_by_itself(tmp_path: Path) -> None:
+    messages = drive(maker_of("bag"))
+    make = maker_of("bag")
+    # The clock begins anew half way, at the very stamps of the first half, and elsewhere.
+    again = [
+        (t, s + 6, make.odom(s, x=50.0 + s - T0) if t == "/odom" else m) for t, s, m in messages
+    ]
+    path = write_recording(tmp_path / "a.bag", messages + again)
+    told = [finding.what for finding in check(path).findings]
+    assert len(told) == 3
+    assert all("the clock" in what for what in told)
+    for number in (1, 2):
+        assert check(path, SourceConfig(segment=number)).exit_code == 0
+
+
+def test_odometry_whose_clock_alone_jumps_is_no_reason_to_choose_a_segment(tmp_path: Path) -> None:
+    make = maker_of("bag")
+    messages = [
+        (t, s, make.odom(s - 500.0 * (s > T0 + 3), x=s) if t == "/odom" else m)
+        for t, s, m in drive(make)
+    ]
+    path = write_recording(tmp_path / "a.bag", messages)
+    assert of(path, "/odom", "the clock jumps back once").severity == "warning"
+    assert check(path).readings == 60
 
 
 def test_imu_without_gravity_is_noted(shared_data: Path) -> None:

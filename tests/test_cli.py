@@ -205,8 +205,9 @@ def test_a_folder_that_cannot_be_written(
     ("words", "message"),
     [
         (["run"], "no recording given"),
-        (["run", "{bag}", "--ap", "1", "2"], "--ap needs three numbers X Y Z"),
-        (["run", "{bag}", "--ap", "a", "b", "c"], "--ap needs three numbers X Y Z"),
+        (["run", "{bag}", "--ap", "1", "2"], "--ap needs three numbers X Y Z [m], got 1 2"),
+        (["run", "{bag}", "--ap", "a", "b", "c"], "--ap needs three numbers X Y Z [m], got 'a'"),
+        (["run", "{bag}", "--ap", "1e300", "0", "2"], "X Y Z must be finite, within 10000 km"),
         (["run", "{bag}", "--ap", "0", "0", "nan"], "--ap 0 0 nan: X Y Z must be finite"),
         (["run", "{bag}", "--ap", "0", "0", "-1"], "Z not below the floor"),
         (["run", "{bag}", "--ap", "a b c"], "--ap a b c: expected three numbers"),

@@ -80,8 +80,16 @@ def test_topic_of_a_bag_by_its_own_definitions(tmp_path):
     np.testing.assert_array_equal(log.rss_dbm, [-50.0, -61.0])
     with pytest.raises(BadInput, match="has /wifi"):
         open_rss("/wlan:rssi", [tmp_path / "bag"])
-    with pytest.raises(BadInput, match="rssi"):
-        open_rss("/wifi:rssi", [tmp_path / "bag"])
+    for given, message in (
+        ("/wifi:rssi", "no field 'rssi' in geometry_msgs/msg/PointStamped; it has header, point$"),
+        ("/wifi:point.x.y", "no field 'y' in float; it has no parts"),
+        ("/wifi:", "no field '' in geometry_msgs/msg/PointStamped"),
+        ("/wifi:point.x,ssid", "no field 'ssid'"),
+        ("/wifi:point", r"point is a geometry_msgs/msg/Point, no number.*: point.x, point.y"),
+        ("/wifi:header.frame_id", "header.frame_id is a str, no number"),
+    ):
+        with pytest.raises(BadInput, match=message):
+            open_rss(given, [tmp_path / "bag"])
 
 
 def test_types_of_an_older_release_where_a_bag_has_no_definitions(tmp_path):

@@ -165,6 +165,16 @@ def test_no_laser_scan_lists_what_there_is(tmp_path: Path) -> None:
     assert "/odom (nav_msgs/msg/Odometry, 40 messages, 10.0 Hz)" in text
 
 
+def test_clouds_without_scans_tell_how_to_make_scans_of_them(tmp_path: Path) -> None:
+    cloud = maker_of("bag")
+    fields: list[object] = []
+    message = cloud.t["sensor_msgs/msg/PointCloud2"](
+        cloud.header(1, "laser"), 1, 0, fields, False, 12, 0, np.zeros(0, np.uint8), True
+    )
+    text = told(write_recording(tmp_path / "a.bag", [("/points", 1.0, message)]))
+    assert "record a scan of /points, as pointcloud_to_laserscan makes it" in text
+
+
 def test_two_laser_scans_list_frames_rates_and_the_flag(tmp_path: Path) -> None:
     make = maker_of("bag")
     scans = [

@@ -56,7 +56,7 @@ class Carmen:
         log = read_carmen(paths[0])
         findings = [Finding("warning", "file", notice) for notice in log.notices]
         for name, blocks in log.scans.items():
-            findings += check_scans(name, blocks)
+            findings += check_scans(name, blocks, config)
         stamps = {name: ScanTable(blocks).stamp_ns for name, blocks in log.scans.items()}
         facts = [_facts(*item) for item in (*stamps.items(), ("ODOM", log.odom_stamp_ns))]
         return Look(findings, f"CARMEN log {paths[0].name}", tuple(facts))

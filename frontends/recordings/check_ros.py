@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.check_scans import check_scans
-from slarm_graph.frontends.recordings.check_time import check_order, check_stamps
+from slarm_graph.frontends.recordings.check_time import Jumps, check_order, check_stamps
 from slarm_graph.frontends.recordings.findings import (
     WARNING,
     Finding,
@@ -23,7 +23,7 @@ from slarm_graph.frontends.recordings.findings import (
     counted,
     topic_facts,
 )
-from slarm_graph.frontends.recordings.frames import usual_frame
+from slarm_graph.frontends.recordings.frames import only_segment, usual_frame
 from slarm_graph.frontends.recordings.messages import (
     ODOMETRY,
     SCAN_TYPES,
@@ -37,6 +37,7 @@ from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.ros_source import RosMessages, read_messages
 from slarm_graph.frontends.recordings.rosbag import open_recording
 from slarm_graph.frontends.recordings.rotations import usable_quaternions
+from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.frontends.recordings.scan_units import in_si_units
 from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, torn
 from slarm_graph.geometry import Floats, between
@@ -60,17 +61,31 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
     for name, blocks in messages.scans.items():
         units = config.range_unit_m, config.angle_unit_rad
         measured = [in_si_units(block, *units) for block in blocks]
-        findings += check_scans(name, measured) if measured else []
+        findings += check_scans(name, measured, config) if measured else []
+    jumps = _jumps(messages, config)
     for name, odometry in messages.odometry.items():
-        findings += _check_odometry(name, odometry)
+        findings += _check_odometry(name, _chosen(odometry, jumps), jumps)
     for space, (moving, fixed) in messages.tf_of.items():
-        findings += _check_tf(f"{space}/tf".lstrip("/") if space else "tf", moving, fixed)
+        where = f"{space}/tf".lstrip("/") if space else "tf"
+        findings += _check_tf(where, _chosen(moving, jumps), fixed, jumps)
     findings += _check_shared_frames(messages)
     for topic in recording.topics:
         if topic.msgtype == _IMU:
             findings += _check_imu_topic(recording, topic)
     facts = tuple(_facts(topic, messages) for topic in recording.topics)
     return Look(findings, recording.description, facts)
+
+
+def _jumps(messages: RosMessages, config: SourceConfig) -> Jumps:
+    """Where the clock of the scans jumps: of the topic that is chosen, else of the first."""
+    wanted = f"/{(config.scan_topic or '').lstrip('/')}"
+    blocks = messages.scans.get(wanted) or next(filter(None, messages.scans.values()), None)
+    stamps = ScanTable(blocks).stamp_ns if blocks else np.zeros(0, np.int64)
+    return Jumps.of_scans(stamps, config.segment)
+
+
+def _chosen(part: StampedTransforms, jumps: Jumps) -> StampedTransforms:
+    return part if jumps.chosen is None else only_segment(part, jumps.chosen, jumps.parts)
 
 
 def _facts(topic: Topic, messages: RosMessages) -> TopicFacts:
@@ -107,11 +122,13 @@ def _check_imu_topic(recording: Recording, topic: Topic) -> list[Finding]:
     return _check_imu(topic.name, np.concatenate(parts)) if parts else []
 
 
-def _check_odometry(where: str, messages: StampedTransforms) -> list[Finding]:
-    """Look at an odometry topic."""
+def _check_odometry(where: str, messages: StampedTransforms, jumps: Jumps) -> list[Finding]:
+    """Look at an odometry topic; at its poses only where they are of one recording."""
     if len(messages) == 0:
         return [Finding("warning", where, "has no messages")]
-    found = check_stamps(where, messages.stamp_ns, messages.record_ns)
+    found = check_stamps(where, messages.stamp_ns, messages.record_ns, jumps)
+    if any(finding.severity == "error" for finding in found):
+        return found
     if torn(messages.translations_m):
         found.append(Finding("error", where, f"the pose {TORN}", "choose with --odom, or none"))
     path, useless = path_from_messages(messages)
@@ -148,7 +165,9 @@ def _told_poses(where: str, messages: StampedTransforms, bad: NDArray[np.bool_])
     )  # fmt: skip
 
 
-def _check_tf(where: str, moving: StampedTransforms, fixed: StampedTransforms) -> list[Finding]:
+def _check_tf(
+    where: str, moving: StampedTransforms, fixed: StampedTransforms, jumps: Jumps
+) -> list[Finding]:
     """Look at all transforms of one namespace."""
     found = _check_poses(where, moving) + _check_poses(f"{where}_static", fixed)
     tree = TransformTree([moving], [fixed])
@@ -165,12 +184,16 @@ def _check_tf(where: str, moving: StampedTransforms, fixed: StampedTransforms) -
                 Finding("warning", where, told, "a frame has one parent (REP-105); stop one")
             )
     for pair in tree.pairs():
-        found += _check_edge(where, tree, moving, pair)
+        found += _check_edge(where, tree, moving, pair, jumps)
     return found
 
 
 def _check_edge(
-    where: str, tree: TransformTree, moving: StampedTransforms, pair: tuple[str, str]
+    where: str,
+    tree: TransformTree,
+    moving: StampedTransforms,
+    pair: tuple[str, str],
+    jumps: Jumps,
 ) -> list[Finding]:
     where = f"{where} {pair[0]} -> {pair[1]}"
     try:
@@ -178,7 +201,7 @@ def _check_edge(
             return []
     except BadInput:
         return [Finding("error", where, TORN, "choose with --odom")]
-    return check_order(where, moving.stamp_ns[moving.edge == moving.edges.index(pair)])
+    return check_order(where, moving.stamp_ns[moving.edge == moving.edges.index(pair)], jumps)
 
 
 def _read_accelerations(cursor: Cursor) -> Floats:

@@ -5,16 +5,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
-from slarm_graph.frontends.recordings.check_time import check_stamps
-from slarm_graph.frontends.recordings.findings import Finding, Severity, counted
+from slarm_graph.config import SourceConfig
+from slarm_graph.frontends.recordings.check_time import Jumps, check_stamps
+from slarm_graph.frontends.recordings.findings import Finding, counted
 from slarm_graph.frontends.recordings.messages import ScanBlock
-from slarm_graph.frontends.recordings.ranges import clean_ranges, count_returns, usable_limits
+from slarm_graph.frontends.recordings.ranges import (
+    clean_ranges,
+    count_returns,
+    stated_limits,
+    usable_limits,
+)
 from slarm_graph.frontends.recordings.scan_rules import (
+    AT_THE_LIMIT,
     MAX_EMPTY_SHARE,
     SWEEPS_IGNORED,
+    at_the_limit,
     repeats,
     sweeps,
     too_few_beams,
@@ -26,13 +35,18 @@ _NOTED_SHARE = 0.2
 """Of all ranges: a value so common is a code of the driver. A choice; only a note depends on it."""
 
 
-def check_scans(where: str, blocks: list[ScanBlock]) -> list[Finding]:
-    """Look at all scans of a topic."""
+def check_scans(where: str, recorded: list[ScanBlock], config: SourceConfig) -> list[Finding]:
+    """Look at all scans of a topic, with the limits and the segment that a run would use."""
+    blocks = [
+        replace(block, limits=stated_limits(block.limits, config, columns=(5, 6)))
+        for block in recorded
+    ]
     table = ScanTable(blocks)
     limits = table.flat([block.limits for block in blocks])
     beams = table.flat([np.full(len(b), b.ranges_m.shape[1]) for b in blocks])
-    stamps = table.stamp_ns
-    found = check_stamps(where, stamps, table.record_ns)
+    jumps = Jumps.of_scans(table.stamp_ns, config.segment)
+    rows = jumps.rows(table.stamp_ns)
+    found = check_stamps(where, table.stamp_ns[rows], table.record_ns[rows], jumps, "scans")
     found += _check_limits(where, limits, table)
     found += _check_angles(where, limits, beams, table)
     found += _check_sweep(where, table)
@@ -90,20 +104,18 @@ def _check_sweep(where: str, table: ScanTable) -> list[Finding]:
 
 def _check_ranges(where: str, table: ScanTable) -> list[Finding]:
     total = 0
-    kinds = dict.fromkeys(("+inf", "nan", "0", "exactly range_max", "range_max + 1"), 0)
-    returns = []
+    kinds = dict.fromkeys(("+inf", "nan", "0", "range_max + 1"), 0)
+    cleaned = []
     for block in table.blocks:
         r, high = block.ranges_m, block.limits[:, 6:7].astype(np.float32)
         with np.errstate(invalid="ignore"):
             kinds["+inf"] += int(np.count_nonzero(np.isposinf(r)))
             kinds["nan"] += int(np.count_nonzero(np.isnan(r)))
             kinds["0"] += int(np.count_nonzero(r == 0))
-            kinds["exactly range_max"] += int(np.count_nonzero(r == high))
             kinds["range_max + 1"] += int(np.count_nonzero(r == high + 1))
-        usable = clean_ranges(r, usable_limits(block.limits[:, 5:7]), clear_on_inf=True)
-        returns.append(count_returns(usable))
+        cleaned.append(clean_ranges(r, usable_limits(block.limits[:, 5:7]), clear_on_inf=True))
         total += r.size
-    counts = table.flat(returns)
+    counts = table.flat([count_returns(part) for part in cleaned])
     empty = counts == 0
     severe = np.count_nonzero(empty) > MAX_EMPTY_SHARE * len(empty)
     found = counted(
@@ -112,6 +124,8 @@ def _check_ranges(where: str, table: ScanTable) -> list[Finding]:
     )  # fmt: skip
     if not severe and (few := too_few_beams(counts[~empty])):
         found.append(Finding("warning", where, few, "more beams, or good odometry, are needed"))
+    if walls := at_the_limit(table.blocks, cleaned):
+        found.append(Finding("warning", where, walls, AT_THE_LIMIT))
     for kind, count in kinds.items():
         if count > _NOTED_SHARE * max(total, 1):
             found.append(_common_value(where, kind, count / total))
@@ -123,12 +137,9 @@ def _common_value(where: str, kind: str, share: float) -> Finding:
         "+inf": "taken as clear up to range_max (REP-117); --set source.clear_on_inf=false if not",
         "nan": "says nothing; these beams are not used",
         "0": "taken as invalid",
-        "exactly range_max": "looks like a code for `no return`: walls appear where there are "
-        "none; set source.range_max_m slightly lower",
         "range_max + 1": "a code for `no return`; taken as invalid",
     }[kind]
-    severity: Severity = "warning" if kind == "exactly range_max" else "note"
-    return Finding(severity, where, f"{share:.0%} of all beams are {kind}", advice)
+    return Finding("note", where, f"{share:.0%} of all beams are {kind}", advice)
 
 
 def _check_repetition(where: str, table: ScanTable) -> list[Finding]:

@@ -4,9 +4,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from slarm_graph.frontends.recordings.clock import GAP_PERIODS, disorder, listed, segments
+from slarm_graph.frontends.recordings.clock import (
+    GAP_PERIODS,
+    disorder,
+    listed,
+    segment_rows,
+    segments,
+)
 from slarm_graph.frontends.recordings.findings import Finding, counted
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.scan_rules import far_off
@@ -19,7 +27,35 @@ _LEAST_GAP_NS = 100_000_000
 """Fast topics may miss some messages on end: shorter silences are never told as gaps."""
 
 
-def check_stamps(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
+@dataclass(frozen=True, slots=True)
+class Jumps:
+    """Where the clock of the scans jumps back, and what of that was chosen.
+
+    Parameters
+    ----------
+    parts : int
+        Segments of the scans; 0 where there are none.
+    chosen : int or None
+        As `--segment` says.
+    """
+
+    parts: int = 0
+    chosen: int | None = None
+
+    @classmethod
+    def of_scans(cls, stamps: Ints, chosen: int | None) -> Jumps:
+        """Count the segments of scans by their stamps (N,) in recorded order."""
+        parts = len(segments(stamps))
+        return cls(parts, chosen if chosen is None or chosen <= parts else None)
+
+    def rows(self, stamps: Ints) -> Ints:
+        """Which rows of the scans, or of what jumps as they do, belong to the chosen segment."""
+        return segment_rows(stamps, self.chosen or self.parts + 1, self.parts)
+
+
+def check_stamps(
+    where: str, stamps: Ints, record_ns: Ints, jumps: Jumps, what: str = "messages"
+) -> list[Finding]:
     """Look at header stamps (N,) [ns] in recorded order, and at the times of recording (N,)."""
     if not stamps.any():
         advice = "the time of recording is used; better let the driver set header.stamp"
@@ -34,19 +70,30 @@ def check_stamps(where: str, stamps: Ints, record_ns: Ints) -> list[Finding]:
         "these messages are not used",
     )  # fmt: skip
     set_rows = (stamps != 0) & ~astray
-    found += check_order(where, stamps[set_rows])
+    ordered = check_order(where, stamps[set_rows], jumps, what)
+    found += ordered
+    if any(finding.severity == "error" for finding in ordered):
+        return found  # beats and gaps of several recordings at once say nothing
     found += _check_gaps(where, stamps[set_rows])
     return found + _check_skew(where, stamps[set_rows], record_ns[set_rows])
 
 
-def check_order(where: str, stamps: Ints) -> list[Finding]:
-    """Look for clocks that jump back, late messages and repeated stamps."""
+def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "messages") -> list[Finding]:
+    """Look for clocks that jump back, late messages and repeated stamps.
+
+    A clock that jumps back is an error where a segment has to be chosen; a stream that jumps where
+    the scans do not is used whole.
+    """
+    found: list[Finding] = []
     parts = segments(stamps)
     if len(parts) > 1:
-        told = f"the clock jumps back {len(parts) - 1} times: {listed(stamps)}"
+        times = "once" if len(parts) == 2 else f"{len(parts) - 1} times"
+        told = f"the clock jumps back {times}: {listed(stamps, what)}"
         first = int(stamps[parts[1][0]])
-        return [Finding("error", where, told, "choose with --segment", len(parts) - 1, first)]
-    found: list[Finding] = []
+        if len(parts) == jumps.parts and jumps.chosen is None:
+            return [Finding("error", where, told, "choose with --segment", len(parts) - 1, first)]
+        advice = "that of the scans does not: all is sorted into one; --odom none leaves it out"
+        found.append(Finding("warning", where, told, advice, len(parts) - 1, first))
     late = disorder(stamps)
     if late.late:
         told = f"{late.late} of {len(stamps)} out of order, at most {late.worst_ns * 1e-6:.0f} ms"

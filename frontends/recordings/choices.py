@@ -30,12 +30,26 @@ def choose_scan_topic(topics: Sequence[Topic], wanted: str | None, frame_of: Fra
         return found[0]
     filled = [topic for topic in scans if topic.count] or scans
     if not filled:
-        raise BadInput(f"no LaserScan topic in the recording; it has {listed(topics)}")
+        raise BadInput(
+            f"no LaserScan topic in the recording; it has {listed(topics)}{_way(topics)}"
+        )
     if len(filled) > 1:
         flags = " or ".join(f"--scan {topic.name}" for topic in filled)
         told = listed(filled, frame_of)
         raise BadInput(f"{len(filled)} LaserScan topics; choose with {flags}; it has {told}")
     return filled[0]
+
+
+def _way(topics: Sequence[Topic]) -> str:
+    """What to do where there are clouds or images of depth instead of scans."""
+    for kind, tool in (
+        ("sensor_msgs/msg/PointCloud2", "pointcloud_to_laserscan"),
+        ("sensor_msgs/msg/Image", "depthimage_to_laserscan"),
+    ):
+        found = [topic.name for topic in topics if topic.msgtype == kind and topic.count]
+        if found:
+            return f". Only LaserScan is read: record a scan of {found[0]}, as {tool} makes it"
+    return ""
 
 
 def choose_odom_topic(

@@ -130,11 +130,11 @@ def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
     return np.arange(start, stop)
 
 
-def listed(stamps_ns: Ints) -> str:
-    """Tell the segments: number, scans, first and last stamp."""
+def listed(stamps_ns: Ints, what: str = "scans") -> str:
+    """Tell the segments: number, how many scans or what it is, first and last stamp."""
     parts = segments(stamps_ns)
     told = [
-        f"{number}: {stop - start} scans, {seconds(stamps_ns[start:stop].min())} to "
+        f"{number}: {stop - start} {what}, {seconds(stamps_ns[start:stop].min())} to "
         f"{seconds(stamps_ns[start:stop].max())}"
         for number, (start, stop) in enumerate(parts[:_MOST_LISTED], start=1)
     ]

@@ -27,10 +27,7 @@ def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
     BadInput
         When no scan has a usable pair.
     """
-    stated = np.array(recorded, np.float64)
-    for column, value in enumerate((config.range_min_m, config.range_max_m)):
-        if value is not None:
-            stated[:, column] = value
+    stated = stated_limits(recorded, config)
     limits = usable_limits(stated)
     if len(limits) and np.isnan(limits).all():
         low, high = (float(value) for value in stated[0])
@@ -41,6 +38,17 @@ def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
             "set --set source.range_min_m=... or source.range_max_m=..."
         )
     return limits
+
+
+def stated_limits(
+    recorded: Floats, config: SourceConfig, columns: tuple[int, int] = (0, 1)
+) -> Floats:
+    """Put the configured range_min, range_max [m] in the place of the recorded ones (N, M)."""
+    stated = np.array(recorded, np.float64)
+    for column, value in zip(columns, (config.range_min_m, config.range_max_m), strict=True):
+        if value is not None:
+            stated[:, column] = value
+    return stated
 
 
 def usable_limits(stated: Floats) -> Floats:

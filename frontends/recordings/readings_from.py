@@ -24,8 +24,10 @@ from slarm_graph.frontends.recordings.ranges import (
     range_limits,
 )
 from slarm_graph.frontends.recordings.scan_rules import (
+    AT_THE_LIMIT,
     MAX_EMPTY_SHARE,
     SWEEPS_IGNORED,
+    at_the_limit,
     far_off,
     frozen,
     repeats,
@@ -230,6 +232,8 @@ class RecordedSource:
         self._drop_empty(rows, rows[returns[rows] == 0])
         if few := too_few_beams(returns[rows[self._fates.used[rows]]]):
             self._notices.append(f"warning: {self._topic}: {few}")
+        if walls := at_the_limit(blocks, ranges):
+            self._notices.append(f"warning: {self._topic}: {walls}; {AT_THE_LIMIT}")
         return ranges, limits
 
     def _drop_empty(self, rows: Ints, empty: Ints) -> None:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from operator import attrgetter
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 
 import numpy as np
@@ -40,7 +40,7 @@ def read_rss_topic(
     Raises
     ------
     BadInput
-        When there is no such topic or field.
+        When there is no such topic or field, or the field holds no numbers.
     """
     folders = [p.parent if p.name == "metadata.yaml" else p for p in recording]
     stamps, owners, values = [], [], []
@@ -52,18 +52,54 @@ def read_rss_topic(
                 raise BadInput(f"--rss {topic}: no such topic; the recording has {known}")
             for connection, recorded_ns, raw in reader.messages(connections):
                 message = _message(reader, raw, connection.msgtype)
-                values.append(float(attrgetter(value)(message)))
-                words = [str(attrgetter(name)(message)) for name in names]
+                values.append(_number(_field(message, value, topic), value, topic))
+                words = [str(_field(message, name, topic)) for name in names]
                 owners.append(" ".join(words) or topic.strip("/"))
                 stamps.append(_stamp_ns(message, recorded_ns))
-    except AttributeError as error:
-        raise BadInput(f"--rss {topic}: {error}") from None
     except AnyReaderError as error:
         raise BadInput(f"--rss {topic}: the recording has no topics ({error})") from None
     rss = np.array(values)
     rss[~np.isfinite(rss)] = np.nan
     described = f"{topic}, {len(values)} readings"
     return RssLog.of_rows(np.array(stamps, dtype=np.int64), owners, rss, described)
+
+
+def _field(message: object, path: str, topic: str) -> object:
+    """Follow dots into a message.
+
+    Raises
+    ------
+    BadInput
+        Where a part is missing, with those that are there.
+    """
+    value = message
+    for name in path.split("."):
+        known = _parts(value)
+        if name not in known:
+            has = f"it has {', '.join(known)}" if known else "it has no parts"
+            raise BadInput(f"--rss {topic}: no field {name!r} in {_kind(value)}; {has}")
+        value = getattr(value, name)
+    return value
+
+
+def _number(value: object, path: str, topic: str) -> float:
+    if isinstance(value, (int, float, np.number)):
+        return float(value)
+    parts = _parts(value)
+    advice = f", or a part of it: {', '.join(f'{path}.{name}' for name in parts)}" if parts else ""
+    told = f"{path} is a {_kind(value)}, no number"
+    raise BadInput(f"--rss {topic}: {told}; give a field with the level in dBm{advice}")
+
+
+def _parts(value: object) -> list[str]:
+    """Names of a message's fields; none where it is no message."""
+    names = [one.name for one in fields(value)] if is_dataclass(value) else []
+    return [name for name in names if not name.startswith("_")]
+
+
+def _kind(value: object) -> str:
+    """A message's type as ROS writes it; of other values Python's."""
+    return str(getattr(value, "__msgtype__", type(value).__name__))
 
 
 def _message(reader: AnyReader, raw: bytes, msgtype: str) -> object:

@@ -168,7 +168,12 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
             if len(numbers) == 3:
                 joined[-1] = f"{word}={' '.join(numbers)}"
             elif numbers or not (rest and _is_point(rest[0])):
-                raise BadInput(f"{word} needs three numbers X Y Z [m], got {len(numbers)}")
+                found = [
+                    *numbers,
+                    *(repr(other) for other in rest[:1] if not other.startswith("-")),
+                ]
+                told = f"got {' '.join(found)}" if found else "got none"
+                raise BadInput(f"{word} needs three numbers X Y Z [m], {told}")
     return joined
 
 

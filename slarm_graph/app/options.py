@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -19,6 +18,8 @@ if TYPE_CHECKING:
     from slarm_graph.config import RunConfig
 
 POINT_OPTIONS = ("--ap",)
+FARTHEST_M = 1e7
+"""Coordinates beyond those of UTM [m] are no places; their squares would run over."""
 
 Backend = Annotated[
     str | None, typer.Option("--backend", "-b", help="SLAM backend; `slarm backends` lists them.")
@@ -151,8 +152,9 @@ def access_points(given: Sequence[str], config: RunConfig) -> tuple[AccessPoint,
     points = []
     for number, text in enumerate(given, start=1):
         x, y, z = numbers(text, f"--ap {text}: expected three numbers X Y Z [m]", 3)
-        if not all(map(math.isfinite, (x, y, z))) or z < 0.0:
-            raise BadInput(f"--ap {text}: X Y Z must be finite, and Z not below the floor [m]")
+        if not all(abs(value) <= FARTHEST_M for value in (x, y, z)) or z < 0.0:
+            limit = f"X Y Z must be finite, within {FARTHEST_M * 1e-3:.0f} km"
+            raise BadInput(f"--ap {text}: {limit}, and Z not below the floor [m]")
         radio = config.radio
         points.append(AccessPoint(f"AP{number}", x, y, z, radio.power_dbm, radio.frequency_hz))
     return tuple(points)
