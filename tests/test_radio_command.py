@@ -59,7 +59,7 @@ def test_places_for_one_more(tmp_path, capsys):
     assert main([*words, "--overwrite", "--threshold", "-150"]) == 0
     assert "connects no more floor" in capsys.readouterr().out
     assert main([*words, "--overwrite"]) == 2
-    assert "--one-more needs --threshold" in capsys.readouterr().err
+    assert "--one-more says nothing without --threshold" in capsys.readouterr().err
 
 
 def test_measured_along_a_trajectory(tmp_path):
@@ -93,6 +93,9 @@ def test_half_a_way_is_refused(tmp_path):
         (("--threshold", "nan"), "--threshold nan: a finite level"),
         (("--threshold", "-60", "--outage", "inf"), "--outage inf: a finite level"),
         (("--threshold", "-60", "--longest-outage", "-1"), "--longest-outage -1: seconds, 0 or"),
+        (("--threshold", "-60", "--longest-outage", "5"), "nothing without --from and --to"),
+        (("--from", "1,1", "--to", "2,2"), "--from and --to says nothing without --threshold"),
+        (("--trajectory", "way.tum"), "--trajectory says nothing without --rss"),
     ],
 )
 def test_levels_and_times_that_cannot_be(tmp_path, capsys, words, why):

@@ -49,6 +49,7 @@ OneMore = Annotated[
         min=0.0, metavar="Z", help="Rank places on walls for one more access point, Z m high."
     ),
 ]
+Point = tuple[float, float]
 _PLACES_SHOWN = 5
 """Of the ranking; the file has all."""
 
@@ -84,11 +85,13 @@ def radio_command(
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
     _check_levels(threshold, outage, longest_outage)
-    if (begin is None) != (end is None) or (begin is not None and threshold is None):
-        raise BadInput("a way needs --from, --to and --threshold")
-    ends = None if begin is None or end is None else (_point(begin), _point(end))
-    if one_more is not None and threshold is None:
-        raise BadInput("--one-more needs --threshold: the level that counts as connected")
+    ends = _ends(begin, end)
+    _check_use(
+        ("--from and --to", ends is not None, "--threshold", threshold is not None),
+        ("--longest-outage", longest_outage > 0.0, "--from and --to", ends is not None),
+        ("--one-more", one_more is not None, "--threshold", threshold is not None),
+        ("--trajectory", trajectory is not None, "--rss", bool(rss)),
+    )
     made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
@@ -114,7 +117,23 @@ def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage
         raise BadInput(f"--longest-outage {longest_outage_s:g}: seconds, 0 or more")
 
 
-def _point(text: str) -> tuple[float, float]:
+def _check_use(*options: tuple[str, bool, str, bool]) -> None:
+    """Refuse options that would do nothing for want of another: each, and what it goes with."""
+    for option, is_given, other, is_there in options:
+        if is_given and not is_there:
+            raise BadInput(f"{option} says nothing without {other}: give both, or neither")
+
+
+def _ends(begin: str | None, end: str | None) -> tuple[Point, Point] | None:
+    """Both ends of a way [m]; None without any."""
+    if begin is None and end is None:
+        return None
+    if begin is None or end is None:
+        raise BadInput("a way needs both --from and --to")
+    return _point(begin), _point(end)
+
+
+def _point(text: str) -> Point:
     x, y = numbers(text, f"{text}: expected two numbers X,Y [m]", 2)
     if not (math.isfinite(x) and math.isfinite(y)):
         raise BadInput(f"{text}: X,Y must be finite [m]")
