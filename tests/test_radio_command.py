@@ -83,6 +83,16 @@ def test_measured_along_a_trajectory(tmp_path):
     assert main(["radio", bare_map(tmp_path), *given[:2], "--name", "x"]) == 2
 
 
+def test_a_run_folder_stands_for_its_map(tmp_path, capsys):
+    where = ["--out", str(tmp_path / "out"), "--ap", "2", "2", "2.5", "--name"]
+    assert main(["radio", str(tmp_path), *where, "none"]) == 2
+    assert "no map.yaml in it" in capsys.readouterr().err
+    for source, name in ((bare_map(tmp_path), "a"), (str(tmp_path), "b")):
+        assert main(["radio", source, *where, name]) == 0
+    a, b = ((tmp_path / "out" / name / "radio_map.npz").read_bytes() for name in "ab")
+    assert a == b
+
+
 def test_half_a_way_is_refused(tmp_path):
     assert main(["radio", bare_map(tmp_path), "--ap", "2", "2", "2.5", "--from", "1,1"]) == 2
 

@@ -86,9 +86,9 @@ def map_command(
     from slarm_graph.app.cli_output import show_metrics
     from slarm_graph.eval.map_accuracy import map_accuracy, map_metrics
     from slarm_graph.eval.map_alignment import align_maps
-    from slarm_graph.files.maps import read_map
+    from slarm_graph.files.maps import map_file, read_map
 
-    ref, est = read_map(_map_file(reference)), read_map(_map_file(estimate))
+    ref, est = read_map(map_file(reference)), read_map(map_file(estimate))
     motion = align_maps(ref, est) if align == "se2" else None
     result = map_accuracy(ref, est, reference_from_estimate=motion, tolerance_m=tolerance)
     if difference is not None:
@@ -97,11 +97,6 @@ def map_command(
     if motion is not None:
         title += f", aligned by ({motion.x:.3f} m, {motion.y:.3f} m, {motion.theta:.4f} rad)"
     show_metrics(map_metrics(result), title=title, as_json=as_json)
-
-
-def _map_file(place: Path) -> Path:
-    """Return the map of a run folder, or the file itself."""
-    return place / "map.yaml" if place.is_dir() else place
 
 
 def _write_difference(

@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     from slarm_graph.radio.connectivity.another import WallPlace
     from slarm_graph.radio.connectivity.signal import SignalMap
 
-MapFile = Annotated[Path, typer.Argument(metavar="MAP.yaml", help="A map_server map.")]
+MapFile = Annotated[
+    Path, typer.Argument(metavar="MAP.yaml", help="A map_server map, or a run folder.")
+]
 WayFile = Annotated[
     Path | None,
     typer.Option("--trajectory", help="TUM poses in the map at which --rss was heard."),
@@ -81,6 +83,7 @@ def radio_command(
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
+    from slarm_graph.files.maps import map_file as map_in
 
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
@@ -92,7 +95,7 @@ def radio_command(
         ("--one-more", one_more is not None, "--threshold", threshold is not None),
         ("--trajectory", trajectory is not None, "--rss", bool(rss)),
     )
-    made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
+    made = radio_over_map(map_in(map_file), points, rss or (), trajectory, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
     made.save(folder)
