@@ -104,6 +104,11 @@ def test_a_place_that_cannot_be_written_is_refused_before_anything_else(tmp_path
         create_run_folder(tmp_path / "file" / "out")
 
 
+def test_a_name_that_is_too_long_is_what_is_told(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"--name a{300}: .*; choose a shorter one"):
+        create_run_folder(tmp_path, "a" * 300)
+
+
 def test_without_links_latest_is_a_text_file(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -87,9 +87,12 @@ def read_rss_csv(path: Path) -> RssLog:
             stamp = _column(path, header, tuple(_STAMPS))
             name, value = _column(path, header, _NAMES), _column(path, header, _VALUES)
             for row in reader:
-                stamps.append(stamp_ns(row[stamp].strip(), _STAMPS[stamp]))
-                names.append(str(row[name]).strip())
-                values.append(float(row[value] or "nan"))
+                told = [row[column] for column in (stamp, name, value)]
+                if None in told:
+                    raise ValueError("fewer values than columns")
+                stamps.append(stamp_ns(told[0].strip(), _STAMPS[stamp]))
+                names.append(told[1].strip())
+                values.append(float(told[2] or "nan"))
     except (ValueError, TypeError, UnicodeDecodeError) as error:
         if isinstance(error, BadInput):
             raise

@@ -92,7 +92,8 @@ def show_text_table(table: TextTable) -> None:
 def show_notices(notices: Iterable[str]) -> None:
     """Print what a user should know."""
     for notice in notices:
-        print(f"note: {notice}", file=sys.stderr)
+        told = notice if notice.startswith("warning: ") else f"note: {notice}"
+        print(told, file=sys.stderr)
 
 
 def show_scans(scans: Sequence[ScanStatus]) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import logging
 import os
@@ -168,6 +169,10 @@ def create_run_folder(
         folder = RunFolder(path, {"kind": kind}, claim=claim)
         _point_to(out, path.name)
     except OSError as error:
+        if error.errno == errno.ENAMETOOLONG:
+            raise BadInput(
+                f"{out}, --name {name}: {error.strerror}; choose a shorter one"
+            ) from None
         raise BadInput(
             f"cannot write to {out}: {error.strerror}; choose a folder with --out"
         ) from None
