@@ -86,7 +86,8 @@ def map_command(
     from slarm_graph.app.cli_output import show_metrics
     from slarm_graph.eval.map_accuracy import map_accuracy, map_metrics
     from slarm_graph.eval.map_alignment import align_maps
-    from slarm_graph.files.maps import map_file, read_map
+    from slarm_graph.files.maps import read_map
+    from slarm_graph.files.run_files import map_file
 
     ref, est = read_map(map_file(reference)), read_map(map_file(estimate))
     motion = align_maps(ref, est) if align == "se2" else None

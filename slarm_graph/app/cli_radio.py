@@ -83,7 +83,7 @@ def radio_command(
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
-    from slarm_graph.files.maps import map_file as map_in
+    from slarm_graph.files.run_files import map_file as map_in
 
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)

@@ -85,22 +85,6 @@ def png_bytes(image: NDArray[np.uint8]) -> bytes:
     return data.tobytes()
 
 
-def map_file(place: Path) -> Path:
-    """Return the map in a run folder, or the file itself.
-
-    Raises
-    ------
-    BadInput
-        When the folder has none.
-    """
-    if not place.is_dir():
-        return place
-    found = place / "map.yaml"
-    if not found.is_file():
-        raise BadInput(f"{place}: no map.yaml in it; is it a run folder?")
-    return found
-
-
 def map_yaml(image_name: str, geometry: GridGeometry) -> str:
     """Return the YAML beside a trinary image, numbers with full precision."""
     x, y, resolution = (

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph.errors import BadInput, brief
+from slarm_graph.files.run_files import of_run
 from slarm_graph.files.texts import read_text
 from slarm_graph.files.trajectory_columns import (
     Columns,
@@ -71,13 +72,7 @@ def trajectory_file(place: Path, *, truth: bool = False) -> Path:
     BadInput
         When the folder has none.
     """
-    if not place.is_dir():
-        return place
-    names = (_TRUTH, _ESTIMATE) if truth else (_ESTIMATE,)
-    found = next((place / name for name in names if (place / name).is_file()), None)
-    if found is None:
-        raise BadInput(f"{place}: no {' or '.join(names)} in it; is it a run folder?")
-    return found
+    return of_run(place, *((_TRUTH, _ESTIMATE) if truth else (_ESTIMATE,)))
 
 
 def read_trajectory(path: Path) -> Trajectory:
