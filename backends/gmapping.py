@@ -33,7 +33,11 @@ from slarm_graph.backends.particle_tables import (
     second_pass_notice,
     update_table,
 )
-from slarm_graph.backends.path_covariance import fill_covariances, spread_covariances
+from slarm_graph.backends.path_covariance import (
+    covariance_notices,
+    fill_covariances,
+    spread_covariances,
+)
 from slarm_graph.backends.path_filling import spread, step_variance
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
@@ -204,10 +208,11 @@ class GmappingBackend:
         stamps_ns = np.array(state.stamps_ns)[state.updates]
         tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
-        said = filter(None, (*particle_notices(particles), state.brought_back))
         covariances = None if closed is None else covariances_about(path.poses, closed)
-        if covariances is None:
+        unknown = () if closed is None else covariance_notices(closed.graph, covariances)
+        if covariances is None and not unknown:
             covariances = self._covariances(path.poses)
+        said = filter(None, (*particle_notices(particles), state.brought_back, *unknown))
         return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(said))
 
     def _covariances(self, poses: Floats) -> Floats:

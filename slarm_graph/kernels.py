@@ -95,14 +95,17 @@ class _FilePerKey(IndexDataCacheFile):
     """A file for everything that is kept, named by its key: processes do not meet in it."""
 
     def flush(self) -> None:
+        """Forget all that is kept of the function."""
         self._remove(self._base())
 
     def save(self, key: tuple[Any, ...], data: Any) -> None:
+        """Keep what was compiled, in place of what a change has outdated."""
         name = self._name(key)
         self._save_data(name, data)  # type: ignore[no-untyped-call]
         self._remove(name.rsplit(".", 2)[0], but=name)
 
     def load(self, key: tuple[Any, ...]) -> Any:
+        """Return what is kept; None where there is nothing, or an empty file."""
         try:
             return self._load_data(self._name(key))  # type: ignore[no-untyped-call]
         except (OSError, EOFError):

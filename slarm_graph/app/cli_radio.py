@@ -83,19 +83,18 @@ def radio_command(
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
-    from slarm_graph.files.run_files import map_file as map_in
 
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
     _check_levels(threshold, outage, longest_outage)
-    ends = _ends(begin, end)
+    ends, is_asked = _ends(begin, end), threshold is not None
     _check_use(
-        ("--from and --to", ends is not None, "--threshold", threshold is not None),
+        ("--from and --to", ends is not None, "--threshold", is_asked),
         ("--longest-outage", longest_outage > 0.0, "--from and --to", ends is not None),
-        ("--one-more", one_more is not None, "--threshold", threshold is not None),
+        ("--one-more", one_more is not None, "--threshold", is_asked),
         ("--trajectory", trajectory is not None, "--rss", bool(rss)),
     )
-    made = radio_over_map(map_in(map_file), points, rss or (), trajectory, resolved)
+    made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
     made.save(folder)
@@ -108,8 +107,8 @@ def radio_command(
         if one_more is not None:
             _tell_places(save_places(made, one_more, threshold, resolved, folder))
         if ends is not None:
-            for line in plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder):
-                print(line)
+            ways = plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder)
+            print(*ways, sep="\n")
 
 
 def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage_s: float) -> None:

@@ -20,6 +20,7 @@ from slarm_graph.backend import SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
+from slarm_graph.files.run_files import map_file as map_in
 from slarm_graph.files.texts import csv_text
 from slarm_graph.files.trajectories import read_trajectory
 from slarm_graph.frontends.signals.rss import open_rss
@@ -93,7 +94,7 @@ def radio_over_map(
     config: RunConfig,
 ) -> RadioOverMap:
     """Make the radio map over a map_server map: measured where there are readings."""
-    geographic = as_geographic(read_map(map_file), config.recovery.default_height_m)
+    geographic = as_geographic(read_map(map_in(map_file)), config.recovery.default_height_m)
     if not geographic.accessible.any():
         raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
     if rss:
