@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
@@ -26,7 +26,9 @@ from slarm_graph.errors import BadInput
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from slarm_graph.app.planning_radio import RadioOverMap
     from slarm_graph.app.run_folder import RunFolder
+    from slarm_graph.config import RunConfig
     from slarm_graph.radio.connectivity.another import WallPlace
     from slarm_graph.radio.connectivity.signal import SignalMap
 
@@ -56,6 +58,33 @@ _PLACES_SHOWN = 5
 """Of the ranking; the file has all."""
 
 
+class _Plan(NamedTuple):
+    """What is planned with a map: from which level on a link counts, a way, one more antenna."""
+
+    threshold_dbm: float
+    ends: tuple[Point, Point] | None
+    longest_outage_s: float
+    one_more_z_m: float | None
+
+    @staticmethod
+    def checked(
+        threshold_dbm: float | None,
+        ends: tuple[Point, Point] | None,
+        longest_outage_s: float,
+        one_more_z_m: float | None,
+    ) -> _Plan | None:
+        """Return what is wanted, None where no level is; refuse what would do nothing."""
+        is_asked = threshold_dbm is not None
+        _check_use(
+            ("--from and --to", ends is not None, "--threshold", is_asked),
+            ("--longest-outage", longest_outage_s > 0.0, "--from and --to", ends is not None),
+            ("--one-more", one_more_z_m is not None, "--threshold", is_asked),
+        )
+        if threshold_dbm is None:
+            return None
+        return _Plan(threshold_dbm, ends, longest_outage_s, one_more_z_m)
+
+
 def radio_command(
     map_file: MapFile,
     ap: AccessPoints = None,
@@ -79,7 +108,7 @@ def radio_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Make the radio map over any map_server map, predicted or measured, and plan with it."""
-    from slarm_graph.app.planning_radio import plan_ways, radio_over_map, save_places
+    from slarm_graph.app.planning_radio import radio_over_map
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
@@ -87,13 +116,8 @@ def radio_command(
     resolved = load_config(config, settings or ())
     points = access_points(ap or (), resolved)
     _check_levels(threshold, outage, longest_outage)
-    ends, is_asked = _ends(begin, end), threshold is not None
-    _check_use(
-        ("--from and --to", ends is not None, "--threshold", is_asked),
-        ("--longest-outage", longest_outage > 0.0, "--from and --to", ends is not None),
-        ("--one-more", one_more is not None, "--threshold", is_asked),
-        ("--trajectory", trajectory is not None, "--rss", bool(rss)),
-    )
+    _check_use(("--trajectory", trajectory is not None, "--rss", bool(rss)))
+    wanted = _Plan.checked(threshold, _ends(begin, end), longest_outage, one_more)
     made = radio_over_map(map_file, points, rss or (), trajectory, resolved)
     folder = create_run_folder(out, name, overwrite=overwrite)
     folder.write_text("config.yaml", config_yaml(resolved))
@@ -102,13 +126,22 @@ def radio_command(
         print(made.save_fading(folder, fading, outage, resolved.seed))
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
     print(f"{made.words} -> {folder.path}")
-    if threshold is not None:
-        _tell(made.signal, threshold, folder)
-        if one_more is not None:
-            _tell_places(save_places(made, one_more, threshold, resolved, folder))
-        if ends is not None:
-            ways = plan_ways(made.signal, ends, threshold, longest_outage, resolved, folder)
-            print(*ways, sep="\n")
+    if wanted is not None:
+        _tell_plan(made, wanted, resolved, folder)
+
+
+def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: RunFolder) -> None:
+    """Plan with the map, write what comes out and print it."""
+    from slarm_graph.app.planning_radio import plan_ways, save_places
+
+    level_dbm = wanted.threshold_dbm
+    _tell(made.signal, level_dbm, folder)
+    if wanted.one_more_z_m is not None:
+        _tell_places(save_places(made, wanted.one_more_z_m, level_dbm, config, folder))
+    if wanted.ends is not None:
+        outage_s = wanted.longest_outage_s
+        for line in plan_ways(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
+            print(line)
 
 
 def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage_s: float) -> None:
