@@ -15,8 +15,13 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph.backend import Heartbeat
-from slarm_graph.backends.closure_sets import GRAPH_SPEAKS_NAT, SIDEWAYS_M, stories
-from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
+from slarm_graph.backends.closure_sets import (
+    GRAPH_SPEAKS_NAT,
+    SIDEWAYS_M,
+    consistent_sets,
+    stories,
+)
+from slarm_graph.backends.submap_graph import FAR_OFF, OUTVOTED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, transform_points
@@ -32,9 +37,11 @@ _BESIDE_M = 15.0
 
 
 def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat) -> SubmapGraph:
-    """Leave out closures while that removes contradictions between the places of a graph.
+    """Leave out closures, or believe others, while that removes contradictions between places.
 
     And while more of them confirm each other: parts that nothing holds do not contradict anything.
+    Others are those that agree with each other and were turned down as too far from the graph: where
+    a step is not as sure as it says, the graph is not either.
 
     Parameters
     ----------
@@ -47,11 +54,12 @@ def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat)
     said = beside_each_other(graph, matcher)
     while _against(said) > GRAPH_SPEAKS_NAT:
         heartbeat("weighing closures by what the places beside them saw")
+        held = (graph.settle()[1] >= OUTVOTED).tolist()
         tried = []
-        for closures in _without_stories(graph, said):
+        for closures in (*_without_stories(graph, said), *_with_stories(graph, said)):
             other = graph.with_closures(closures)
-            other.settle(heartbeat)
-            tried.append((beside_each_other(other, matcher), other))
+            if (other.settle(heartbeat)[1] >= OUTVOTED).tolist() != held:
+                tried.append((beside_each_other(other, matcher), other))
         best = min(tried, key=lambda t: float(t[0][:, 2].sum()), default=(said, graph))
         removed = _against(said) - _against(best[0])
         if min(removed, said[:, 2].sum() - best[0][:, 2].sum()) <= GRAPH_SPEAKS_NAT:
@@ -97,11 +105,29 @@ def _without_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]
         yield [replace(c, reason=MISFITS) if id(c) in out else c for c in graph.closures]
 
 
-def _beside(story: Sequence[Closure], graph: SubmapGraph, said: Floats) -> float:
-    """Sum up what speaks against the places that a story's closures lay upon each other [nat]."""
+def _with_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]]:
+    """Believe one story of what was turned down after the other, where contradictions touch it."""
+    _, weights = graph.settle()
+    met = zip(graph.closures, weights.tolist(), strict=True)
+    down = [c for c, w in met if c.reason == FAR_OFF or (not c.reason and w < OUTVOTED)]
+    told = stories(consistent_sets(down, graph), graph)
+    touched = [s for s in told if _beside(s, graph, said, both=False) > GRAPH_SPEAKS_NAT]
+    for story in sorted(touched, key=len, reverse=True)[:_TRIED]:
+        believed = {id(c) for c in story}
+        yield [replace(c, reason="") if id(c) in believed else c for c in graph.closures]
+
+
+def _beside(
+    story: Sequence[Closure], graph: SubmapGraph, said: Floats, *, both: bool = True
+) -> float:
+    """Sum up what speaks against the places that a story's closures lay upon each other [nat].
+
+    Or, if not of both, against where the graph has either of them.
+    """
     ways = graph.ways_m()[said[:, :2].astype(np.int64)]
     is_beside = np.zeros(len(said), dtype=np.bool_)
     for c in story:
         at = graph.way_of_submap(c.submap), graph.way_of(c.keyframe)
-        is_beside |= (np.abs(ways - at) < _BESIDE_M).all(axis=1)
+        near = np.abs(ways[:, :, None] - at) < _BESIDE_M
+        is_beside |= near[:, [0, 1], [0, 1]].all(axis=1) if both else near.any(axis=(1, 2))
     return _against(said[is_beside])
