@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.backend import Heartbeat
+from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
 from slarm_graph.backends.misfits import reconciled
 from slarm_graph.backends.submap_graph import SubmapGraph
@@ -77,9 +77,31 @@ def close_finally(
     open_again = disputed(graph)
     if open_again:
         heartbeat(f"weighing {len(open_again)} closures against what they had turned down")
-        graph = graph.reopened(open_again, heartbeat)
+        graph = reopened(graph, open_again, heartbeat)
     graph = reconciled(graph, matcher, heartbeat)
     return graph, len(consistent_sets(graph.far_off(), graph))
+
+
+def reopened(
+    graph: SubmapGraph, contested: Sequence[Closure], heartbeat: Heartbeat = silent
+) -> SubmapGraph:
+    """Return a graph that judges closures anew with all that the given one has turned down.
+
+    All are held against a graph of what is undisputed: what came first has no right of its own.
+
+    Parameters
+    ----------
+    graph : SubmapGraph
+    contested : sequence of Closure
+        Believed so far.
+    heartbeat : Heartbeat
+    """
+    open_again = {id(c) for c in (*contested, *graph.far_off())}
+    other = graph.with_closures([c for c in graph.closures if id(c) not in open_again])
+    other.settle(heartbeat)
+    anew = [replace(c, reason="") for c in graph.closures if id(c) in open_again]
+    other.close(other.judged(anew), heartbeat)
+    return other
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:

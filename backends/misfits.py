@@ -40,8 +40,8 @@ def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat)
     """Leave out closures, or believe others, while that removes contradictions between places.
 
     And while more of them confirm each other: parts that nothing holds do not contradict anything.
-    Others are those that agree with each other and were turned down as too far from the graph: where
-    a step is not as sure as it says, the graph is not either.
+    Others are those that agree with each other and were turned down as too far from the graph: it
+    is not as sure as it says where a step of it is not.
 
     Parameters
     ----------
@@ -56,8 +56,10 @@ def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat)
         heartbeat("weighing closures by what the places beside them saw")
         held = (graph.settle()[1] >= OUTVOTED).tolist()
         tried = []
-        for closures in (*_without_stories(graph, said), *_with_stories(graph, said)):
-            other = graph.with_closures(closures)
+        for other in (
+            *_without_stories(graph, said),
+            *_with_stories(graph, said, heartbeat),
+        ):
             if (other.settle(heartbeat)[1] >= OUTVOTED).tolist() != held:
                 tried.append((beside_each_other(other, matcher), other))
         best = min(tried, key=lambda t: float(t[0][:, 2].sum()), default=(said, graph))
@@ -92,29 +94,46 @@ def _against(said: Floats) -> float:
     return float(np.maximum(said[:, 2], 0.0).sum())
 
 
-def _without_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]]:
+def _without_stories(graph: SubmapGraph, said: Floats) -> Iterator[SubmapGraph]:
     """Leave out one story of closures after the other, that with most contradictions first.
 
     Of a story those stay beside which nothing is wrong: a long one may be false in a part.
     """
-    _, weights = graph.settle()
-    held = [c for c, w in zip(graph.closures, weights.tolist(), strict=True) if w >= OUTVOTED]
-    told = sorted(stories(held, graph), key=lambda s: -_beside(s, graph, said))
+    told = sorted(stories(_weighed(graph)[0], graph), key=lambda s: -_beside(s, graph, said))
     for story in told[:_TRIED]:
         out = {id(c) for c in story if _beside([c], graph, said) > GRAPH_SPEAKS_NAT}
-        yield [replace(c, reason=MISFITS) if id(c) in out else c for c in graph.closures]
+        yield _with_reason(graph, out, MISFITS)
 
 
-def _with_stories(graph: SubmapGraph, said: Floats) -> Iterator[list[Closure]]:
-    """Believe one story of what was turned down after the other, where contradictions touch it."""
-    _, weights = graph.settle()
-    met = zip(graph.closures, weights.tolist(), strict=True)
-    down = [c for c, w in met if c.reason == FAR_OFF or (not c.reason and w < OUTVOTED)]
+def _with_stories(graph: SubmapGraph, said: Floats, heartbeat: Heartbeat) -> Iterator[SubmapGraph]:
+    """Believe one story of what was turned down after the other, where contradictions touch it.
+
+    Judged from where the story has the nodes: from where it is false, none is worth a step's while.
+    """
+    held, down = _weighed(graph)
     told = stories(consistent_sets(down, graph), graph)
     touched = [s for s in told if _beside(s, graph, said, both=False) > GRAPH_SPEAKS_NAT]
     for story in sorted(touched, key=len, reverse=True)[:_TRIED]:
-        believed = {id(c) for c in story}
-        yield [replace(c, reason="") if id(c) in believed else c for c in graph.closures]
+        other = _with_reason(graph, {id(c) for c in story}, "")
+        other.leaning_on([*held, *story], heartbeat)
+        yield other
+
+
+def _weighed(graph: SubmapGraph) -> tuple[list[Closure], list[Closure]]:
+    """Return the closures that are believed, and those that lie too far off or are outvoted."""
+    held, down = [], []
+    for closure, weight in zip(graph.closures, graph.settle()[1].tolist(), strict=True):
+        if weight >= OUTVOTED:
+            held.append(closure)
+        elif closure.reason in ("", FAR_OFF):
+            down.append(closure)
+    return held, down
+
+
+def _with_reason(graph: SubmapGraph, those: set[int], reason: str) -> SubmapGraph:
+    """Turn closures of these identities down for a reason, or believe them for none."""
+    told = [replace(c, reason=reason) if id(c) in those else c for c in graph.closures]
+    return graph.with_closures(told)
 
 
 def _beside(

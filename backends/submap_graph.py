@@ -246,23 +246,16 @@ class SubmapGraph:
         if self._surprising or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
-    def reopened(self, disputed: Sequence[Closure], heartbeat: Heartbeat = silent) -> SubmapGraph:
-        """Return a graph that judges closures anew with all that this one has turned down.
-
-        All are held against a graph of what is undisputed: what came first has no right of its own.
-
-        Parameters
-        ----------
-        disputed : sequence of Closure
-            Believed so far.
-        heartbeat : Heartbeat
-        """
-        open_again = {id(c) for c in (*disputed, *self.far_off())}
-        other = self.with_closures([c for c in self.closures if id(c) not in open_again])
-        other.settle(heartbeat)
-        anew = [replace(c, reason="") for c in self.closures if id(c) in open_again]
-        other.close(other.judged(anew), heartbeat)
-        return other
+    def leaning_on(self, believed: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
+        """Move the nodes to where these closures have them, whichever steps give way to that."""
+        edges = (*(e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE),)
+        graph = PoseGraph(np.array(self._nodes), (*edges, *map(self._edge, believed)))
+        huber = optimizer.Kernel.HUBER
+        found = optimizer.optimize(
+            graph, kernel=huber, slip_sigmas=_SLIP_SIGMAS, heartbeat=heartbeat
+        )
+        self._settled = None
+        self._moved_to(0, found.poses)
 
     def far_off(self) -> list[Closure]:
         """Return the finds that were turned down as farther off than both may err by."""

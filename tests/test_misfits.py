@@ -14,7 +14,7 @@ from slarm_graph.backend import silent
 from slarm_graph.backends.closure_sets import stories
 from slarm_graph.backends.graph_building import _misfit_notice
 from slarm_graph.backends.misfits import MISFITS, _against, _beside, beside_each_other, reconciled
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.closures import Closure
@@ -28,6 +28,8 @@ LOOP = np.array([[-3.0, -2.8], [4.4, -2.2], [3.9, 2.6], [-4.2, 2.2], [-4.2, -2.9
 OFF = Pose2(1.2, 0.8, 0.2)
 """Where the second lap is taken to be, by tracking that was sure of itself, or by a false story."""
 SURE, LOST = np.eye(3) * 1e-6, np.diag([2.0, 2.0, 0.5]) ** 2
+TOO_SURE = np.diag([0.03, 0.03, 0.02]) ** 2
+"""Of a step that has erred by OFF, as matches along a bare corridor do."""
 
 
 @pytest.fixture(scope="module")
@@ -124,6 +126,35 @@ def test_a_true_story_is(laps: list[Keyframe]) -> None:
     better = reconciled(graph, matcher_of(graph), silent)
     assert better is graph
     assert error_m(better, laps) < 0.1
+
+
+def test_a_true_story_that_was_turned_down_is_believed_where_places_contradict_each_other(
+    laps: list[Keyframe],
+) -> None:
+    """The step between the laps is too sure of itself: what speaks against it is far off."""
+    graph = torn(laps, OFF, TOO_SURE)
+    true = graph.judged(finds(graph, laps, Pose2()))
+    assert {c.reason for c in true} == {FAR_OFF}
+    graph.close(true)
+    graph.settle()
+    assert error_m(graph, laps) > 1.0
+    better = reconciled(graph, matcher_of(graph), silent)
+    assert better.settle()[1].min() > 0.5
+    assert error_m(better, laps) < 0.1
+    assert {c.reason for c in graph.closures} == {FAR_OFF}, "the graph given is left as it was"
+
+
+@pytest.mark.parametrize("off", [Pose2(), OFF])
+def test_a_false_one_stays_down(laps: list[Keyframe], off: Pose2) -> None:
+    """Whether there is nothing to mend, or something that it does not."""
+    graph = torn(laps, off, TOO_SURE)
+    false = graph.judged(finds(graph, laps, Pose2(-1.4, 0.9, -0.3)))
+    assert {c.reason for c in false} == {FAR_OFF}
+    graph.close(false)
+    error_before_m = error_m(graph, laps)
+    better = reconciled(graph, matcher_of(graph), silent)
+    assert error_m(better, laps) == pytest.approx(error_before_m, abs=0.05)
+    assert better.settle()[1].max() < 0.5
 
 
 def test_of_two_stories_the_one_that_fits_stays(laps: list[Keyframe]) -> None:

@@ -12,7 +12,7 @@ import pytest
 from slarm_graph.backend import silent
 from slarm_graph.backends import closure_sets
 from slarm_graph.backends.closure_sets import agreeing, consistent_sets
-from slarm_graph.backends.final_closures import _near, close_finally, followed
+from slarm_graph.backends.final_closures import _near, close_finally, followed, reopened
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
@@ -240,7 +240,7 @@ def test_what_came_first_has_no_right_of_its_own() -> None:
     assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [FAR_OFF]
     disputed = closure_sets.disputed(graph)
     assert disputed == wrong
-    graph = graph.reopened(disputed)
+    graph = reopened(graph, disputed)
     _, weights = graph.settle()
     believed = [c for c, w in zip(graph.closures, weights, strict=True) if w > 0.5]
     told = [c.submap_from_keyframe.tobytes() for c in right]
