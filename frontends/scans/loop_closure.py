@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
+from slarm_graph.frontends.scans.along_walls import aligned
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
-from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
@@ -101,7 +101,7 @@ class LoopCloser:
             predicted = compose(first.submap_from_keyframe, moved.as_array())
             second = self._refine(k, first.submap, predicted, keyframes, submaps)
             away = between(predicted, second.submap_from_keyframe)
-            reason = self._doubt(second, keyframes, submaps)
+            reason = second.reason
             if math.hypot(away[0], away[1]) > 0.05 + 0.05 * way_m or abs(away[2]) > 0.035:
                 reason = "a second match disagrees"
             if not reason:
@@ -156,8 +156,7 @@ class LoopCloser:
     ) -> Closure:
         """Refine where the graph expects the keyframe; earlier closures are the second opinion."""
         predicted = expected.submap_from_keyframe[e]
-        found = self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
-        return replace(found, reason=self._doubt(found, keyframes, submaps))
+        return self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
 
     def _search(
         self,
@@ -191,7 +190,7 @@ class LoopCloser:
             if hit is None:
                 continue
             found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
-            if not self._doubt(found, keyframes, submaps):
+            if not found.reason:
                 self._tentative.append(replace(found, searched=True))
 
     def _window(self, e: int, expected: Expectations) -> tuple[float, float]:
@@ -202,15 +201,6 @@ class LoopCloser:
             min(float(reach_rad), self._config.window_rad),
         )
 
-    def _doubt(
-        self, found: Closure, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]
-    ) -> str:
-        """Say what is wrong with a match on its own; empty when nothing is."""
-        sides = self._sides.of(submaps[found.submap], keyframes)
-        points, pose = keyframes[found.keyframe].points_m, found.submap_from_keyframe
-        behind = share_from_behind(sides, points, pose)
-        return doubt(found.score, found.information, behind, self._config)
-
     def _refine(
         self,
         k: int,
@@ -219,16 +209,19 @@ class LoopCloser:
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> Closure:
-        grid = self._fine.of(submaps[submap], keyframes)
-        pose, information, score, _, _ = refine_near(
-            grid,
-            keyframes[k].points_m,
+        points, old = keyframes[k].points_m, submaps[submap]
+        found = aligned(
+            self._fine.of(old, keyframes),
+            points,
             start,
             _LOOSE_INFORMATION,
             POINT_INFORMATION,
             2 * self._matching.max_iterations,
+            SIGMAS * self._config.sure_m,
         )
-        return Closure(submap, k, pose, information, score, False)
+        behind = share_from_behind(self._sides.of(old, keyframes), points, found.pose)
+        reason = doubt(found.score, found.information, behind, self._config)
+        return Closure(submap, k, found.pose, found.over_reach, found.score, False, reason)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
         """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""

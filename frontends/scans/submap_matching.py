@@ -16,7 +16,8 @@ import numpy as np
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.consistency import View, evidence_against, view_of
-from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.along_walls import aligned
+from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, doubt
@@ -116,11 +117,14 @@ class SubmapMatcher:
             where it is not good enough.
         """
         submap, region = self._submaps[query], self.region(target)
-        points, pose, information = self._thinned(submap), start, np.zeros((3, 3))
-        for cache in (self._wide, self._grids):
-            grid = cache.of(region, self._keyframes)
-            loosely = (_LOOSE_INFORMATION, POINT_INFORMATION, 2 * self._matching.max_iterations)
-            pose, information, *_ = refine_near(grid, points, pose, *loosely)
+        points, loosely = self._thinned(submap), (_LOOSE_INFORMATION, POINT_INFORMATION)
+        tries, reach_m = 2 * self._matching.max_iterations, SIGMAS * self._loops.sure_m
+        roughly, *_ = refine_near(
+            self._wide.of(region, self._keyframes), points, start, *loosely, tries
+        )
+        grid = self._grids.of(region, self._keyframes)
+        found = aligned(grid, points, roughly, *loosely, tries, reach_m)
+        pose, information = found.pose, found.information
         members = self._keyframes[submap.first : submap.last]
         placed = list(zip(compose(pose, self._poses_of(submap)), members, strict=True))
         score = float(np.median([mean_likelihood(grid, m.points_m, p) for p, m in placed]))
@@ -131,7 +135,7 @@ class SubmapMatcher:
             behind = np.median([share_from_behind(sides, m.points_m, p) for p, m in placed])
             reason = doubt(score, information, float(behind), self._loops)
         reason = reason or self._contradiction(query, target, pose)
-        return Closure(target, submap.anchor, pose, information, score, True, reason)
+        return Closure(target, submap.anchor, pose, found.over_reach, score, True, reason)
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Say so when what either place saw does not speak for a pose (3,) of one in the other."""
