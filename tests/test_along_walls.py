@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""A match slides along walls as far as they look the same, and says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from slarm_graph.frontends.scans.along_walls import Alignment, _loosened, aligned
+from slarm_graph.frontends.scans.gauss_newton import refine_near
+from slarm_graph.frontends.scans.likelihood_grid import (
+    LikelihoodGrid,
+    build_likelihood_grid,
+    mean_likelihood,
+)
+from slarm_graph.geometry import Floats, between, compose, transform_points
+
+REACH_M = 1.1
+LOOSELY = np.diag([4.0, 4.0, 25.0]), 0.3, 40
+WALLS = ((-9.0, 1.0, 9.0, 1.0), (-9.0, -1.0, 9.0, -1.0))
+NICHE = ((1.0, 1.0, 1.0, 1.4), (1.0, 1.4, 1.9, 1.4), (1.9, 1.4, 1.9, 1.0))
+ROOM = (
+    (-2.0, -1.0, 2.0, -1.0),
+    (2.0, -1.0, 2.0, 3.0),
+    (2.0, 3.0, -2.0, 3.0),
+    (-2.0, 3.0, -2.0, -1.0),
+)
+
+
+def grid_of(walls: tuple[tuple[float, ...], ...]) -> LikelihoodGrid:
+    return build_likelihood_grid(np.array(walls), resolution_m=0.05, sigma_m=0.05, margin_m=1.0)
+
+
+def seen_from(pose: Floats, walls: tuple[tuple[float, ...], ...], reach_m: float = 4.0) -> Floats:
+    """Points every 5 cm of the walls within reach, in the frame of a pose and in beam order."""
+    parts = [
+        np.linspace(w[:2], w[2:], max(int(np.hypot(w[2] - w[0], w[3] - w[1]) / 0.05), 2))
+        for w in map(np.array, walls)
+    ]
+    points = between(pose, np.column_stack([np.concatenate(parts), np.zeros(sum(map(len, parts)))]))
+    points = points[np.hypot(points[:, 0], points[:, 1]) < reach_m, :2]
+    return np.ascontiguousarray(points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))])
+
+
+def sigmas_m(found: Alignment) -> Floats:
+    """Standard deviations (2,) of the position, along the corridor and across."""
+    return np.sqrt(np.diag(np.linalg.inv(found.over_reach + 1e-9 * np.eye(3)))[:2])
+
+
+@pytest.mark.parametrize("off_m", [-0.9, -0.5, 0.4, 0.8])
+@pytest.mark.parametrize("heading", [0.0, 1.0])
+def test_a_niche_is_found_from_beside_it(off_m: float, heading: float) -> None:
+    """Refinement alone stays where it began: the walls fit everywhere, one niche is no slope."""
+    walls = (*WALLS, *NICHE)
+    true = np.array([0.3, 0.1, heading])
+    points, grid = seen_from(true, walls), grid_of(walls)
+    start = true + [off_m, 0.02, 0.01]
+    alone, *_ = refine_near(grid, points, start, *LOOSELY)
+    found = aligned(grid, points, start, *LOOSELY, REACH_M)
+    assert abs(alone[0] - true[0]) > 0.3
+    assert np.abs(found.pose - true) == pytest.approx(0.0, abs=0.02)
+    assert found.score == pytest.approx(mean_likelihood(grid, points, found.pose))
+    assert sigmas_m(found).max() < 0.1
+
+
+def test_of_a_bare_corridor_nothing_is_known_along_it() -> None:
+    """Every place within reach fits alike: a uniform distribution. Across it is as sure as ever."""
+    start = np.array([0.0, 0.05, 0.0])
+    found = aligned(grid_of(WALLS), seen_from(np.zeros(3), WALLS), start, *LOOSELY, REACH_M)
+    along_m, across_m = sigmas_m(found)
+    assert along_m == pytest.approx(REACH_M / np.sqrt(3.0), rel=0.1)
+    assert across_m < 0.02
+    assert found.pose[1] == pytest.approx(0.0, abs=0.01)
+
+
+def test_in_a_room_the_curvature_says_it_all() -> None:
+    true = np.array([0.2, 0.7, 0.3])
+    start = compose(true, np.array([0.05, -0.04, 0.02]))
+    found = aligned(grid_of(ROOM), seen_from(true, ROOM), start, *LOOSELY, REACH_M)
+    assert np.abs(found.pose - true) == pytest.approx(0.0, abs=0.01)
+    ratio = np.linalg.det(found.over_reach) / np.linalg.det(found.information)
+    assert 0.1 < ratio <= 1.0
+
+
+def test_two_niches_alike_leave_both_open() -> None:
+    """What is seen of one fits the other: the spread is what brute force over the steps has."""
+    other = tuple((a - 0.9, b, c - 0.9, d) for a, b, c, d in NICHE)
+    walls = (*WALLS, *NICHE, *other)
+    points = seen_from(np.zeros(3), (*WALLS, *NICHE))
+    grid = grid_of(walls)
+    found = aligned(grid, points, np.zeros(3), *LOOSELY, REACH_M)
+    steps_m = np.linspace(-REACH_M, REACH_M, 221)
+    fits = np.array(
+        [len(points) * mean_likelihood(grid, points, found.pose + [d, 0.0, 0.0]) for d in steps_m]
+    )
+    shares = np.exp(LOOSELY[1] * (fits - fits.max()))
+    brute_m = float(np.sqrt((shares * steps_m**2).sum() / shares.sum()))
+    assert brute_m > 0.3
+    assert sigmas_m(found)[0] == pytest.approx(brute_m, rel=0.1)
+
+
+def test_loosening_adds_a_variance_along_an_axis_and_nothing_else() -> None:
+    rng = np.random.default_rng(4)
+    root = rng.normal(size=(3, 3))
+    information, turn = root @ root.T + np.eye(3), 0.7
+    axis = np.array([np.cos(turn), np.sin(turn)])
+    along = np.append(axis, 0.0)
+    held = 1.0 / float(along @ information @ along)
+    added = np.linalg.inv(_loosened(information, axis, held + 0.4)) - np.linalg.inv(information)
+    assert added == pytest.approx(0.4 * np.outer(along, along))
+    assert _loosened(information, axis, 0.9 * held) is information
+    assert _loosened(np.zeros((3, 3)), axis, 1.0) == pytest.approx(np.zeros((3, 3)))
+
+
+def test_what_the_points_show_is_where_they_are() -> None:
+    """The fixture itself: points carried to the pose lie on the walls."""
+    pose = np.array([0.3, -0.2, 0.5])
+    points = seen_from(pose, ROOM)
+    assert mean_likelihood(grid_of(ROOM), points, pose) > 0.95
+    there = transform_points(pose, points)
+    assert np.minimum(2.0 - np.abs(there[:, 0]), 2.0 - np.abs(there[:, 1] - 1.0)) == pytest.approx(
+        0.0, abs=1e-9
+    )
