@@ -28,6 +28,7 @@ from slarm_graph.radio.shadows import (
     GRAZE_CELLS,
     boxes_of_cells,
     hidden_points,
+    in_front,
     next_around,
     outlines_of_shadows,
     shadowed_cells,
@@ -100,9 +101,10 @@ def line_of_sight_past_cells(
     filled = copy_of(cells, where).view(np.uint8)
     if mount_radius_m > 0.0:
         _empty_mount(geometry, filled, np.array([x, y]), mount_radius_m)
-    boxes, tops = boxes_of_cells(filled, 0.0, known_tiles(where))
+    boxes, _ = boxes_of_cells(filled, 0.0, known_tiles(where))
     del filled
-    scales = _scales(np.full(len(tops), np.inf), z, antenna_height_m)
+    boxes = boxes[in_front(_in_cells(geometry, np.array([x, y])), boxes)]
+    scales = _scales(np.full(len(boxes), np.inf), z, antenna_height_m)
     return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 
 
