@@ -198,11 +198,12 @@ def shadow_outlines(
         Number of the set that each belongs to, ascending.
     """
     plans, sides, of = [], [], []
-    for number, solids in enumerate(sets):
-        for part, slack in zip(_plans(solids, None), (1.0, -1.0), strict=True):
-            plans += part
-            sides += [slack] * len(part)
-            of += [number] * len(part)
+    solids = [(number, solid) for number, solids in enumerate(sets) for solid in solids]
+    cut = convex_plans([solid.corners_m for _, solid in solids])
+    for (number, solid), pieces in zip(solids, cut, strict=True):
+        plans += [(piece, solid.height_m) for piece in pieces]
+        sides += [1.0 if len(pieces) == 1 else -1.0] * len(pieces)
+        of += [number] * len(pieces)
     corners, starts, tops_m = _end_to_end(plans)
     eye, inside = _in_cells(geometry, position_m[:2]), _in_cells(geometry, corners)
     scales = _scales(tops_m, float(position_m[2]), antenna_height_m)
