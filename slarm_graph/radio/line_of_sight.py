@@ -249,7 +249,9 @@ def line_of_sight_to_points(
     whole, cut = _plans(solids, None)
     if not solids:
         return np.ones(len(points), dtype=np.bool_)
-    corners, starts, tops_m = _end_to_end(whole + cut)
+    # What is near hides most: few of the others are then asked.
+    nearest_first = sorted(whole + cut, key=lambda plan: math.dist(plan[0][0], (x, y)))
+    corners, starts, tops_m = _end_to_end(nearest_first)
     scales = _scales(tops_m, float(z), antenna_height_m)
     return ~hidden_points(np.array([x, y]), points, corners, starts, scales)
 

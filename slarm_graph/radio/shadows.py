@@ -73,9 +73,9 @@ def boxes_of_cells(
 
 
 def in_front(eye: Floats, boxes: NDArray[np.int64]) -> Mask:
-    """Which boxes (N, 4) may hide from the eye (2,) what no box before them hides; lengths in cells.
+    """Which boxes (N, 4) of endless height may hide from the eye (2,) what none before them hides.
 
-    Of all others every direction is filled by a nearer one, however high what lies behind is.
+    Every direction in which one of the others is seen is filled by a nearer one; lengths in cells.
     """
     parts = np.array_split(boxes, len(boxes) // _BOXES + 1)
     ends = np.full(_SECTORS, np.inf)
@@ -93,7 +93,7 @@ def in_front(eye: Floats, boxes: NDArray[np.int64]) -> Mask:
 
 
 def _seen(eye: Floats, boxes: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
-    """First and last direction (N,) of boxes [sectors], nearest and farthest point; 0, inf around."""
+    """First and last direction [sectors], nearest and farthest point of boxes; around it 0, inf."""
     low, high = boxes[:, :2] - eye, boxes[:, 2:] - eye
     nearest = np.hypot(*np.maximum(np.maximum(low, -high), 0.0).T)
     farthest = np.where(nearest > 0.0, np.hypot(*np.maximum(high, -low).T), np.inf)

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 import shapely
-from shapely import MultiPoint, Polygon
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise, next_corners, signed_area_m2
@@ -74,7 +73,7 @@ def candidates_on(
         yield _island(outline, returns)
     inward = _turns(corners) > _LEAST_TURN
     most = min(_MOST_SIDES, count - 1)
-    around, ends = np.concatenate([corners, corners[:most]]), np.concatenate([inward, inward[:most]])
+    around, ends = (np.concatenate([one, one[:most]]) for one in (corners, inward))
     for first in np.flatnonzero(inward).tolist():
         ahead = around[first : first + most + 1]
         extent_m = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
@@ -89,8 +88,8 @@ def candidates_on(
 
 def convex_hull(points: Floats) -> Floats:
     """Corners (K, 2) of the convex hull of points (N, 2), counter-clockwise."""
-    hull = MultiPoint(points).convex_hull
-    if not isinstance(hull, Polygon):
+    hull = shapely.MultiPoint(points).convex_hull
+    if not isinstance(hull, shapely.Polygon):
         return points
     return counter_clockwise(np.asarray(hull.exterior.coords)[:-1])
 
@@ -128,9 +127,9 @@ def _around_returns(ring: Floats, returns: Returns) -> Floats:
     # What is farther from the box around the ring is not asked for: most of a long one's circle.
     off_m = np.maximum(ring.min(axis=0) - points, points - ring.max(axis=0)).max(axis=1)
     points = points[off_m < 2.0 * _BAND_M]
-    plan = shapely.Polygon(ring.astype(np.float32))
-    shapely.prepare(plan)
-    points = points[shapely.dwithin(plan, shapely.points(points.astype(np.float32)), _BAND_M)]
+    area = shapely.Polygon(ring)
+    shapely.prepare(area)
+    points = points[shapely.dwithin(area, shapely.points(points), _BAND_M)]
     if len(points) < 3:
         return ring
     hull = convex_hull(points)
