@@ -101,7 +101,8 @@ def geographic_figure(geographic: GeographicMap) -> Figure:
     fig = go.Figure()
     picture, geometry = _class_picture(geographic.states, geographic.geometry, _STATES)
     put_map_below(fig, picture, geometry)
-    _put_legend(fig, (v for s, v in _STATES.items() if s in _found(geographic)))
+    found = _found(geographic)
+    _put_legend(fig, (look for state, look in _STATES.items() if state in found))
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
     known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
     _put_outlines(fig, known[:_MOST_TOLD], told=True)

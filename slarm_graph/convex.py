@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
-from slarm_graph.polygons import contains, counter_clockwise
+from slarm_graph.polygons import contains, counter_clockwise, next_corners
 
 
 def nearest_on_outline(corners_m: ArrayLike, point: ArrayLike) -> tuple[Floats, Floats]:
@@ -23,7 +23,7 @@ def nearest_on_outline(corners_m: ArrayLike, point: ArrayLike) -> tuple[Floats, 
     point : (2,)
     """
     a = np.asarray(corners_m, dtype=np.float64)
-    edge = np.roll(a, -1, axis=0) - a
+    edge = next_corners(a) - a
     length_sq = np.maximum(np.sum(edge * edge, axis=1), 1e-300)
     share = np.clip(np.sum((np.asarray(point) - a) * edge, axis=1) / length_sq, 0.0, 1.0)
     feet = a + share[:, None] * edge
@@ -39,8 +39,8 @@ def is_convex(corners_m: ArrayLike) -> bool:
 
 def _are_convex(corners: Floats) -> Mask:
     """Which polygons (..., K, 2) never turn right."""
-    edge = np.roll(corners, -1, axis=-2) - corners
-    ahead = np.roll(edge, -1, axis=-2)
+    edge = next_corners(corners) - corners
+    ahead = next_corners(edge)
     turn = edge[..., 0] * ahead[..., 1] - edge[..., 1] * ahead[..., 0]
     scale = np.linalg.norm(edge, axis=-1) * np.linalg.norm(ahead, axis=-1)
     return np.asarray((turn >= -1e-12 * scale).all(axis=-1))

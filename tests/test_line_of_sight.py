@@ -14,12 +14,14 @@ from slarm_graph.convex import convex_pieces, is_convex
 from slarm_graph.frontends.simulation.random_worlds import random_world
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains, signed_area_m2
+from slarm_graph.radio import shadows
 from slarm_graph.radio.line_of_sight import (
     line_of_sight_over_cells,
+    line_of_sight_past_cells,
     line_of_sight_past_solids,
     line_of_sight_to_points,
 )
-from slarm_graph.radio.shadows import next_around
+from slarm_graph.radio.shadows import in_front, next_around
 from slarm_graph.world import Solid
 
 HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]
@@ -265,3 +267,16 @@ def test_a_ray_along_the_sides_of_a_box_is_hidden_by_it_and_passes_beside_it(qua
         eye, point = turn @ [-4.0, across_m], turn @ [4.0, across_m]
         found = line_of_sight_to_points(point[None], [wall], np.array([*eye, 2.0]), 0.5)
         assert found.tolist() == [is_clear]
+
+
+@pytest.mark.parametrize("eye", [(60.0, 45.0), (31.5, 8.25), (-40.0, 17.0), (75.3, 89.9)])
+def test_cells_behind_others_hide_nothing_else(eye: tuple[float, float]) -> None:
+    rng, geometry = np.random.default_rng(11), GridGeometry(0.0, 0.0, 0.05, 90, 120)
+    coarse = rng.random((18, 24)) < 0.3
+    cells = coarse.repeat(5, axis=0).repeat(5, axis=1) ^ (rng.random(geometry.shape) < 0.02)
+    position_m = [*(0.05 * np.array(eye)), 2.5]
+    clear = line_of_sight_over_cells(geometry, np.where(cells, np.inf, 0.0), position_m, 0.5)
+    past = line_of_sight_past_cells(geometry, cells, position_m, 0.5)
+    np.testing.assert_array_equal(past, clear)
+    boxes, _ = shadows.boxes_of_cells(cells, 0.0, np.ones((3, 3), dtype=np.bool_))
+    assert in_front(np.array(eye), boxes).mean() < 0.5

@@ -72,15 +72,23 @@ class GridMapper:
         times : int
             -1 takes back what was integrated with the same pose and rate.
         """
-        beams = beams_in_map(scan, pose, pose_rate, self._config.max_range_m)
+        beams = self._beams(scan, pose, pose_rate)
         if not len(beams):
             return
-        box = _box(beams)
-        if self._grows:
-            self._cover(box)
-        self._note(box)
+        self._note(_box(beams))
         g = self._geometry
         _walk(self._hits, self._visits, g.origin_x_m, g.origin_y_m, g.resolution_m, beams, times)
+
+    def make_room(self, scan: LaserScan, pose: Floats, pose_rate: Floats | None = None) -> None:
+        """Grow to hold a scan that is yet to be added; as long as nothing is, no count is moved."""
+        self._beams(scan, pose, pose_rate)
+
+    def _beams(self, scan: LaserScan, pose: Floats, pose_rate: Floats | None) -> Floats:
+        """Beams (B, 5) of a scan in the map, for which there is room."""
+        beams = beams_in_map(scan, pose, pose_rate, self._config.max_range_m)
+        if self._grows and len(beams):
+            self._cover(_box(beams))
+        return beams
 
     def occupied(self, window: Window = _EVERYTHING) -> Mask:
         """Cells held to be occupied, of all or of a part of them."""
@@ -187,7 +195,7 @@ class GridMapper:
                 f"map would be {cols} x {rows} cells; raise mapping.resolution_m"
                 " or mapping.max_cells"
             )
-        where = self._tiles_of(g) or g.shape
+        where = (self._tiles_of(g) or g.shape) if self._boxes else KnownTiles.none(g.shape)
         self._hits = _padded(self._hits, (rows, cols), below, left, where)
         self._visits = _padded(self._visits, (rows, cols), below, left, where)
         self._geometry = GridGeometry(

@@ -40,8 +40,12 @@ def render(
         Cells are coarser where there would be more than `max_cells`.
     """
     mapper = GridMapper(_drawable(scans, trajectory, config))
-    for scan, pose, rate in zip(scans, trajectory.poses, pose_rates(trajectory), strict=True):
-        mapper.add(scan, pose, rate)
+    motions = list(zip(scans, trajectory.poses, pose_rates(trajectory), strict=True))
+    # Moving the counts of a clinic to ever larger grids takes as long as drawing them.
+    for motion in motions:
+        mapper.make_room(*motion)
+    for motion in motions:
+        mapper.add(*motion)
     return mapper.grid()
 
 

@@ -28,6 +28,7 @@ from slarm_graph.radio.shadows import (
     GRAZE_CELLS,
     boxes_of_cells,
     hidden_points,
+    in_front,
     next_around,
     outlines_of_shadows,
     shadowed_cells,
@@ -100,9 +101,10 @@ def line_of_sight_past_cells(
     filled = copy_of(cells, where).view(np.uint8)
     if mount_radius_m > 0.0:
         _empty_mount(geometry, filled, np.array([x, y]), mount_radius_m)
-    boxes, tops = boxes_of_cells(filled, 0.0, known_tiles(where))
+    boxes, _ = boxes_of_cells(filled, 0.0, known_tiles(where))
     del filled
-    scales = _scales(np.full(len(tops), np.inf), z, antenna_height_m)
+    boxes = boxes[in_front(_in_cells(geometry, np.array([x, y])), boxes)]
+    scales = _scales(np.full(len(boxes), np.inf), z, antenna_height_m)
     return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 
 
@@ -196,11 +198,12 @@ def shadow_outlines(
         Number of the set that each belongs to, ascending.
     """
     plans, sides, of = [], [], []
-    for number, solids in enumerate(sets):
-        for part, slack in zip(_plans(solids, None), (1.0, -1.0), strict=True):
-            plans += part
-            sides += [slack] * len(part)
-            of += [number] * len(part)
+    solids = [(number, solid) for number, solids in enumerate(sets) for solid in solids]
+    cut = convex_plans([solid.corners_m for _, solid in solids])
+    for (number, solid), pieces in zip(solids, cut, strict=True):
+        plans += [(piece, solid.height_m) for piece in pieces]
+        sides += [1.0 if len(pieces) == 1 else -1.0] * len(pieces)
+        of += [number] * len(pieces)
     corners, starts, tops_m = _end_to_end(plans)
     eye, inside = _in_cells(geometry, position_m[:2]), _in_cells(geometry, corners)
     scales = _scales(tops_m, float(position_m[2]), antenna_height_m)
@@ -246,7 +249,9 @@ def line_of_sight_to_points(
     whole, cut = _plans(solids, None)
     if not solids:
         return np.ones(len(points), dtype=np.bool_)
-    corners, starts, tops_m = _end_to_end(whole + cut)
+    # What is near hides most: few of the others are then asked.
+    nearest_first = sorted(whole + cut, key=lambda plan: math.dist(plan[0][0], (x, y)))
+    corners, starts, tops_m = _end_to_end(nearest_first)
     scales = _scales(tops_m, float(z), antenna_height_m)
     return ~hidden_points(np.array([x, y]), points, corners, starts, scales)
 

@@ -5,11 +5,12 @@
 from __future__ import annotations
 
 import math
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.geometry import Floats
+from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.grid import Mask
 from slarm_graph.kernels import kernel
 from slarm_graph.raster.bands import by_windows
@@ -18,6 +19,14 @@ from slarm_graph.tiles import TILE_CELLS, Where, Window
 
 GRAZE_CELLS = 1e-9
 """A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
+
+_SECTORS: Final = 1 << 13
+"""Directions told apart when looking for what stands in front; a cell fills one up to 1300 cells
+away. Of 243,000 boxes in a clinic 32,000, 8000 and 4800 are left with half of it, it and double."""
+_EDGE_SECTORS: Final = 1e-3
+"""0.8 microradians: above rounding, and far beyond the slack of what grazes."""
+_BOXES: Final = 1 << 15
+"""Looked at together, of a few tens of sectors each: megabytes."""
 
 
 @kernel
@@ -61,6 +70,47 @@ def boxes_of_cells(
             begun_at[first] = count
             count += 1
     return boxes[:count], tops[:count]
+
+
+def in_front(eye: Floats, boxes: NDArray[np.int64]) -> Mask:
+    """Which boxes (N, 4) of endless height may hide from the eye (2,) what none before them hides.
+
+    Every direction in which one of the others is seen is filled by a nearer one; lengths in cells.
+    """
+    parts = np.array_split(boxes, len(boxes) // _BOXES + 1)
+    ends = np.full(_SECTORS, np.inf)
+    for part in parts:
+        first, last, _, farthest = _seen(eye, part)
+        filled, of = _ranges(np.ceil(first + _EDGE_SECTORS), np.floor(last - _EDGE_SECTORS))
+        np.minimum.at(ends, filled, farthest[of])
+    front = []
+    for part in parts:
+        first, last, nearest, _ = _seen(eye, part)
+        touched, of = _ranges(np.floor(first - _EDGE_SECTORS), np.ceil(last + _EDGE_SECTORS))
+        seen = ends[touched] >= nearest[of]
+        front.append(np.bincount(of, weights=seen, minlength=len(part)) > 0.0)
+    return np.concatenate(front)
+
+
+def _seen(eye: Floats, boxes: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
+    """First and last direction [sectors], nearest and farthest point of boxes; around it 0, inf."""
+    low, high = boxes[:, :2] - eye, boxes[:, 2:] - eye
+    nearest = np.hypot(*np.maximum(np.maximum(low, -high), 0.0).T)
+    farthest = np.where(nearest > 0.0, np.hypot(*np.maximum(high, -low).T), np.inf)
+    y, x = np.stack([low, low, high, high])[..., 1], np.stack([low, high, low, high])[..., 0]
+    angles = np.arctan2(y, x)
+    off = wrap_angles(angles - angles[0])
+    first, last = angles[0] + off.min(axis=0), angles[0] + off.max(axis=0)
+    sector = 2.0 * np.pi / _SECTORS
+    return first / sector, last / sector, nearest, farthest
+
+
+def _ranges(first: Floats, past: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Numbers of the sectors of ranges, one after the other, and of which range each is."""
+    count = np.maximum(past - first, 0.0).astype(np.int64)
+    of = np.repeat(np.arange(len(count)), count)
+    rank = np.arange(len(of)) - (np.cumsum(count) - count)[of]
+    return (first.astype(np.int64)[of] + rank) % _SECTORS, of
 
 
 def shadowed_cells(

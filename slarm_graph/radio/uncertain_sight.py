@@ -162,6 +162,8 @@ def _share_of_points(
         if not any(group.standing):
             continue
         mine = order[_behind(angles[order], max(group.standing, key=len), position_m[:2])]
+        if not len(mine):
+            continue
         hidden = np.zeros(len(mine), dtype=np.int64)
         for standing, count in zip(group.standing, group.counts, strict=True):
             clear = line_of_sight_to_points(points_m[mine], standing, position_m, antenna_height_m)

@@ -41,12 +41,13 @@ def outlines_m(geometry: GridGeometry, mask: Mask, tiles: KnownTiles | None = No
 
 def simplified_m(outline_m: Floats, tolerance_m: float) -> Floats:
     """Drop corners (Douglas-Peucker) that lie within a tolerance of the outline without them."""
-    kept = cv2.approxPolyDP(outline_m.astype(np.float32).reshape(-1, 1, 2), tolerance_m, True)
+    single = outline_m.astype(np.float32)
+    kept = cv2.approxPolyDP(single[:, None], tolerance_m, True)
     if len(kept) < 3:
         return outline_m
     # The image library works in single precision: take the exact corner that is meant.
-    exact = dict(zip(map(tuple, outline_m.astype(np.float32)), outline_m, strict=True))
-    return np.array([exact[tuple(corner)] for corner in kept[:, 0]])
+    number = {tuple(corner): n for n, corner in enumerate(single.tolist())}
+    return outline_m[[number[tuple(corner)] for corner in kept[:, 0].tolist()]]
 
 
 @kernel

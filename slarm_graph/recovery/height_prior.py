@@ -123,4 +123,5 @@ def height_group(
         Of the map's solids.
     kinds : sequence of PlanKind, as many
     """
-    return HeightGroup(tuple(numbers), np.stack([prior.levels_m(kind) for kind in kinds], axis=1))
+    levels_m = {kind: prior.levels_m(kind) for kind in set(kinds)}
+    return HeightGroup(tuple(numbers), np.stack([levels_m[kind] for kind in kinds], axis=1))

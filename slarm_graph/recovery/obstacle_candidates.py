@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from shapely import MultiPoint, Polygon
+import shapely
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise, next_corners, signed_area_m2
@@ -72,14 +72,15 @@ def candidates_on(
     if signed_area_m2(corners) < 0.0 and np.ptp(corners, axis=0).max() <= longest_m:
         yield _island(outline, returns)
     inward = _turns(corners) > _LEAST_TURN
+    most = min(_MOST_SIDES, count - 1)
+    around, ends = (np.concatenate([one, one[:most]]) for one in (corners, inward))
     for first in np.flatnonzero(inward).tolist():
-        for length in range(2, min(_MOST_SIDES, count - 1) + 1):
-            if not inward[(first + length) % count]:
-                continue
+        ahead = around[first : first + most + 1]
+        extent_m = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
+        fits = ends[first : first + most + 1] & (extent_m.max(axis=1) <= longest_m)
+        for length in (np.flatnonzero(fits[2:]) + 2).tolist():
             sides = tuple((first + k) % count for k in range(length))
-            run = corners[[*sides, (first + length) % count]]
-            if np.ptp(run, axis=0).max() > longest_m:
-                break
+            run = ahead[: length + 1]
             box = _box(outline, sides, run) if signed_area_m2(run) < 0.0 else None
             if box is not None:
                 yield _before_a_wall(sides, run, box)
@@ -87,8 +88,8 @@ def candidates_on(
 
 def convex_hull(points: Floats) -> Floats:
     """Corners (K, 2) of the convex hull of points (N, 2), counter-clockwise."""
-    hull = MultiPoint(points).convex_hull
-    if not isinstance(hull, Polygon):
+    hull = shapely.MultiPoint(points).convex_hull
+    if not isinstance(hull, shapely.Polygon):
         return points
     return counter_clockwise(np.asarray(hull.exterior.coords)[:-1])
 
@@ -126,9 +127,9 @@ def _around_returns(ring: Floats, returns: Returns) -> Floats:
     # What is farther from the box around the ring is not asked for: most of a long one's circle.
     off_m = np.maximum(ring.min(axis=0) - points, points - ring.max(axis=0)).max(axis=1)
     points = points[off_m < 2.0 * _BAND_M]
-    single = ring.astype(np.float32)
-    near = [cv2.pointPolygonTest(single, (float(x), float(y)), True) > -_BAND_M for x, y in points]
-    points = points[np.array(near, dtype=np.bool_)]
+    area = shapely.Polygon(ring)
+    shapely.prepare(area)
+    points = points[shapely.dwithin(area, shapely.points(points), _BAND_M)]
     if len(points) < 3:
         return ring
     hull = convex_hull(points)

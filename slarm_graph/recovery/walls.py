@@ -142,15 +142,15 @@ def _fit(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> W
     length = math.sqrt(step.dot(step))
     along = step / max(length, 1e-12)
     wall = Wall(start, end, start, along, fitted=False)
-    trim = min(_END_CELLS * resolution_m, 0.25 * length)
     if length < max(_SHORTEST_M, 3 * resolution_m):
         return wall
+    trim = min(_END_CELLS * resolution_m, 0.25 * length)
     band_m = _BAND_CELLS * resolution_m
     points, weights = returns.around(0.5 * (start + end), math.hypot(0.5 * length, band_m))
     s = (points - start) @ along
     near = (s > trim) & (s < length - trim) & (np.abs(wall.off_m(points)) <= band_m)
     points, weights = points[near], weights[near]
-    covered = len(np.unique((s[near] / resolution_m).astype(np.int64)))
+    covered = np.count_nonzero(np.bincount((s[near] / resolution_m).astype(np.int64)))
     if covered < max(3.0, _COVERED_SHARE * (length - 2 * trim) / resolution_m):
         return wall
     for _ in range(3):
@@ -171,16 +171,14 @@ def _inliers(off_m: Floats, weights: Floats) -> Mask:
 def _weighted_median(values: Floats, weights: Floats) -> float:
     order = np.argsort(values)
     total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, 0.5 * total[-1])])
+    return float(values[order[total.searchsorted(0.5 * total[-1])]])
 
 
 def _least_squares(start: Floats, end: Floats, points: Floats, weights: Floats) -> Wall:
     """Total least squares line, directed from start to end."""
-    anchor = np.average(points, axis=0, weights=weights)
-    rel = points - anchor
-    xx, yy, xy = (
-        float(np.sum(weights * rel[:, i] * rel[:, j])) for i, j in ((0, 0), (1, 1), (0, 1))
-    )
+    anchor = (points * weights[:, None]).sum(axis=0) / weights.sum()
+    x, y = (points - anchor).T
+    xx, yy, xy = (float((weights * a * b).sum()) for a, b in ((x, x), (y, y), (x, y)))
     angle = 0.5 * math.atan2(2 * xy, xx - yy)
     direction = np.array([math.cos(angle), math.sin(angle)])
     if direction @ (end - start) < 0.0:
@@ -270,11 +268,15 @@ def _foot(wall: Wall, point: Floats) -> Floats:
 
 def _corner(a: Wall, b: Wall, resolution_m: float) -> Floats | None:
     """Where two walls meet; None when they are nearly parallel or meet far from their corner."""
-    cross = a.direction[0] * b.direction[1] - a.direction[1] * b.direction[0]
+    # Of single numbers Python's own are several times as fast as numpy's.
+    (ax, ay), (bx, by) = a.direction.tolist(), b.direction.tolist()
+    cross = ax * by - ay * bx
     if abs(cross) < math.sin(_PARALLEL_RAD):
         near = np.linalg.norm(_foot(a, b.start) - _foot(b, b.start)) < 1e-9
         return _foot(b, b.start) if near else None
-    meet = np.asarray(a.anchor + a.direction * (b.off_m(a.anchor) / cross))
-    if np.linalg.norm(meet - b.start) > _CORNER_CELLS * resolution_m:
+    (x, y), (off_x, off_y) = a.anchor.tolist(), (a.anchor - b.anchor).tolist()
+    along = (bx * off_y - by * off_x) / cross
+    meet = x + ax * along, y + ay * along
+    if math.dist(meet, b.start.tolist()) > _CORNER_CELLS * resolution_m:
         return None
-    return meet
+    return np.array(meet)
