@@ -108,6 +108,7 @@ def radio_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Make the radio map over any map_server map, predicted or measured, and plan with it."""
+    from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.planning_radio import radio_over_map
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
@@ -125,6 +126,7 @@ def radio_command(
     if fading is not None:
         print(made.save_fading(folder, fading, outage, resolved.seed))
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
+    show_notices(made.notices)
     print(f"{made.words} -> {folder.path}")
     if wanted is not None:
         _tell_plan(made, wanted, resolved, folder)

@@ -35,7 +35,9 @@ from slarm_graph.radio.connectivity.signal import (
     noise_floor_dbm,
 )
 from slarm_graph.radio.fading import fading_maps, write_fading
+from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.propagation.over_map import make_model, predicted_radio_map
+from slarm_graph.radio.radio_map import radio_notices
 
 Point = tuple[float, float]
 Save = Callable[[RunFolder], None]
@@ -59,6 +61,8 @@ class RadioOverMap:
         Writes its files into a run folder.
     radio : RadioMap or None
         None where it was measured.
+    notices : tuple of str
+        What a user should know.
     """
 
     geographic: GeographicMap
@@ -66,6 +70,7 @@ class RadioOverMap:
     words: str
     save: Save
     radio: RadioMap | None = None
+    notices: tuple[str, ...] = ()
 
     def save_fading(self, folder: RunFolder, count: int, outage_dbm: float, seed: int) -> str:
         """Write `fading.npz` with realisations; return a line on them.
@@ -108,7 +113,11 @@ def radio_over_map(
         """Write the radio map."""
         save_radio(folder, radio, config.radio)
 
-    return RadioOverMap(geographic, SignalMap.of_prediction(radio), words, save, radio)
+    notices = (
+        *radio_notices(geographic.geometry, points, config.radio),
+        *placement_notices(geographic, points, config.radio.mount_radius_m),
+    )
+    return RadioOverMap(geographic, SignalMap.of_prediction(radio), words, save, radio, notices)
 
 
 def _measured(
@@ -130,7 +139,7 @@ def _measured(
         """Write the measured map."""
         save_measured(folder, measured)
 
-    return RadioOverMap(geographic, signal, f"{names}: measured", save)
+    return RadioOverMap(geographic, signal, f"{names}: measured", save, notices=measured.notices)
 
 
 def save_connections(
