@@ -56,7 +56,7 @@ class Quiet:
 
 
 class Pace:
-    """Steps done and their rate, over the later half of them, so that slow first ones are forgotten.
+    """Steps done and their rate, over the later half of them: slow first ones are forgotten.
 
     Parameters
     ----------
