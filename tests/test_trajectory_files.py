@@ -195,6 +195,15 @@ def test_rows_that_are_not_numbers_are_left_out_with_one_warning(
     assert "2 rows without finite numbers left out, the first in line 2" in caplog.text
 
 
+def test_matrices_that_are_not_numbers_are_left_out_like_other_rows(tmp_path: Path) -> None:
+    """Poses of KITTI's that were not known; the others keep their places in time."""
+    good = "1 0 0 {} 0 1 0 8 0 0 1 0"
+    rows = [good.format(7), " ".join(["nan"] * 12), good.format("inf"), good.format(9)]
+    path = read_trajectory(written(tmp_path, "\n".join(rows)))
+    assert path.stamps_ns.tolist() == [0, 3_000_000_000]
+    assert path.poses[:, 0].tolist() == [7.0, 9.0]
+
+
 def test_a_run_folder_stands_for_its_trajectory(tmp_path: Path) -> None:
     (tmp_path / "trajectory.tum").write_text("x")
     assert trajectory_file(tmp_path).name == "trajectory.tum"
