@@ -129,6 +129,17 @@ def test_the_scale_of_a_path_of_any_size_is_that_of_evo(size: float) -> None:
     assert found["scale_ratio"] * size == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.parametrize(
+    ("delta", "unit", "words"),
+    [(1, "frames", "199 consecutive stretches of 1 frame"),
+     (100, "frames", "1 consecutive stretch of 100 frames"),
+     (0.1, "s", "199 consecutive stretches of 0.1 s")],
+)  # fmt: skip
+def test_stretches_are_counted_in_words(delta: float, unit: str, words: str) -> None:
+    path = room_drive(200)
+    assert relative_errors(associate(path, path), delta, unit).note == words
+
+
 def test_what_stands_still_has_no_scale() -> None:
     path = room_drive()
     pairs = associate(path, replace(path, poses=0.0 * path.poses))

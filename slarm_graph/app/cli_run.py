@@ -242,7 +242,8 @@ def _finish(run: Run, folder: RunFolder) -> int:
 def _show(run: Run, folder: RunFolder) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_notices, show_scans
 
-    show_notices(notice for notice in run.notices() if notice != run.log.problem)
+    heard = run.measured.notices if run.measured else ()
+    show_notices((*run.consistency.notices(), *run.info.notices, *run.slam.notices, *heard))
     show_scans(run.log.statuses())
     show_metrics(run.metrics, title=run.title)
     print(f"verdict: {run.consistency.summary()}")

@@ -22,7 +22,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.run_files import map_file as map_in
 from slarm_graph.files.texts import csv_text
-from slarm_graph.files.trajectories import read_trajectory
+from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
 from slarm_graph.radio.connectivity.another import WallPlace, rank_places
@@ -35,9 +35,7 @@ from slarm_graph.radio.connectivity.signal import (
     noise_floor_dbm,
 )
 from slarm_graph.radio.fading import fading_maps, write_fading
-from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.propagation.over_map import make_model, predicted_radio_map
-from slarm_graph.radio.radio_map import radio_notices
 
 Point = tuple[float, float]
 Save = Callable[[RunFolder], None]
@@ -113,11 +111,7 @@ def radio_over_map(
         """Write the radio map."""
         save_radio(folder, radio, config.radio)
 
-    notices = (
-        *radio_notices(geographic.geometry, points, config.radio),
-        *placement_notices(geographic, points, config.radio.mount_radius_m),
-    )
-    return RadioOverMap(geographic, SignalMap.of_prediction(radio), words, save, radio, notices)
+    return RadioOverMap(geographic, SignalMap.of_prediction(radio), words, save, radio)
 
 
 def _measured(
@@ -130,7 +124,9 @@ def _measured(
     if way is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
-    measured = measured_map(logs, SlamResult(read_trajectory(way)), geographic, points, config)
+    measured = measured_map(
+        logs, SlamResult(read_trajectory(trajectory_file(way))), geographic, points, config
+    )
     assert measured is not None
     names = ", ".join(ap.name for ap in measured.access_points)
     signal = SignalMap.of_measured(measured)
