@@ -15,8 +15,11 @@ LINE_EVERY_S = 10.0
 _DRAW_EVERY_S = 0.1
 """Ten times a second looks smooth and costs nothing that shows."""
 _STEPS_KNOWN = 8
-"""Steps after the first ones before a rate is told: kernels compile within the first. With half as
-many a first run tells hours, with twice as many nothing is told of what takes a minute."""
+"""Steps after the first ones before a rate is told. With half as many the first loop closure sets
+it, with twice as many nothing is told of what takes a minute."""
+_SHARE_OF_ONE = 0.5
+"""Of the time that a rate is of: where one step takes more, a kernel was compiled in it (40 s
+among the first scans of a first run). With 0.25 long steps hide the rate, with 1 hours are told."""
 
 
 class Progress(Protocol):
@@ -66,14 +69,20 @@ class Pace:
 
     def __init__(self, total: int | None = None) -> None:
         self.done, self._total = 0, total
-        self.started_s = time.monotonic()
+        self.started_s = self._last_s = time.monotonic()
         self._from = self._next = (0, self.started_s)
+        self._slowest_s = (0.0, 0.0)
 
     def advance(self) -> None:
         """Count a step."""
         self.done += 1
+        now_s = time.monotonic()
+        earlier_s, later_s = self._slowest_s
+        self._slowest_s = earlier_s, max(later_s, now_s - self._last_s)
+        self._last_s = now_s
         if self.done & (self.done - 1) == 0:
-            self._from, self._next = self._next, (self.done, time.monotonic())
+            self._from, self._next = self._next, (self.done, now_s)
+            self._slowest_s = self._slowest_s[1], 0.0
 
     def words(self) -> str:
         """How far it is; rate and time left only once they are known."""
@@ -89,10 +98,14 @@ class Pace:
         return f"{self.done} of {total} ({self.done / max(total, 1):.0%})"
 
     def _rate(self) -> float | None:
-        """Steps per second; None before it is known: of few steps, after the second."""
-        steps, since_s = self.done - self._from[0], time.monotonic() - self._from[1]
+        """Steps per second; None before it is known."""
+        now_s = time.monotonic()
+        steps, since_s = self.done - self._from[0], now_s - self._from[1]
         few = _STEPS_KNOWN if self._total is None else min(_STEPS_KNOWN, self._total // 8)
-        return steps / since_s if self._from[0] and steps >= max(few, 1) and since_s > 0.0 else None
+        slowest_s = max(*self._slowest_s, now_s - self._last_s)
+        if not self._from[0] or steps < few or slowest_s > _SHARE_OF_ONE * since_s:
+            return None
+        return steps / since_s if since_s > 0.0 else None
 
 
 class Lines:
