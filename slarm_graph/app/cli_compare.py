@@ -129,7 +129,7 @@ def compare_command(
     plan.trials(out)  # what is wrong with it is told before there is a folder
     folder = open_comparison(out, name, overwrite=overwrite)
     counted = ((len(found), "source"), (len(plan.backends), "backend"), (seeds, "seed"))
-    what = ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counted)
+    what = ", ".join(count_of(n, word) for n, word in counted)
     budget_s = None if budget is None else 60.0 * budget
     run = partial(compare, workers=jobs, scheduler=scheduler, upload=upload, budget_s=budget_s)
     return _compare(plan.trials(folder.path), folder, what, run, others)
