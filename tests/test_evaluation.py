@@ -142,7 +142,7 @@ def test_stretches_are_counted_in_words(delta: float, unit: str, words: str) -> 
 
 def test_what_stands_still_has_no_scale() -> None:
     path = room_drive()
-    pairs = associate(path, replace(path, poses=0.0 * path.poses))
+    pairs = associate(path, replace(path, poses=0.0 * path.poses + [3.0, 4.0, 1.0]))
     assert "scale_ratio" not in {metric.name for metric in trajectory_metrics(pairs)}
 
 

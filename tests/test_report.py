@@ -216,10 +216,11 @@ def test_obstacles_tell_their_heights_in_one_line() -> None:
 
 
 def small_content(**changes: Any) -> ReportContent:
-    """A report of two poses on a free map."""
+    """A report of three poses on a free map."""
     cells = np.zeros((8, 8), dtype=np.float32)
     grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.5, 8, 8), cells)
-    path = Trajectory(np.array([0, 61 * 10**9]), np.array([[1.0, 1.0, 0.0], [4.0, 5.0, 0.0]]))
+    poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0], [4.0, 2.0, 1.0]])
+    path = Trajectory(np.array([0, 10**9, 61 * 10**9]), poses)
     return ReportContent("t", "l", grid, {"e": path}, as_geographic(grid), None,
                          **{"metrics": [], "record": {}, "scans": [], "tables": [],
                             "notices": [], "config_text": "", **changes})  # fmt: skip
@@ -230,7 +231,7 @@ def test_every_headline_is_among_the_key_facts_and_nothing_else_of_the_metrics()
     metrics = [Metric(name, 0.5 + k) for k, name in enumerate(names)]
     facts = report._key_facts(small_content(metrics=metrics, verdict="consistent"))
     assert facts[:4] == [
-        ("2", "scans used"), ("61 s", "recorded"), ("5.0 m", "driven"),
+        ("3", "scans used"), ("61 s", "recorded"), ("4.0 m", "driven"),
         ("consistent", "says the run of itself"),
     ]  # fmt: skip
     expected = [
