@@ -21,6 +21,7 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
 from slarm_graph.backends.misfits import reconciled
 from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
@@ -76,7 +77,9 @@ def close_finally(
     graph.close(far_off, heartbeat)
     open_again = disputed(graph)
     if open_again:
-        heartbeat(f"weighing {len(open_again)} closures against what they had turned down")
+        heartbeat(
+            f"weighing {count_of(len(open_again), 'closure')} against what they had turned down"
+        )
         graph = reopened(graph, open_again, heartbeat)
     graph = reconciled(graph, matcher, heartbeat)
     return graph, len(consistent_sets(graph.far_off(), graph))

@@ -13,6 +13,7 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.graph_constraints import limits_of
 from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize_gnc
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
@@ -90,8 +91,8 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
     }
     told = ", ".join(f"{words} in {count}" for words, count in counts.items() if count)
     return (
-        f"matches of scans and odometry contradict each other in {len(believed)} of {steps} steps"
-        f" of the graph: believed are {told}",
+        f"matches of scans and odometry contradict each other in {len(believed)} of"
+        f" {count_of(steps, 'step')} of the graph: believed are {told}",
     )
 
 

@@ -11,6 +11,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.config import FrontendConfig, Stage
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, RunFailed
 from slarm_graph.geometry import Floats, Pose2, compose, invert
 from slarm_graph.readings import Reading
@@ -59,7 +60,7 @@ class OdometryBackend:
         poses, missing = self._filled()
         trajectory = Trajectory(np.array(self._stamps_ns), compose(invert(poses[0]), poses))
         notices = (
-            (f"{missing} scans without odometry were given the last pose before them",)
+            (f"{count_of(missing, 'scan')} without odometry given the last pose before",)
             if missing
             else ()
         )

@@ -11,6 +11,7 @@ from slarm_graph.backend import Table
 from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.second_pass import MISSED
+from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats
 
 _UPDATE_COLUMNS = (
@@ -54,7 +55,8 @@ def particle_notices(particles: MappingFilter) -> tuple[str, ...]:
     resamplings = sum(chosen.resampled for chosen in particles.selections)
     return (
         *memory_notice(config.particles, config.maps),
-        f"{config.particles} particles, {updates} updates, {resamplings} resamplings,"
+        f"{count_of(config.particles, 'particle')}, {count_of(updates, 'update')},"
+        f" {count_of(resamplings, 'resampling')},"
         f" {particles.maps.memory_bytes / 1e6:.0f} MB of particle maps",
     )
 

@@ -38,6 +38,7 @@ ROOMS: dict[str, str] = {
     "radio": "slarm_graph/radio",
     "recovery": "slarm_graph/recovery",
     "exploration": "slarm_graph/exploration",
+    "consistency": "slarm_graph/consistency",
     "eval": "eval",
     "files": "slarm_graph/files",
 }

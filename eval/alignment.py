@@ -11,6 +11,7 @@ from enum import StrEnum
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.association import Pairs
 from slarm_graph.geometry import Floats, Pose2, between, transform_points, wrap_angles
@@ -139,7 +140,7 @@ def align(
         return replace(_origin(pairs), note=words)
     flat = method is AlignmentMethod.YAW
     fitted = fit(estimate, reference, scaled=method.scales, about_vertical=flat)
-    scope = "" if first is None else f" on the first {first} poses"
+    scope = "" if first is None else f" on the first {count_of(first, 'pose')}"
     return replace(fitted, note=f"{_NAMES[method]}-aligned{scope} by ({_words(fitted)})")
 
 

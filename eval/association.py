@@ -11,6 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.spatial import SpatialTrajectory
@@ -123,7 +124,7 @@ def associate(
         ref_poses, est_poses = reference.at(stamps), shifted.at(stamps)
     if len(stamps) < _MIN_PAIRS:
         raise BadInput(_too_few(len(stamps), ref_stamps, est_stamps, offset_s))
-    note = f"{len(stamps)} of {len(sparse)} poses matched"
+    note = f"{len(stamps)} of {count_of(len(sparse), 'pose')} matched"
     few = len(stamps) < _FEW_MATCHED * len(sparse)
     warning = f"only {note}; the figures speak of that part alone" if few else ""
     return Pairs(stamps, ref_poses, est_poses, len(sparse), note, warning)
@@ -172,8 +173,8 @@ def _too_few(matched: int, reference: Stamps, estimate: Stamps, offset_s: float)
     spans = [f"{s[0] * 1e-9:.3f} ... {s[-1] * 1e-9:.3f} s" for s in (reference, estimate)]
     overlap_s = (min(reference[-1], estimate[-1]) - max(reference[0], estimate[0])) * 1e-9
     message = (
-        f"{matched} poses match, at least {_MIN_PAIRS} are needed: the reference spans {spans[0]},"
-        f" the estimate {spans[1]}, overlap {max(0.0, overlap_s):.3f} s"
+        f"{count_of(matched, 'pose')} matched, at least {_MIN_PAIRS} are needed: the reference"
+        f" spans {spans[0]}, the estimate {spans[1]}, overlap {max(0.0, overlap_s):.3f} s"
     )
     if overlap_s <= 0.0:
         suggestion = offset_s + (int(reference[0]) - int(estimate[0])) * 1e-9

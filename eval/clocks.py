@@ -153,7 +153,7 @@ def _candidates_s(reference: Trajectory, estimate: Trajectory) -> list[float]:
     least = max(3, int(_LEAST_OVERLAP * min(len(ours), len(theirs))))
     likeness = np.sum([_correlation(ours[:, k], theirs[:, k], least) for k in range(2)], axis=0)
     starts_apart_s = float(reference.stamps_ns[0] - estimate.stamps_ns[0]) * 1e-9
-    found = [0.0] if abs(starts_apart_s) < longest_s else []
+    found = [0.0]
     for _ in range(_PEAKS):
         peak = int(np.argmax(likeness))
         found.append(starts_apart_s + (peak - len(theirs) + 1) * step_s)

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import plotly.graph_objects as go
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate, is_one_drive
 from slarm_graph.eval.assessment import ground_truth_in_map
@@ -104,7 +105,7 @@ def comparison_html(content: ComparisonContent) -> str:
             *(Section(f"{v.name}: map and trajectories", _view(v)) for v in content.views),
             Section("Radio maps", (Gallery(content.pictures),) if content.pictures else ()),
             *figures,
-            Section("Every run", (Folded(f"{len(rows)} runs", (PageTable(titles, rows),)),)),
+            Section("Every run", (Folded(count_of(len(rows), "run"), (PageTable(titles, rows),)),)),
             Section("Reports", (LinkList(links),) if links else ()),
         ],
     )

@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geometry import Floats
@@ -62,7 +63,7 @@ class LevelDifference:
         )
         known = np.isfinite(self.difference_db) & np.isfinite(self.sd_db)
         sure = (np.abs(self.difference_db) > _NORMAL_95 * self.sd_db)[known]
-        points = f"{len(each)} access point{'s' * (len(each) != 1)}"
+        points = count_of(len(each), "access point")
         return (
             Metric("levels_rmse_db", float(np.sqrt(np.mean(whole**2))), note=rms),
             Metric("levels_bias_db", float(whole.mean()), note=bias),

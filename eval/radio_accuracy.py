@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.access_points import RadioMap
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.radio_scores import LinkAccuracy, RadioAccuracy
 from slarm_graph.geographic import GeographicMap
@@ -64,8 +65,8 @@ def radio_accuracy(
         raise BadInput("the reference has no accessible cell")
     if len(reference.access_points) != len(estimate.access_points):
         raise BadInput(
-            f"the reference has {len(reference.access_points)} access points, the estimate"
-            f" {len(estimate.access_points)}: compare maps of the same ones"
+            f"the reference has {count_of(len(reference.access_points), 'access point')}, the"
+            f" estimate {len(estimate.access_points)}: compare maps of the same ones"
         )
     cells = _looked_up(reference, geographic, estimate)
     both = cells.accessible & reference_accessible

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.relation_point import better_point
@@ -153,7 +154,7 @@ def relation_metrics(errors: RelationErrors) -> tuple[Metric, ...]:
     """Mean and standard deviation of the errors as metrics."""
     degrees = np.degrees(errors.rotation_rad)
     used = len(errors.translation_m)
-    note = f"at the {errors.part}, {used} of {errors.total} relations"
+    note = f"at the {errors.part}, {used} of {count_of(errors.total, 'relation')}"
     advised = f"{note}; {errors.advice}" if errors.advice else note
     return (
         Metric("relations_translation_m", float(errors.translation_m.mean()), note=advised),

@@ -12,6 +12,7 @@ import numpy as np
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.backend import Table as BackendTable
+from slarm_graph.counts import count_of
 from slarm_graph.eval.gain_figure import gain_curves, gain_figure, measured_figure
 from slarm_graph.eval.metric_table import headlines
 from slarm_graph.eval.metrics import INTERVAL, Metric
@@ -152,11 +153,11 @@ def table_blocks(table: BackendTable) -> tuple[Block, ...]:
     if table.path() is not None:
         return ()
     left_out = len(table.rows) - _MAX_TABLE_ROWS
-    more = (Words(f"{left_out} more rows in {table.name}.csv"),) if left_out > 0 else ()
+    more = (Words(f"{count_of(left_out, 'more row')} in {table.name}.csv"),) if left_out > 0 else ()
     keep = [i for i, name in enumerate(table.columns) if name != "stamp_ns"]
     columns = [table.columns[i].replace("_", " ") for i in keep]
     rows = PageTable(columns, [[row[i] for i in keep] for row in table.rows[:_MAX_TABLE_ROWS]])
-    shown = Folded(f"{len(table.rows)} rows", (rows, *more))
+    shown = Folded(count_of(len(table.rows), "row"), (rows, *more))
     return (figure, shown) if figure else (shown,)
 
 

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import (
     Alignment,
@@ -116,7 +117,9 @@ def relative_errors(
     if len(ends) < 2:
         raise BadInput(f"no stretch of {delta:g} {unit} in the trajectory; give a smaller delta")
     error = _motion_errors(pairs, ends[:-1], ends[1:], scale)
-    words = f"{len(ends) - 1} consecutive stretches of {delta:g} {unit}"
+    stretches = count_of(len(ends) - 1, "consecutive stretch", "consecutive stretches")
+    step = count_of(max(1, round(delta)), "frame") if unit == "frames" else f"{delta:g} {unit}"
+    words = f"{stretches} of {step}"
     return RelativeErrors(np.linalg.norm(positions(error), axis=1), turned_rad(error), words)
 
 

@@ -8,6 +8,7 @@ import math
 
 import numpy as np
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import (
     Alignment,
@@ -107,7 +108,7 @@ def _drift_metrics(drifts: tuple[Drift, ...]) -> tuple[Metric, ...]:
     off = np.concatenate([d.translation_share for d in drifts])
     turned = np.degrees(np.concatenate([d.rotation_rad_m for d in drifts]))
     lengths = ", ".join(f"{d.length_m:.3g}" for d in drifts)
-    note = f"mean over {len(off)} stretches of {lengths} m"
+    note = f"mean over {count_of(len(off), 'stretch', 'stretches')} of {lengths} m"
     return (
         Metric("drift_translation_share", float(off.mean()), note=note),
         Metric("drift_rotation_deg_per_m", float(turned.mean()), note=note),

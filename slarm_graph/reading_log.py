@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, Signal, Source
 from slarm_graph.stamps import ns_to_seconds
@@ -92,5 +93,7 @@ class ReadingLog:
     def stop(self, how: str, why: str = "", *, by_user: bool = False) -> None:
         """Note that it ended here, before the source did."""
         at = f" (t = {ns_to_seconds(self._stamps_ns[-1])} s)" if self._stamps_ns else ""
-        self.problem = f"{how} after {len(self)} scans{at}" + (f": {why}" if why else "")
+        self.problem = f"{how} after {count_of(len(self), 'scan')}{at}" + (
+            f": {why}" if why else ""
+        )
         self.interrupted = by_user

@@ -134,16 +134,16 @@ def _two_parents(make: Writer, messages: list[Recorded]) -> list[Recorded]:
     [
         (_zero_stamps, "warning", "/scan", "all stamps are 0"),
         (_late, "note", "/scan", "2 of 60 out of order, at most 200 ms"),
-        (_twice, "warning", "/scan", "1 of 61 repeat the stamp before"),
+        (_twice, "warning", "/scan", "1 of 61 repeating the stamp before"),
         (_silence, "warning", "/scan", "gaps: 1 (longest 2.00 s, usual 0.100 s)"),
         (_another_clock, "note", "/scan", "stamps are 500.000 s behind the time of recording"),
         (_stuck, "warning", "/scan", "the scan data never change"),
         (_at_maximum, "warning", "/scan", "50% of all returns are exactly range_max"),
-        (_empty, "warning", "/scan", "1 of 60 scans have no return"),
-        (_leap, "warning", "/odom", "1 leaps faster than 5 m/s"),
+        (_empty, "warning", "/scan", "1 of 60 scans without a return"),
+        (_leap, "warning", "/odom", "leaps faster than 5 m/s: 1"),
         (_still, "warning", "/odom", "the pose never changes"),
         (_no_child, "note", "/odom", "child_frame_id is empty"),
-        (_bad_quaternions, "warning", "/odom", "9 of 60 poses are invalid"),
+        (_bad_quaternions, "warning", "/odom", "9 of 60 poses invalid"),
         (_map, "note", "tf", "map -> odom is almost always the output of another SLAM"),
         (_two_parents, "warning", "tf", "laser has several parents: odom, x"),
     ],
@@ -161,10 +161,10 @@ def test_every_defect_is_named(
 @pytest.mark.parametrize(
     ("scan", "severity", "words"),
     [
-        ({"limits": (0.1, 0.0)}, "error", "60 of 60 scans have impossible limits"),
-        ({"angles": (0.0, 0.0)}, "warning", "have no angle between beams"),
-        ({"angles": (0.0, 0.2)}, "note", "span more than a full turn"),
-        ({"times": (0.01, 0.0)}, "warning", "last longer than the 0.100 s between scans"),
+        ({"limits": (0.1, 0.0)}, "error", "60 of 60 scans with impossible limits"),
+        ({"angles": (0.0, 0.0)}, "warning", "without an angle between beams"),
+        ({"angles": (0.0, 0.2)}, "note", "spanning more than a full turn"),
+        ({"times": (0.01, 0.0)}, "warning", "lasting longer than the 0.100 s between scans"),
     ],
 )
 def test_every_impossible_scan_is_named(

@@ -82,13 +82,42 @@ def test_likeness_is_the_correlation_coefficient_of_what_overlaps() -> None:
 
 @pytest.mark.parametrize("apart_s", [-3.0, 12.5, 1000.0])
 def test_what_moves_alike_is_a_candidate(apart_s: float) -> None:
-    """To half a step; offset zero is one as well where both share time."""
+    """To half a step; offset zero is one as well."""
     path = room_drive()
     part = replace(path, stamps_ns=path.stamps_ns[100:300], poses=path.poses[100:300])
     found = _candidates_s(path, later(part, -apart_s))
     assert min(abs(offset_s - apart_s) for offset_s in found) <= 0.05
-    assert (0.0 in found) == (abs(apart_s) < 100.0)
-    assert len(found) == 3 + (0.0 in found)
+    assert found[0] == 0.0
+    assert len(found) == 4
+
+
+@pytest.mark.parametrize("seed", range(18))
+def test_candidates_are_the_best_likenesses_half_a_second_apart(seed: int) -> None:
+    """Against all shifts one by one, coefficients by numpy; where the motion repeats after 0.6 s
+    the next best lie just beyond.
+    """
+    rng = np.random.default_rng(seed)
+    paths = []
+    noise, loud, period = ((0.1, 0.0, 1.0), (0.005, 0.2, 5.0), (0.005, 0.2, 6.0))[seed % 3]
+    beat = loud * (1.0 + np.sin(np.arange(60)[:, None] * 2.0 * np.pi / period))
+    for count in rng.integers(15, 60, 2):
+        stamps = np.arange(count, dtype=np.int64) * 100_000_000
+        steps = rng.normal(2.0 * noise, noise, (count, 3)) + beat[:count]
+        paths.append(Trajectory(stamps, np.cumsum(steps, axis=0)))
+    ours, theirs = (_motion(path, 0.1) for path in paths)
+    least = max(3, int(0.3 * min(len(ours), len(theirs))))
+    likeness = {}
+    for shift in range(1 - len(theirs), len(ours)):
+        low, high = max(0, shift), min(len(ours), shift + len(theirs))
+        if high - low >= least:
+            both = [(ours[low:high, k], theirs[low - shift : high - shift, k]) for k in range(2)]
+            likeness[shift] = sum(np.corrcoef(a, b)[0, 1] for a, b in both)
+    expected = []
+    for _ in range(3):
+        peak = max(likeness, key=lambda shift: likeness[shift])
+        expected.append(0.1 * peak)
+        likeness = {shift: v for shift, v in likeness.items() if abs(shift - peak) > 5}
+    assert _candidates_s(*paths)[1:] == pytest.approx(expected)
 
 
 def test_overlap_is_the_share_of_the_estimates_poses() -> None:
@@ -126,3 +155,15 @@ def test_a_gain_too_small_to_tell_is_not_told() -> None:
     said = better_offset(path, later(path, 0.6), associate(path, later(path, 0.6)))
     assert "(--t-offset -0.600, or auto)" in said
     assert "with the offset 0 s and 0.000 m with -0.600 s" in said
+
+
+@pytest.mark.parametrize(("noise_m", "told"), [(0.01, True), (0.08, False)])
+def test_an_offset_that_helps_little_is_not_told(noise_m: float, told: bool) -> None:
+    """The clocks are apart by as much, but under more noise the error hardly falls."""
+    path = room_drive()
+    estimate = later(noisy(path, sigma_m=noise_m), 0.2)
+    pairs = associate(path, estimate)
+    found_m, now_m = find_offset(path, estimate).ate_rmse_m, aligned_rmse_m(pairs)
+    assert now_m - found_m > 0.005
+    assert (found_m < 0.6 * now_m) == told
+    assert bool(better_offset(path, estimate, pairs)) == told

@@ -121,7 +121,7 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     assert run("compare", bag, *words, "--seeds", 2, "--external", external) == 0
     assert [trial.seed for trial in started] == [1]
     output = capsys.readouterr()
-    assert "1 of 2 runs are done already, 1 left" in output.err
+    assert "1 of 2 runs done already, 1 left" in output.err
     assert "theirs" in output.out
     assert "Agreement without truth" in output.out
     for name in ("tables.md", "tables.tex", "comparison.csv", "report.html"):

@@ -16,7 +16,7 @@ import pytest
 
 from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
 from slarm_graph.eval.comparison import Outcome, differences, groups, spread
-from slarm_graph.eval.comparison_page import ComparisonContent, comparison_html
+from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
     TextTable,
     difference_table,
@@ -140,6 +140,39 @@ def test_differences_are_paired_by_source_and_seed() -> None:
     assert found.mean == pytest.approx(-0.2)
     assert found.interval == pytest.approx((-0.2, -0.2))
     assert found.independent == 2
+
+
+@pytest.mark.parametrize("count", [2, 4, 5, 7])
+def test_all_pairs_of_few_variants_are_told_and_of_many_those_with_the_first(count: int) -> None:
+    """Every mean by brute force over the seeds that both have."""
+    rng = np.random.default_rng(count)
+    runs = [
+        Outcome("a", f"v{v}", seed, "ok", figures={"ate_rmse_m": float(rng.uniform())})
+        for v in range(count)
+        for seed in range(3)
+        if (v, seed) != (1, 2)
+    ]
+    found = {(d.variant, d.than): (d.mean, d.pairs) for d in differences(runs)}
+    couples = [(v, than) for v in range(count) for than in range(v) if than == 0 or count <= 4]
+    assert sorted(found) == sorted((f"v{v}", f"v{than}") for v, than in couples)
+    values = {(run.backend, run.seed): run.figures["ate_rmse_m"] for run in runs}
+    for (variant, than), (mean, pairs) in found.items():
+        apart = [
+            values[variant, seed] - values[than, seed]
+            for seed in range(3)
+            if {(variant, seed), (than, seed)} <= values.keys()
+        ]
+        assert (mean, pairs) == (pytest.approx(np.mean(apart)), len(apart))
+
+
+@pytest.mark.parametrize(("shift_m", "told"), [(0.0, False), (1.0, True)])
+def test_the_page_says_when_every_robot_went_its_own_way(shift_m: float, told: bool) -> None:
+    way = Trajectory(np.arange(30) * 10**9, np.column_stack([np.arange(30.0)] * 3))
+    other = replace(way, poses=way.poses + shift_m)
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 1.0, 4, 4), np.zeros((4, 4), np.float32))
+    runs = {"x": Estimate(way, grid, way), "y": Estimate(other, grid, other)}
+    content = ComparisonContent("t", "l", [], [], [SourceView("a", runs, "x")])
+    assert ("on a way of its own" in comparison_html(content)) == told
 
 
 def twice(values: list[float], sources: list[str]) -> list[Outcome]:

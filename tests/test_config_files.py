@@ -16,6 +16,7 @@ from slarm_graph.config import RadioConfig, RunConfig, Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import config_differences, load_config
+from slarm_graph.files.yaml_text import parse_yaml
 from slarm_graph.radio.path_loss import SCENARIOS
 
 
@@ -59,6 +60,17 @@ def test_typos_in_a_file(tmp_path: Path, text: str, words: str) -> None:
     with pytest.raises(BadInput) as refused:
         load_config(path)
     assert str(refused.value).startswith(f"{path}{words}")
+
+
+def test_a_key_in_the_wrong_section_is_told_where_there_is_one_of_its_name() -> None:
+    """For keys of all stages."""
+    keys = [key for key in parse_yaml(config_yaml(RunConfig()), "t").lines if "." in key]
+    for key in keys[::7]:
+        leaf = key.rpartition(".")[2]
+        with pytest.raises(BadInput, match="did you mean '") as refused:
+            load_config(overrides=[f"quite_another_section_of_a_long_name.{leaf}=1"])
+        hint = str(refused.value).partition("did you mean '")[2].partition("'")[0]
+        assert hint.rpartition(".")[2] == leaf
 
 
 @pytest.mark.parametrize(

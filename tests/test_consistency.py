@@ -6,11 +6,13 @@ from __future__ import annotations
 
 import math
 
+import gtsam
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, convolve
 
 from slarm_graph.consistency import build_visits, contradictions, cross_check
+from slarm_graph.consistency import pairs as pairs_module
 from slarm_graph.consistency.evidence import (
     BLOCKED,
     BLOCKED_SHARE,
@@ -28,6 +30,8 @@ from slarm_graph.consistency.evidence import (
     wrong_place_evidence,
 )
 from slarm_graph.consistency.places import conflicts_m
+from slarm_graph.consistency.tears import _differences
+from slarm_graph.consistency.visits import thinned_by_motion
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
@@ -208,6 +212,55 @@ def test_pairs_are_counted_as_by_hand(laps: tuple[list[LaserScan], Floats]) -> N
     assert pairs.contradicted[k] == counts[FREE]
     assert pairs.confirmed[k] == counts[BLOCKED]
     assert len(conflicts_m(visits, *pairs.visits[k])) == counts[FREE]
+
+
+def test_scans_are_kept_by_motion_as_poses_have_it() -> None:
+    """Against gtsam's poses one by one, headings going round more than once."""
+    rng = np.random.default_rng(8)
+    for scale in (0.02, 0.1, 0.5):
+        poses = np.cumsum(rng.normal(0.0, [scale, scale, 2.0 * scale], (300, 3)), axis=0)
+        kept = [0]
+        for i in range(1, len(poses)):
+            step = gtsam.Pose2(*poses[kept[-1]]).between(gtsam.Pose2(*poses[i]))
+            if np.hypot(step.x(), step.y()) >= 0.4 or abs(step.theta()) >= 0.6:
+                kept.append(i)
+        assert thinned_by_motion(poses, 0.4, 0.6).tolist() == kept
+    assert 10 < len(kept) < 300
+
+
+@pytest.mark.parametrize("most", [2, 7, 40, 300])
+def test_of_too_many_pairs_an_even_selection_is_compared(
+    laps: tuple[list[LaserScan], Floats], monkeypatch: pytest.MonkeyPatch, most: int
+) -> None:
+    """Of all in their order, the first and the last among them, each counted as ever."""
+    visits = build_visits(*laps)
+    whole = cross_check(visits, least_cells=0)
+    monkeypatch.setattr(pairs_module, "MAX_PAIRS", most)
+    some = cross_check(visits, least_cells=0)
+    assert len(some.visits) == min(most, len(whole.visits))
+    rows = {tuple(pair): k for k, pair in enumerate(whole.visits.tolist())}
+    at = np.array([rows[tuple(pair)] for pair in some.visits.tolist()])
+    assert (at[0], at[-1]) == (0, len(whole.visits) - 1)
+    assert np.ptp(np.diff(at)) <= 1
+    np.testing.assert_array_equal(some.confirmed, whole.confirmed[at])
+    np.testing.assert_array_equal(some.contradicted, whole.contradicted[at])
+
+
+@pytest.mark.parametrize(("sigmas", "found"), [(5.7, 0), (6.3, 1)])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_steps_are_looked_at_from_six_robust_deviations_on(
+    axis: int, sigmas: float, found: int
+) -> None:
+    """Of a way ahead with noise in one direction and one step planted."""
+    steps = np.zeros((400, 3))
+    steps[:, axis] = np.random.default_rng(9).normal(0.0, 0.1, 400).clip(-0.3, 0.3)
+    steps[200, axis] = sigmas * 1.4826 * np.median(np.abs(steps[:, axis]))
+    odometry = np.column_stack([np.arange(401.0), np.zeros(401), np.zeros(401)])
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(compose(poses[-1], compose(np.array([1.0, 0.0, 0.0]), step)))
+    told = _differences(np.array(poses), odometry, np.arange(401), 1)
+    assert [first for _, first, _, _ in told] == [200] * found
 
 
 def test_beams_pass_what_lies_before_their_end() -> None:

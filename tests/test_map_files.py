@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files.images import read_image
 from slarm_graph.files.maps import read_map, write_map
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
@@ -62,6 +63,16 @@ def test_nothing_is_mirrored_and_unknown_stays_unknown(tmp_path: Path) -> None:
     assert cells[3, 0] == 0
     assert (cells == -1).sum() == 24 - 6 - 1
     assert (origin, resolution) == ([-1.0, 2.0, 0.0], 0.05)
+
+
+def test_shades_are_those_of_nav2s_map_saver(tmp_path: Path) -> None:
+    """254 free, 0 occupied, 205 unknown, also for readers that go by shades and not thresholds."""
+    save(tmp_path, corner_grid())
+    pixels = (tmp_path / "map.pgm").read_bytes()[-24:]
+    image = np.frombuffer(pixels, np.uint8).reshape(4, 6)
+    assert image[0].tolist() == [254] + [205] * 5
+    assert (image[1:3] == 205).all()
+    assert (image[3] == 0).all()
 
 
 numbers = st.floats(-1e4, 1e4, allow_nan=False, allow_infinity=False)
@@ -159,6 +170,51 @@ def test_negated_coloured_and_transparent_images(tmp_path: Path) -> None:
 def test_names_what_is_wrong(tmp_path: Path, changes: dict[str, object], words: str) -> None:
     with pytest.raises(BadInput, match=words):
         read_map(described(tmp_path, np.zeros((1, 1), dtype=np.uint8), **changes))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.sampled_from([2, 3, 5, 6]), st.integers(1, 4), st.integers(1, 4),
+    st.sampled_from([1, 9, 255, 256, 65535]), st.integers(0, 99),
+)  # fmt: skip
+def test_all_kinds_of_pnm_are_read_shade_by_shade(
+    tmp_path_factory: pytest.TempPathFactory, kind: int, rows: int, cols: int, full: int, seed: int
+) -> None:
+    """Colours become their mean, and nothing is lost to the number of bits."""
+    colours = 3 if kind in (3, 6) else 1
+    shades = np.random.default_rng(seed).integers(0, full + 1, (rows, cols, colours))
+    wide = shades.astype(">u2" if full > 255 else np.uint8).tobytes()
+    body = " ".join(map(str, shades.ravel())).encode() if kind < 4 else wide
+    path = tmp_path_factory.mktemp("pnm") / "m.pnm"
+    head = f"P{kind}\n{cols} {rows}\n{full}".encode()
+    path.write_bytes(head + b"\n" + body)
+    image = read_image(path)
+    assert (image.full, image.opaque) == (full, None)
+    np.testing.assert_allclose(image.shades, shades.mean(axis=2), rtol=1e-12)
+    path.write_bytes(head)
+    with pytest.raises(BadInput, match=f"early: 0 of {shades.size} shades"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("shape", [(3, 4), (3, 4, 3), (3, 4, 4)])
+@pytest.mark.parametrize("kind", [np.uint8, np.uint16])
+def test_png_is_read_shade_by_shade(
+    tmp_path: Path, shape: tuple[int, ...], kind: type[np.unsignedinteger]
+) -> None:
+    full = int(np.iinfo(kind).max)
+    pixels = np.random.default_rng(0).integers(0, full + 1, shape).astype(kind)
+    pixels[0, ..., -1] = full
+    cv2.imwrite(str(tmp_path / "m.png"), pixels)
+    image = read_image(tmp_path / "m.png")
+    assert image.full == full
+    if len(shape) == 2:
+        np.testing.assert_array_equal(image.shades, pixels)
+    else:
+        np.testing.assert_allclose(image.shades, pixels[..., :3].mean(axis=2))
+    if shape[-1] == 4 and len(shape) == 3:
+        np.testing.assert_array_equal(image.opaque, pixels[..., 3] == full)
+    else:
+        assert image.opaque is None
 
 
 @pytest.mark.parametrize("full", [1, 100, 254, 255, 256, 1000, 65535])

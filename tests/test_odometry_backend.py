@@ -36,7 +36,7 @@ def test_every_reading_gets_a_pose_seen_from_the_first() -> None:
     assert np.allclose(result.trajectory.poses[[0, 1, 3]], expected)
     assert np.allclose(result.trajectory.poses[2], expected[1])
     assert np.allclose(backend.map_from_robot().as_array(), expected[2])
-    assert result.notices == ("1 scans without odometry were given the last pose before them",)
+    assert result.notices == ("1 scan without odometry given the last pose before",)
 
 
 def test_needs_odometry_and_says_so() -> None:

@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
-from slarm_graph.files.world_checks import world_warnings
+from slarm_graph.files.world_checks import misplaced, world_warnings
 from slarm_graph.files.worlds import load_world, shipped_worlds, world_from_yaml
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -64,6 +66,21 @@ def test_access_points_of_worlds() -> None:
         assert words in "".join(told)
         assert len(told) == bool(words)
     assert "no access points" in world_warnings(world_from_yaml(HEAD + start))[0]
+
+
+def test_every_place_of_an_access_point_is_judged_by_what_is_there() -> None:
+    """All combinations of places in, at and beyond room and crate, each judgement by itself."""
+    start = "start: {x_m: 1.0, y_m: 1.0}\n"
+    box = "boxes: [{name: crate, center_m: [3, 2], size_m: [1, 1], height_m: 2}]\n"
+    world = world_from_yaml(HEAD + start + box)
+    for x_m, y_m, z_m in product(
+        (-1.0, 0.0, 1.0, 3.0, 6.0, 7.0), (-1.0, 0.0, 2.0, 4.0, 5.0), (-1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
+    ):
+        told = " ".join(misplaced(AccessPoint("a", x_m, y_m, z_m), world))
+        assert ("above the ceiling" in told) == (z_m > 3.0)
+        assert ("below the floor" in told) == (z_m < 0.0)
+        assert ("outside the boundary" in told) == (not (0 <= x_m <= 6 and 0 <= y_m <= 4))
+        assert ("inside crate" in told) == ((x_m, y_m) == (3.0, 2.0) and z_m < 2.0)
 
 
 @pytest.mark.parametrize("name", shipped_worlds())

@@ -62,20 +62,24 @@ def test_places_for_one_more(tmp_path, capsys):
     assert "--one-more says nothing without --threshold" in capsys.readouterr().err
 
 
-def test_measured_along_a_trajectory(tmp_path):
+def test_measured_along_a_trajectory(tmp_path, capsys):
     rng = np.random.default_rng(0)
     points = rng.uniform([0.3, 0.3], [7.7, 4.7], (400, 2))
     points = points[np.argsort(points[:, 1])]
     stamps = np.arange(400) * 10**9
     way = Trajectory(stamps, np.column_stack([points, np.zeros(400)]))
-    (tmp_path / "way.tum").write_text(tum_text(way))
+    (tmp_path / "drive").mkdir()
+    (tmp_path / "drive" / "trajectory.tum").write_text(tum_text(way))
     away = np.hypot(*(points - [2.0, 2.0]).T)
     rss = -40.0 - 20.0 * np.log10(np.hypot(away, 2.0)) + rng.normal(size=400)
-    lines = [f"{k},AP1,{value:.2f}" for k, value in enumerate(rss)]
+    lines = [f"{k},AP1,{value:.2f}" for k, value in enumerate(rss)] + ["7,percent,90"]
     (tmp_path / "wifi.csv").write_text("stamp,ap,rss_dbm\n" + "\n".join(lines))
-    given = ["--rss", str(tmp_path / "wifi.csv"), "--trajectory", str(tmp_path / "way.tum")]
+    given = ["--rss", str(tmp_path / "wifi.csv"), "--trajectory", str(tmp_path / "drive")]
     where = ["--out", str(tmp_path), "--name", "m", "--set", "measured.node_side_m=0.5"]
     assert main(["radio", bare_map(tmp_path), *given, "--ap", "2", "2", "2.5", *where]) == 0
+    told = capsys.readouterr().err
+    assert "warning: 1 of 401 readings of signal strength outside -150 to 40 dBm, first" in told
+    assert "percent was heard 1 time;" in told
     made = read_measured_npz(tmp_path / "m" / "measured_radio_map.npz")
     at = made.geometry.cell_of([6.05, 2.05])
     level = made.mean_dbm[0][tuple(at)]

@@ -7,16 +7,21 @@ from __future__ import annotations
 import base64
 import itertools
 from dataclasses import replace
+from typing import Any
 
 import cv2
 import numpy as np
 import plotly.graph_objects as go
 import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.backend import Table as BackendTable
-from slarm_graph.eval import report_figures
+from slarm_graph.eval import report, report_figures
 from slarm_graph.eval.gain_figure import gain_figure
+from slarm_graph.eval.metric_table import kinds
+from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import (
     COLORS,
     Facts,
@@ -30,9 +35,9 @@ from slarm_graph.eval.page import (
     plain,
     shown,
 )
-from slarm_graph.eval.report import count_by_reason, scan_table, table_blocks
+from slarm_graph.eval.report import ReportContent, count_by_reason, scan_table, table_blocks
 from slarm_graph.eval.report_figures import geographic_figure, map_picture
-from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, trajectory_figure
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_figure
 from slarm_graph.geographic import as_geographic
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.readings import ScanStatus
@@ -208,3 +213,88 @@ def test_obstacles_tell_their_heights_in_one_line() -> None:
     }
     assert told[2.0, 0.0] == "a &lt;b&gt; 2.5 m"
     assert told[3.0, 3.0] == told[4.0, np.float32(3.0 + 2.0 / 3.0)] == "c 1 m"
+
+
+def small_content(**changes: Any) -> ReportContent:
+    """A report of three poses on a free map."""
+    cells = np.zeros((8, 8), dtype=np.float32)
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, 0.5, 8, 8), cells)
+    poses = np.array([[1.0, 1.0, 0.0], [1.0, 2.0, 0.0], [4.0, 2.0, 1.0]])
+    path = Trajectory(np.array([0, 10**9, 61 * 10**9]), poses)
+    return ReportContent("t", "l", grid, {"e": path}, as_geographic(grid), None,
+                         **{"metrics": [], "record": {}, "scans": [], "tables": [],
+                            "notices": [], "config_text": "", **changes})  # fmt: skip
+
+
+def test_every_headline_is_among_the_key_facts_and_nothing_else_of_the_metrics() -> None:
+    names = list(kinds())
+    metrics = [Metric(name, 0.5 + k) for k, name in enumerate(names)]
+    facts = report._key_facts(small_content(metrics=metrics, verdict="consistent"))
+    assert facts[:4] == [
+        ("3", "scans used"), ("61 s", "recorded"), ("4.0 m", "driven"),
+        ("consistent", "says the run of itself"),
+    ]  # fmt: skip
+    expected = [
+        (f"{m.value:.3g} {m.kind.unit}".strip(), m.kind.title) for m in metrics if m.kind.headline
+    ]
+    assert 0 < len(expected) < len(metrics)
+    assert facts[4:] == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "remedy", "hides"),
+    [
+        ("infinite", True, True),
+        ("matched sizes (2 obstacles), else infinite", True, True),
+        ("prior", True, False),
+        ("matched sizes (2 obstacles), else default", False, False),
+        ("default", False, False),
+    ],
+)
+def test_what_unknown_heights_mean_is_said_where_there_are_any(
+    source: str, remedy: bool, hides: bool
+) -> None:
+    geographic = replace(small_content().geographic, height_source=source)
+    _, words = report._geographic_part(geographic)
+    assert ("recovery.default_height_m" in words.text) == remedy
+    assert ("hides all behind it" in words.text) == hides
+    assert "16.0 m² accessible, in cells of 0.5 m" in words.text
+
+
+def points_of(fig: go.Figure, name: str) -> np.ndarray:
+    (trace,) = (t for t in fig.data if t.name == name)
+    return np.column_stack([np.asarray(trace.x, float), np.asarray(trace.y, float)])
+
+
+def test_all_marks_lie_where_they_are() -> None:
+    content = small_content()
+    path = content.trajectories["e"]
+    closures = np.arange(8.0).reshape(2, 2, 2)
+    marks = Marks(closures, [(1.0, 2.0, "no")], [(3.0, 2.5, "torn"), (0.5, 0.0, "b")])
+    fig = trajectory_figure(content.grid, {"e": path}, marks).content
+    assert points_of(fig, "start").tolist() == path.poses[:1, :2].tolist()
+    assert points_of(fig, "end").tolist() == path.poses[-1:, :2].tolist()
+    assert points_of(fig, "rejected closures (1)").tolist() == [[1.0, 2.0]]
+    assert points_of(fig, "contradictions (2)").tolist() == [[3.0, 2.5], [0.5, 0.0]]
+    line = points_of(fig, "loop closures (2)").reshape(2, 3, 2)
+    np.testing.assert_array_equal(line[:, :2], closures)
+    assert np.isnan(line[:, 2]).all()
+
+
+def test_ellipses_hold_95_percent_of_what_is_drawn_from_the_covariances() -> None:
+    """Their points lie at the 95 % quantile of the distance that the covariance of a pose makes."""
+    rng = np.random.default_rng(0)
+    poses = np.column_stack([rng.uniform(0.0, 4.0, (5, 2)), rng.uniform(-3.0, 3.0, 5)])
+    roots = rng.normal(size=(5, 3, 3))
+    covariances = roots @ roots.transpose(0, 2, 1)
+    covariances[2] = np.nan
+    marks = Marks(covariances=covariances)
+    path = Trajectory(np.arange(5), poses)
+    fig = trajectory_figure(small_content().grid, {"e": path}, marks).content
+    rings = points_of(fig, "95 % ellipses").reshape(4, 26, 2)
+    for ring, index in zip(rings, (0, 1, 3, 4), strict=True):
+        turn = Rotation.from_euler("z", poses[index, 2]).as_matrix()[:2, :2]
+        away = (ring[:-1] - poses[index, :2]) @ turn
+        spread = np.linalg.inv(covariances[index][:2, :2])
+        distances = np.einsum("ni,ij,nj->n", away, spread, away)
+        np.testing.assert_allclose(distances, chi2(2).ppf(0.95), rtol=1e-3)

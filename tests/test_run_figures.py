@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 from dataclasses import replace
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -87,6 +88,15 @@ def test_poses_stamps_and_short_tables_have_no_curve() -> None:
     assert table_figure(replace(whole, rows=whole.rows[:7])) is None
     assert table_figure(replace(whole, rows=whole.rows[:8])) is not None
     assert table_figure(replace(whole, rows=whole.rows[::-1])) is None
+
+
+def test_rows_of_one_time_are_a_curve_and_time_that_runs_back_is_none() -> None:
+    """By brute force over orders of three stamps: a curve where none is below the one before."""
+    rising = [float(k) for k in range(COUNT)]
+    for stamps in product((1.0, 2.0, 3.0), repeat=3):
+        rows = [(float(s), k) for s, k in zip([*stamps, *[3.0] * (COUNT - 3)], rising, strict=True)]
+        found = table_figure(Table("updates", ("stamp_s", "n"), rows))
+        assert (found is not None) == (list(stamps) == sorted(stamps))
 
 
 def test_errors_stand_over_time_and_distance() -> None:

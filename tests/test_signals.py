@@ -50,6 +50,26 @@ def test_csv_faults_are_told(tmp_path, text, message):
         open_rss(str(path))
 
 
+@pytest.mark.parametrize(
+    ("levels", "told"),
+    [
+        ((-60.0, -61.0, np.nan), ()),
+        ((-150.0, 40.0), ()),
+        ((-60.0, -150.1, -70.0), ("1 of 3 readings", "a at -150.1")),
+        ((np.inf, 55.0), ("1 of 2 readings", "a at 55", "in dBm?")),
+        ((40.1,), ("1 of 1 reading of",)),
+        ((-60.0, -60.0, np.nan), ("every reading", "-60 dBm")),
+        ((-60.0, np.nan), ()),
+        ((np.nan, np.nan), ()),
+    ],
+)
+def test_levels_that_no_radio_can_tell_are_doubted(levels, told):
+    log = RssLog.of_rows(np.arange(len(levels)), ["a"] * len(levels), np.array(levels), "")
+    doubts = " ".join(log.doubts())
+    assert bool(doubts) == bool(told)
+    assert all(words in doubts for words in told)
+
+
 def packet(rssi):
     return f"1\t1\t500\t{rssi}\t100223\t3323\t19\t0"
 

@@ -85,7 +85,7 @@ def test_all_stamps_zero_uses_record_time(tmp_path: Path) -> None:
     scans = [("/scan", T0 + k, make.laser_scan(0.0, [2.0 + k] * 9)) for k in range(5)]
     path = write_recording(tmp_path / "a.bag", scans)
     assert [r.stamp_ns for r in readings(path)] == [round((T0 + k) * 1e9) for k in range(5)]
-    assert "all 5 stamps in /scan are 0: using the time of recording" in noticed(path)
+    assert "all stamps in /scan are 0: using the time of recording" in noticed(path)
 
 
 def test_one_zero_stamp_is_left_out_and_told(tmp_path: Path) -> None:
@@ -186,7 +186,7 @@ def test_no_scan_has_a_return(tmp_path: Path, value: float, holds: str) -> None:
     scans = [("/scan", T0 + k, make.laser_scan(T0 + k, [value] * 60)) for k in range(10)]
     text = told(write_recording(tmp_path / "a.bag", scans))
     assert text == (
-        f"/scan: 10 of 10 scans have no return; first: scan t=1000.000 s: no valid beam ({holds})"
+        f"/scan: 10 of 10 scans without a return; first: scan t=1000.000 s: no valid beam ({holds})"
     )
 
 
@@ -240,7 +240,7 @@ def test_odometry_with_zero_quaternions(tmp_path: Path) -> None:
     assert "5 of 40 poses in /odom unusable, bridged" in noticed(
         write_recording(tmp_path / "a.bag", some)
     )
-    assert "all 40 poses are invalid" in told(write_recording(tmp_path / "b.bag", bad))
+    assert "no pose is valid" in told(write_recording(tmp_path / "b.bag", bad))
 
 
 def test_map_to_odom_in_tf_is_ignored(tmp_path: Path) -> None:

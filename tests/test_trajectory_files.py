@@ -81,6 +81,30 @@ def test_reads_euroc_with_w_first(tmp_path: Path) -> None:
     assert np.allclose(path.poses, [[1, 2, np.pi]])
 
 
+@pytest.mark.parametrize(
+    ("stamp", "more"), [("1403636579763555584", 0), ("1403636579763555584", 9), ("5000000000", 9)]
+)
+def test_euroc_without_its_header_is_what_it_is_with_it(
+    tmp_path: Path, stamp: str, more: int
+) -> None:
+    header = "#timestamp [ns],x,y,z,qw,qx,qy,qz" + "".join(f",b{k}" for k in range(more)) + "\n"
+    text = f"{stamp},1,2,3,0.5,0.1,-0.7,0.5" + ",9" * more + "\n"
+    with_it = read_spatial(written(tmp_path, header + text, "a.csv"))
+    without = read_spatial(written(tmp_path, text, "b.csv"))
+    assert without.stamps_ns.tolist() == with_it.stamps_ns.tolist() == [int(stamp)]
+    assert without.poses.tolist() == with_it.poses.tolist()
+
+
+@pytest.mark.parametrize("count", [8, 9, 12, 16, 17])
+def test_what_the_remedy_names_is_read(tmp_path: Path, count: int) -> None:
+    """The header that a message proposes makes every table of at least so many columns read."""
+    head = "timestamp,x,y,z,qx,qy,qz,qw" + "".join(f",b{k}" for k in range(count - 8)) + "\n"
+    text = f"{head}1.5,1,2,3,0.1,-0.7,0.5,0.5" + ",9" * (count - 8) + "\n"
+    assert read_spatial(written(tmp_path, text)).poses[0, :6] == pytest.approx(
+        [1.0, 2.0, 3.0, 0.1, -0.7, 0.5]
+    )
+
+
 def test_reads_kitti_with_a_second_between_poses(tmp_path: Path) -> None:
     path = read_trajectory(written(tmp_path, "1 0 0 7 0 1 0 8 0 0 1 0\n0 -1 0 7 1 0 0 9 0 0 1 0\n"))
     assert path.stamps_ns.tolist() == [0, 1_000_000_000]
@@ -94,6 +118,14 @@ def test_sorts_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
     with caplog.at_level("WARNING", logger):
         path = read_trajectory(written(tmp_path, text))
     assert path.poses[:, 0].tolist() == [1, 2, 3]
+    assert "sorted, and 1 repeated stamp left out" in caplog.text
+
+
+def test_says_nothing_of_stamps_that_do_not_repeat(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    read_trajectory(written(tmp_path, "".join(f"{t} 1 0 0 0 0 0 1\n" for t in (3, 1, 2))))
+    assert caplog.messages[0].endswith("do not increase strictly; sorted")
 
 
 @pytest.mark.parametrize(
@@ -105,6 +137,8 @@ def test_sorts_and_says_so(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> 
         ("1 2 3 0 0 0 0 1\n1e30 2 3 0 0 0 0 1\n", 2, "beyond what 64 bits"),
         ("1 x 3 0 0 0 0 1\n", 1, "could not convert"),
         ("1 2 3 0 0 0 0 0\n", 1, "quaternion of length 0"),
+        ("5000000000,1,2,0,0.8,0,0,0.6\n", 1, "w last (TUM), or first (EuRoC)?"),
+        ("1.5,1,2,0,0.8,0,0,0.6,9\n", 1, "such as `timestamp,x,y,z,qx,qy,qz,qw`, got 9"),
     ],
 )
 def test_names_file_and_line(tmp_path: Path, text: str, line: int, words: str) -> None:
@@ -158,7 +192,16 @@ def test_rows_that_are_not_numbers_are_left_out_with_one_warning(
     path = read_trajectory(written(tmp_path, text))
     assert path.stamps_ns.tolist() == [1_000_000_000, 4_000_000_000]
     assert len(caplog.records) == 1
-    assert "2 rows are not finite numbers and are left out, the first in line 2" in caplog.text
+    assert "2 rows without finite numbers left out, the first in line 2" in caplog.text
+
+
+def test_matrices_that_are_not_numbers_are_left_out_like_other_rows(tmp_path: Path) -> None:
+    """Poses of KITTI's that were not known; the others keep their places in time."""
+    good = "1 0 0 {} 0 1 0 8 0 0 1 0"
+    rows = [good.format(7), " ".join(["nan"] * 12), good.format("inf"), good.format(9)]
+    path = read_trajectory(written(tmp_path, "\n".join(rows)))
+    assert path.stamps_ns.tolist() == [0, 3_000_000_000]
+    assert path.poses[:, 0].tolist() == [7.0, 9.0]
 
 
 def test_a_run_folder_stands_for_its_trajectory(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.consistency import View, evidence_against, view_of
+from slarm_graph.consistency.evidence import CELL_M
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
@@ -58,6 +59,20 @@ def test_either_may_be_asked_of_the_other(views: tuple[View, View, Floats]) -> N
         evidence_against(first, second, back),
     )
     assert one == pytest.approx(other, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_view_has_a_cell_around_all_that_it_saw(seed: int) -> None:
+    """Beams are counted without looking at borders: none may end on one."""
+    rng = np.random.default_rng(seed)
+    lasers = rng.uniform(-3.0, 3.0, (5, 2))
+    returns = [at + rng.uniform(-8.0, 8.0, (30, 2)) for at in lasers]
+    view = view_of(returns, lasers)
+    ends = np.vstack([lasers, *returns])
+    np.testing.assert_allclose(view.low, ends.min(axis=0) - CELL_M)
+    beyond = view.low + CELL_M * np.array(view.states.shape[::-1]) - ends.max(axis=0)
+    assert (beyond >= CELL_M - 1e-9).all()
+    assert (beyond < 2.0 * CELL_M).all()
 
 
 def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -20,8 +21,9 @@ from slarm_graph.files.worlds import (
 )
 from slarm_graph.frontends.simulation.random_worlds import random_world
 from slarm_graph.frontends.simulation.simulator import SimulatedWorld
+from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
-from slarm_graph.polygons import is_simple, signed_area_m2
+from slarm_graph.polygons import contains, is_simple, signed_area_m2
 from slarm_graph.world import WorldMap
 from slarm_graph.world_from_map import merged_rectangles, world_from_map
 
@@ -121,6 +123,27 @@ def test_walls_are_mitred_and_keep_their_thickness() -> None:
         (2.0, 1.1),
     }
     assert signed_area_m2(first.corners_m) + signed_area_m2(second.corners_m) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize("heading_deg", [None, 0.0, 30.0])
+@pytest.mark.parametrize("thickness_m", [0.1, 0.4, 0.74])
+def test_a_rectangle_of_walls_covers_the_outer_without_the_inner(
+    thickness_m: float, heading_deg: float | None
+) -> None:
+    """Cell by cell; half as thick as the short side nothing is left inside."""
+    wall = "center_m: [3, 2], size_m: [2.5, 1.5], height_m: 2"
+    wall += "" if heading_deg is None else f", heading_deg: {heading_deg}"
+    world = world_from_yaml(f"{HEAD}{START}walls: [{{{wall}, thickness_m: {thickness_m}}}]")
+    points = np.stack(np.meshgrid(np.arange(1.005, 5, 0.03), np.arange(0.505, 4, 0.03)), axis=-1)
+    away = np.abs(Pose2(3.0, 2.0, math.radians(heading_deg or 0.0)).inverse().transform(
+        points.reshape(-1, 2)))  # fmt: skip
+    half = np.array([1.25, 0.75])
+    expected = (away < half).all(axis=1) & ~(away < half - thickness_m).all(axis=1)
+    covered = np.any([contains(s.corners_m, points.reshape(-1, 2)) for s in world.solids], axis=0)
+    np.testing.assert_array_equal(covered, expected)
+    for thick_m in (0.75, 0.76):
+        with pytest.raises(BadInput, match="leaves no inside; use a box"):
+            world_from_yaml(f"{HEAD}{START}walls: [{{{wall}, thickness_m: {thick_m}}}]")
 
 
 @pytest.mark.parametrize(

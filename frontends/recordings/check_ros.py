@@ -146,7 +146,7 @@ def _check_odometry(where: str, messages: StampedTransforms, jumps: Jumps) -> li
             steps[:, 2] > _FASTEST_RAD_S * seconds
         )
         found += counted(
-            "warning", where, f"{{count}} leaps faster than {_FASTEST_M_S:g} m/s", leaps,
+            "warning", where, f"leaps faster than {_FASTEST_M_S:g} m/s: {{count}}", leaps,
             path.stamp_ns[1:], "odometry was reset, or corrected by another SLAM",
         )  # fmt: skip
     return found
@@ -160,7 +160,7 @@ def _check_poses(where: str, messages: StampedTransforms) -> list[Finding]:
 def _told_poses(where: str, messages: StampedTransforms, bad: NDArray[np.bool_]) -> list[Finding]:
     return counted(
         "error" if bad.all() else "warning", where,
-        "{count} of {total} poses are invalid (nowhere, or not a unit quaternion)", bad,
+        "{count} of {total} poses invalid (nowhere, or not a unit quaternion)", bad,
         messages.stamp_ns, "they are not used" if not bad.all() else "use --odom none",
     )  # fmt: skip
 

@@ -46,7 +46,7 @@ def check_scans(where: str, recorded: list[ScanBlock], config: SourceConfig) -> 
     beams = table.flat([np.full(len(b), b.ranges_m.shape[1]) for b in blocks])
     jumps = Jumps.of_scans(table.stamp_ns, config.segment)
     rows = jumps.rows(table.stamp_ns)
-    found = check_stamps(where, table.stamp_ns[rows], table.record_ns[rows], jumps, "scans")
+    found = check_stamps(where, table.stamp_ns[rows], table.record_ns[rows], jumps, "scan")
     found += _check_limits(where, limits, table)
     found += _check_angles(where, limits, beams, table)
     found += _check_sweep(where, table)
@@ -60,7 +60,7 @@ def _check_limits(where: str, limits: Floats, table: ScanTable) -> list[Finding]
     first = int(np.argmax(bad))
     return counted(
         "error" if bad.all() else "warning", where,
-        f"{{count}} of {{total}} scans have impossible limits, range_min {low[first]:g} and "
+        f"{{count}} of {{total}} scans with impossible limits, range_min {low[first]:g} and "
         f"range_max {high[first]:g}",
         bad, table.stamp_ns, "set --set source.range_min_m=... and source.range_max_m=...",
     )  # fmt: skip
@@ -73,17 +73,17 @@ def _check_angles(where: str, limits: Floats, beams: Floats, table: ScanTable) -
         last = start + step * np.maximum(beams - 1, 0)
         off = np.abs(last - end) > 1.5 * np.abs(step)
     found = counted(
-        "warning", where, "{count} of {total} scans have no angle between beams",
+        "warning", where, "{count} of {total} scans without an angle between beams",
         (step == 0) & (beams > 1), table.stamp_ns,
         "angle_increment is derived from angle_max, where that is set",
     )  # fmt: skip
     found += counted(
-        "note", where, "{count} of {total} scans end elsewhere than angle_max says",
+        "note", where, "{count} of {total} scans ending elsewhere than angle_max says",
         off, table.stamp_ns,
         "angle_max is not used; beams are counted from angle_min",
     )  # fmt: skip
     found += counted(
-        "note", where, "{count} of {total} scans span more than a full turn",
+        "note", where, "{count} of {total} scans spanning more than a full turn",
         span > 2 * math.pi + 0.5 * np.abs(step), table.stamp_ns,
         "the beams seen twice are kept",
     )  # fmt: skip
@@ -119,7 +119,7 @@ def _check_ranges(where: str, table: ScanTable) -> list[Finding]:
     empty = counts == 0
     severe = np.count_nonzero(empty) > MAX_EMPTY_SHARE * len(empty)
     found = counted(
-        "error" if severe else "warning", where, "{count} of {total} scans have no return",
+        "error" if severe else "warning", where, "{count} of {total} scans without a return",
         empty, table.stamp_ns, "they are not used",
     )  # fmt: skip
     if not severe and (few := too_few_beams(counts[~empty])):
@@ -150,7 +150,7 @@ def _check_repetition(where: str, table: ScanTable) -> list[Finding]:
         told = "the scan data never change"
         return [Finding("warning", where, told, "is the driver stuck?", len(table))]
     return counted(
-        "note", where, "{count} of {total} scans repeat the one before",
+        "note", where, "{count} of {total} scans repeating the one before",
         first != np.arange(len(first)), table.stamp_ns,
         "a simulator or a re-publisher; while the robot moves they are not used",
     )  # fmt: skip

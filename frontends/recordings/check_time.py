@@ -54,19 +54,19 @@ class Jumps:
 
 
 def check_stamps(
-    where: str, stamps: Ints, record_ns: Ints, jumps: Jumps, what: str = "messages"
+    where: str, stamps: Ints, record_ns: Ints, jumps: Jumps, what: str = "message"
 ) -> list[Finding]:
     """Look at header stamps (N,) [ns] in recorded order, and at the times of recording (N,)."""
     if not stamps.any():
         advice = "the time of recording is used; better let the driver set header.stamp"
         return [Finding("warning", where, "all stamps are 0", advice, len(stamps))]
     found = counted(
-        "warning", where, "{count} of {total} stamps are 0", stamps == 0, record_ns,
+        "warning", where, "{count} of {total} messages with a stamp of 0", stamps == 0, record_ns,
         "these messages are not used",
     )  # fmt: skip
     astray = far_off(stamps) & (stamps != 0)
     found += counted(
-        "warning", where, "{count} of {total} stamps are more than a week off", astray, stamps,
+        "warning", where, "{count} of {total} stamps more than a week off", astray, stamps,
         "these messages are not used",
     )  # fmt: skip
     set_rows = (stamps != 0) & ~astray
@@ -78,7 +78,7 @@ def check_stamps(
     return found + _check_skew(where, stamps[set_rows], record_ns[set_rows])
 
 
-def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "messages") -> list[Finding]:
+def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "message") -> list[Finding]:
     """Look for clocks that jump back, late messages and repeated stamps.
 
     A clock that jumps back is an error where a segment has to be chosen; a stream that jumps where
@@ -102,7 +102,7 @@ def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "messages") 
     ordered = np.sort(stamps)
     again = np.concatenate([[False], np.diff(ordered) == 0])
     return found + counted(
-        "warning", where, "{count} of {total} repeat the stamp before", again, ordered,
+        "warning", where, "{count} of {total} repeating the stamp before", again, ordered,
         "only the first of them is used; two drivers on one topic, or a merged recording?",
     )  # fmt: skip
 

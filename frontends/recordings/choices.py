@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.messages import ODOMETRY, SCAN_TYPES
 from slarm_graph.frontends.recordings.recordings import Topic
@@ -98,7 +99,7 @@ def listed(topics: Iterable[Topic], frame_of: FrameOf | None = None) -> str:
     return (
         ", ".join(
             f"{topic.name} ({topic.msgtype}{f' in {frame_of(topic)}' if frame_of else ''}, "
-            f"{topic.count} messages, {topic.rate_hz:.1f} Hz)"
+            f"{count_of(topic.count, 'message')}, {topic.rate_hz:.1f} Hz)"
             for topic in topics
         )
         or "no topics"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Ints
 
@@ -130,11 +131,11 @@ def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
     return np.arange(start, stop)
 
 
-def listed(stamps_ns: Ints, what: str = "scans") -> str:
+def listed(stamps_ns: Ints, what: str = "scan") -> str:
     """Tell the segments: number, how many scans or what it is, first and last stamp."""
     parts = segments(stamps_ns)
     told = [
-        f"{number}: {stop - start} {what}, {seconds(stamps_ns[start:stop].min())} to "
+        f"{number}: {count_of(stop - start, what)}, {seconds(stamps_ns[start:stop].min())} to "
         f"{seconds(stamps_ns[start:stop].max())}"
         for number, (start, stop) in enumerate(parts[:_MOST_LISTED], start=1)
     ]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from slarm_graph.config import SimulationConfig, SourceConfig
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.recordings.formats import Sections, format_of, format_written_as
 from slarm_graph.frontends.recordings.ros_format import Ros, copy_messages
 from slarm_graph.frontends.recordings.ros_writing import SIGNAL_OPTION, prepare_destination
@@ -75,4 +76,4 @@ def convert(
         besides = ", with ground truth"
         if simulation is not None and simulation.signals.rate_hz > 0.0:
             besides += f" and signal strengths (--rss {SIGNAL_OPTION})"
-    return f"{destination}: {count} scans of {source.info().description}{besides}"
+    return f"{destination}: {count_of(count, 'scan')} of {source.info().description}{besides}"

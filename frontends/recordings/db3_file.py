@@ -14,6 +14,7 @@ import sqlite3
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.recordings import Key, Losses, Stored
 from slarm_graph.frontends.recordings.sqlite_pages import TableRow, message_rows
@@ -133,8 +134,8 @@ class Db3File:
         if self._damaged:
             span_s = (self.span_ns[1] - self.span_ns[0]) * 1e-9
             self._told.append(
-                f"warning: {self.path.name} is damaged or cut: rows that cannot be read are passed"
-                f" over; {sum(self.counts.values())} messages, over {span_s:.0f} s, are left"
+                f"warning: {self.path.name} is damaged or cut: unreadable rows are passed over;"
+                f" left: {count_of(sum(self.counts.values()), 'message')}, over {span_s:.0f} s"
             )
 
     def _count_by_reading(self) -> list[tuple[int, int, int, int]]:

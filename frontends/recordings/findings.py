@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.recordings import Topic
 
@@ -154,7 +155,7 @@ def _verdict(diagnosis: Diagnosis) -> str:
     if diagnosis.exit_code == 2:
         return "cannot be used as it is"
     state = "with warnings" if diagnosis.exit_code else "nothing wrong"
-    return f"{diagnosis.readings} readings can be used, {state}"
+    return f"{count_of(diagnosis.readings, 'reading')} can be used, {state}"
 
 
 def counted(

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from slarm_graph.config import SourceConfig
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.choices import frame_like
 from slarm_graph.frontends.recordings.clock import segment_rows
@@ -172,11 +173,11 @@ def odometry_of_topic(
     bad = int(np.count_nonzero(useless))
     if bad and not len(path):
         raise BadInput(
-            f"{topic}: all {bad} poses are invalid (nowhere, or no unit quaternion); "
+            f"{topic}: no pose is valid (all are nowhere, or no unit quaternion); "
             "use --odom tf or none"
         )
     if bad:
-        told.append(f"{bad} of {len(messages)} poses in {topic} unusable, bridged")
+        told.append(f"{bad} of {count_of(len(messages), 'pose')} in {topic} unusable, bridged")
     child = messages.edges[messages.edge[0]][1] if len(messages) else robot
     if len(path) and child != robot and tree.path(child, robot) is not None:
         turned, moved, _ = tree.lookup(child, robot, path.stamp_ns, np.iinfo(np.int64).max)

@@ -14,6 +14,7 @@ import struct
 from collections.abc import Collection, Iterator
 from pathlib import Path
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import brief
 from slarm_graph.frontends.recordings.recordings import Key, Losses, Stored
 from slarm_graph.frontends.recordings.unpacking import unpack_partly
@@ -75,8 +76,8 @@ class McapFile:
         if self._cut:
             span_s = (self.span_ns[1] - self.span_ns[0]) * 1e-9
             told.append(
-                f"warning: {name} {self._cut}; the {sum(self.counts.values())} messages before"
-                f" that, {span_s:.0f} s, are used"
+                f"warning: {name} {self._cut}; used:"
+                f" {count_of(sum(self.counts.values()), 'message')} before that, {span_s:.0f} s"
             )
         if self._passed_bytes:
             told.append(

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import SourceConfig
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.agreement import disagreement
 from slarm_graph.frontends.recordings.clock import choose_segment, disorder, seconds, silences
@@ -161,9 +162,7 @@ class RecordedSource:
         """Header stamps of the first beam, or record times when the sensor never set its clock."""
         stamps = self._table.stamp_ns
         if len(stamps) and not stamps.any():
-            self._notices.append(
-                f"all {len(stamps)} stamps in {self._topic} are 0: using the time of recording"
-            )
+            self._notices.append(f"all stamps in {self._topic} are 0: using the time of recording")
             return self._table.record_ns
         self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
         self._fates.drop(np.flatnonzero(far_off(stamps)), "stamp is more than a week off")
@@ -243,8 +242,8 @@ class RecordedSource:
         if len(empty) > MAX_EMPTY_SHARE * len(rows):
             first = int(empty[0])
             raise BadInput(
-                f"{self._topic}: {len(empty)} of {len(rows)} scans have no return; first: scan "
-                f"t={seconds(self._stamps[first])}: {self._fates.reasons[first]}"
+                f"{self._topic}: {len(empty)} of {count_of(len(rows), 'scan')} without a return;"
+                f" first: scan t={seconds(self._stamps[first])}: {self._fates.reasons[first]}"
             )
 
     def _place(self, rows: Ints, mounting_at: MountingAt) -> list[Mounting]:
@@ -288,8 +287,8 @@ class RecordedSource:
             )
         elif not known.all():
             self._notices.append(
-                f"{np.count_nonzero(~known)} of {len(known)} scans lie outside the odometry or in "
-                f"silences of it longer than {gap_s:.2g} s, first at "
+                f"{np.count_nonzero(~known)} of {count_of(len(known), 'scan')} outside the odometry"
+                f" or in silences of it longer than {gap_s:.2g} s, first at "
                 f"{seconds(stamps[np.argmin(known)])}: scan matching only there"
             )
         return poses, known
@@ -301,7 +300,9 @@ class RecordedSource:
         known[rows[excursions(self._stamps[self._rows][rows], poses[rows])]] = False
         if not known.all():
             count = np.count_nonzero(~known)
-            self._notices.append(f"{count} of {len(known)} poses of the odometry unusable, skipped")
+            self._notices.append(
+                f"{count} of {count_of(len(known), 'pose')} of the odometry unusable, skipped"
+            )
         return np.where(known[:, None], poses, 0.0), known
 
     def _drop_frozen(self) -> None:
@@ -328,7 +329,7 @@ class RecordedSource:
         if not counts:
             return
         told = ", ".join(f"{count} {reason}" for reason, count in counts.most_common())
-        text = f"{sum(counts.values())} of {len(self._table)} scans not used: {told}"
+        text = f"{sum(counts.values())} of {count_of(len(self._table), 'scan')} not used: {told}"
         if unused > _MAX_UNUSED_SHARE * total:
             raise BadInput(f"{self._topic}: {text}")
         self._notices.append(

@@ -10,6 +10,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Protocol
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Packed
 from slarm_graph.frontends.recordings.ros1_file import Ros1File
@@ -220,5 +221,5 @@ class Losses:
         if not count:
             return []
         seconds = max(self.seconds.values())
-        told = f"{count} messages, about {seconds:.1f} s, could not be read"
+        told = f"could not read {count_of(count, 'message')}, about {seconds:.1f} s"
         return [f"warning: {name} is damaged: {told}"]

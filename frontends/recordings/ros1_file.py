@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import brief
 from slarm_graph.frontends.recordings.packed import Bytes, Ints, Packed
 from slarm_graph.frontends.recordings.ros1_chunks import Chunk, unpacked
@@ -152,8 +153,8 @@ class Ros1File:
         lost = self.loss()
         if lost.messages:
             told.append(
-                f"warning: {self.path.name} is damaged: {lost.messages} messages, about"
-                f" {lost.seconds:.1f} s, could not be read"
+                f"warning: {self.path.name} is damaged: could not read"
+                f" {count_of(lost.messages, 'message')}, about {lost.seconds:.1f} s"
             )
         problems = dict.fromkeys(chunk.problem() for chunk in self._chunks if chunk.problem())
         return told + [f"warning: {self.path.name}: {problem}; not read" for problem in problems]
@@ -166,12 +167,12 @@ class Ros1File:
         span, count = self.span_ns(list(self.connections)), sum(self.counts().values())
         kept = sum(chunk.whole for chunk in self._chunks)
         if span is None or not 0 < kept < self._chunks_told:
-            return f"; the {count} messages before that are used"
+            return f"; used: {count_of(count, 'message')} before that"
         missing = self._chunks_told - kept
         seconds = (span[1] - span[0]) * 1e-9 * missing / kept
         return (
-            f"; the {count} messages before that are used, {missing} of {self._chunks_told} chunks,"
-            f" some {seconds:.0f} s, are missing"
+            f"; used: {count_of(count, 'message')} before that; missing: {missing} of"
+            f" {count_of(self._chunks_told, 'chunk')}, some {seconds:.0f} s"
         )
 
     def _scan(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config.stage import MOST_BEAMS
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.recordings.messages import ScanBlock
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.ranges import Ranges
@@ -63,8 +64,8 @@ class Sweeps:
         if not count:
             return ""
         return (
-            f"{count} of {len(self.ignored)} scans last longer than the {self.period_s:.3f} s "
-            "between scans (time_increment x beams)"
+            f"{count} of {count_of(len(self.ignored), 'scan')} lasting longer than the"
+            f" {self.period_s:.3f} s between scans (time_increment x beams)"
         )
 
 

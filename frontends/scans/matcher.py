@@ -18,6 +18,7 @@ from pydantic import Field
 
 from slarm_graph.config import MatchingConfig, Stage
 from slarm_graph.constraint import MatchResult
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.icp import align, line_normals
@@ -187,7 +188,7 @@ def _result(
 def _too_few(source: Floats, target: Floats, config: MatchingConfig) -> str:
     for name, points in (("source", source), ("target", target)):
         if len(points) < config.min_points:
-            return f"{name} has only {len(points)} returns"
+            return f"{name} has only {count_of(len(points), 'return')}"
         if not math.isfinite(float(np.sum(points))):
             return f"{name} has returns that are not finite"
     return ""

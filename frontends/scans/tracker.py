@@ -16,6 +16,7 @@ import numpy as np
 
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
+from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.fits import fit
 from slarm_graph.frontends.scans.hypotheses import Story, grown, is_decided, pruned
 from slarm_graph.frontends.scans.keyframes import LocalMap
@@ -257,5 +258,5 @@ def _why_not(local_map: LocalMap, points: Floats, least: int) -> str:
     if local_map.grid is None:
         return "first scan"
     if len(points) < least:
-        return f"only {len(points)} returns"
+        return f"only {count_of(len(points), 'return')}"
     return "fits nowhere it could be"

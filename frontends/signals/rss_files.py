@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectory_columns import stamp_ns
 from slarm_graph.radio.measured.log import RssLog
@@ -65,7 +66,9 @@ def read_anchor_log(path: Path) -> RssLog:
                 raise BadInput(f"{path}:{number}: not a line of anchors ({error})") from None
             values.append(float(np.mean(strengths)) if strengths else np.nan)
     made = np.array(stamps, dtype=np.int64)
-    return RssLog.of_rows(made, names, np.array(values), f"{path.name}, {len(stamps)} reports")
+    return RssLog.of_rows(
+        made, names, np.array(values), f"{path.name}, {count_of(len(stamps), 'report')}"
+    )
 
 
 def read_rss_csv(path: Path) -> RssLog:
@@ -100,7 +103,9 @@ def read_rss_csv(path: Path) -> RssLog:
     if not stamps:
         raise BadInput(f"{path} has no reading")
     made = np.array(stamps, dtype=np.int64)
-    return RssLog.of_rows(made, names, np.array(values), f"{path.name}, {len(stamps)} readings")
+    return RssLog.of_rows(
+        made, names, np.array(values), f"{path.name}, {count_of(len(stamps), 'reading')}"
+    )
 
 
 def _column(path: Path, header: list[str], wanted: tuple[str, ...]) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from rosbags.highlevel import AnyReader, AnyReaderError
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.ros_writing import typestore_of
 from slarm_graph.radio.measured.log import RssLog
@@ -58,10 +59,9 @@ def read_rss_topic(
                 stamps.append(_stamp_ns(message, recorded_ns))
     except AnyReaderError as error:
         raise BadInput(f"--rss {topic}: the recording has no topics ({error})") from None
-    rss = np.array(values)
-    rss[~np.isfinite(rss)] = np.nan
-    described = f"{topic}, {len(values)} readings"
-    return RssLog.of_rows(np.array(stamps, dtype=np.int64), owners, rss, described)
+    described = f"{topic}, {count_of(len(values), 'reading')}"
+    made = np.array(stamps, dtype=np.int64)
+    return RssLog.of_rows(made, owners, np.array(values), described)
 
 
 def _field(message: object, path: str, topic: str) -> object:

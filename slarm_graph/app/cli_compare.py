@@ -24,6 +24,7 @@ from slarm_graph.app.options import (
     Settings,
     access_points,
 )
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
@@ -128,7 +129,7 @@ def compare_command(
     plan.trials(out)  # what is wrong with it is told before there is a folder
     folder = open_comparison(out, name, overwrite=overwrite)
     counted = ((len(found), "source"), (len(plan.backends), "backend"), (seeds, "seed"))
-    what = ", ".join(f"{n} {word}{'s' * (n != 1)}" for n, word in counted)
+    what = ", ".join(count_of(n, word) for n, word in counted)
     budget_s = None if budget is None else 60.0 * budget
     run = partial(compare, workers=jobs, scheduler=scheduler, upload=upload, budget_s=budget_s)
     return _compare(plan.trials(folder.path), folder, what, run, others)
@@ -198,7 +199,7 @@ def _carried_out(
             _show(
                 folder,
                 [*done, *measured],
-                f"{what}, interrupted after {len(done)} of {len(planned)} runs",
+                f"{what}, interrupted after {len(done)} of {count_of(len(planned), 'run')}",
             )
         _tell_how_to_go_on(folder)
         raise
@@ -208,7 +209,9 @@ def _tell_found(planned: Sequence[Trial]) -> None:
     there = sum(trial.is_done() for trial in planned)
     if there:
         left = len(planned) - there
-        print(f"{there} of {len(planned)} runs are done already, {left} left", file=sys.stderr)
+        print(
+            f"{there} of {count_of(len(planned), 'run')} done already, {left} left", file=sys.stderr
+        )
 
 
 def _tell_how_to_go_on(folder: RunFolder) -> None:
@@ -232,7 +235,7 @@ def _show(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
     for table in write_comparison(folder, outcomes, what):
         show_text_table(table)
     good = sum(outcome.status == "ok" for outcome in outcomes)
-    print(f"{what}; {good} of {len(outcomes)} runs ok -> {folder.path}/report.html")
+    print(f"{what}; {good} of {count_of(len(outcomes), 'run')} ok -> {folder.path}/report.html")
 
 
 def _tell_outcome(outcome: Outcome) -> None:

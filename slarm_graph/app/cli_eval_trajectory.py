@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from slarm_graph.app.options import Json, Odom, Scan, numbers, source_config
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
@@ -165,7 +166,7 @@ def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow |
         raise BadInput(f"--plot {folder}: cannot be written ({error.strerror})") from None
     import sys
 
-    print(f"{len(written)} figures in {folder}", file=sys.stderr)
+    print(f"{count_of(len(written), 'figure')} in {folder}", file=sys.stderr)
 
 
 def consistency_command(

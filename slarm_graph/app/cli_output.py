@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.table import Table
 
+from slarm_graph.counts import count_of
 from slarm_graph.eval.metrics import INTERVAL, Metric, best_of, metrics_json
 from slarm_graph.readings import ScanStatus
 
@@ -104,4 +105,6 @@ def show_scans(scans: Sequence[ScanStatus]) -> None:
     if dropped:
         total = sum(count for _, count in dropped)
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped)
-        print(f"note: {total} of {len(scans)} scans not used: {reasons}", file=sys.stderr)
+        print(
+            f"note: {total} of {count_of(len(scans), 'scan')} not used: {reasons}", file=sys.stderr
+        )

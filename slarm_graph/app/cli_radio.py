@@ -16,7 +16,6 @@ from slarm_graph.app.options import (
     Name,
     Out,
     Overwrite,
-    Rss,
     Settings,
     access_points,
     numbers,
@@ -35,9 +34,19 @@ if TYPE_CHECKING:
 MapFile = Annotated[
     Path, typer.Argument(metavar="MAP.yaml", help="A map_server map, or a run folder.")
 ]
+RssFile = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="FILE",
+        help="Readings of signal strength: CSV (stamp, ap, rss_dbm; empty: not heard), or a log of"
+        " Bluetooth anchors; repeatable.",
+    ),
+]
 WayFile = Annotated[
     Path | None,
-    typer.Option("--trajectory", help="TUM poses in the map at which --rss was heard."),
+    typer.Option(
+        "--trajectory", help="Poses in the map at which --rss was heard, or a run folder."
+    ),
 ]
 Threshold = Annotated[
     float | None, typer.Option(help="Least level that counts as connected, in dBm.")
@@ -88,7 +97,7 @@ class _Plan(NamedTuple):
 def radio_command(
     map_file: MapFile,
     ap: AccessPoints = None,
-    rss: Rss = None,
+    rss: RssFile = None,
     trajectory: WayFile = None,
     threshold: Threshold = None,
     begin: Begin = None,
@@ -108,6 +117,7 @@ def radio_command(
     overwrite: Overwrite = False,
 ) -> None:
     """Make the radio map over any map_server map, predicted or measured, and plan with it."""
+    from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.planning_radio import radio_over_map
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.config_text import config_yaml
@@ -125,6 +135,7 @@ def radio_command(
     if fading is not None:
         print(made.save_fading(folder, fading, outage, resolved.seed))
     folder.note(status="ok", input={"paths": [str(map_file.resolve())]})
+    show_notices(made.notices)
     print(f"{made.words} -> {folder.path}")
     if wanted is not None:
         _tell_plan(made, wanted, resolved, folder)

@@ -39,6 +39,7 @@ from slarm_graph.app.options import (
     overriding,
     source_settings,
 )
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 
 if TYPE_CHECKING:
@@ -241,9 +242,10 @@ def _finish(run: Run, folder: RunFolder) -> int:
 def _show(run: Run, folder: RunFolder) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_notices, show_scans
 
-    show_notices((*run.consistency.notices(), *run.info.notices, *run.slam.notices))
+    heard = run.measured.notices if run.measured else ()
+    show_notices((*run.consistency.notices(), *run.info.notices, *run.slam.notices, *heard))
     show_scans(run.log.statuses())
     show_metrics(run.metrics, title=run.title)
     print(f"verdict: {run.consistency.summary()}")
     seconds = cast(float, folder.record()["wall_s"])
-    print(f"{len(run.log)} scans in {seconds:.1f} s -> {folder.path}/report.html")
+    print(f"{count_of(len(run.log), 'scan')} in {seconds:.1f} s -> {folder.path}/report.html")

@@ -23,6 +23,7 @@ from slarm_graph.app.options import (
     overriding,
     source_config,
 )
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
@@ -146,9 +147,9 @@ def worlds_command(
 
 def _words(world: WorldMap) -> str:
     x_min, x_max, y_min, y_max = world.extent_m()
-    count = len(world.access_points)
-    points = f"{count} access point{'s' if count != 1 else ''}"
-    return f"{x_max - x_min:g} x {y_max - y_min:g} m, {len(world.solids)} solids, {points}"
+    points = count_of(len(world.access_points), "access point")
+    solids = count_of(len(world.solids), "solid")
+    return f"{x_max - x_min:g} x {y_max - y_min:g} m, {solids}, {points}"
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:

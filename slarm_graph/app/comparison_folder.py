@@ -12,6 +12,7 @@ from pathlib import Path
 from slarm_graph.app.folder_claim import FolderClaim
 from slarm_graph.app.run_folder import RunFolder, create_run_folder, read_record, was_begun
 from slarm_graph.app.trials import KEYS
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
 from slarm_graph.eval.comparison import Outcome
@@ -58,7 +59,7 @@ def open_comparison(out: Path, name: str | None, *, overwrite: bool = False) -> 
 def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> list[TextTable]:
     """Write tables (CSV, Markdown, LaTeX) and the page; return the tables to be shown."""
     good = sum(outcome.status == "ok" for outcome in outcomes)
-    lead = f"{what}; {good} of {len(outcomes)} runs ok"
+    lead = f"{what}; {good} of {count_of(len(outcomes), 'run')} ok"
     estimates = _estimates(folder.path, outcomes)
     found = agreements(estimates)
     tables = [*summary_tables(outcomes), difference_table(outcomes), agreement_table(found)]

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
+from slarm_graph.counts import count_of
+
 _PACKAGES = ("numpy", "scipy", "numba", "gtsam", "opencv-python-headless", "rosbags", "matplotlib")
 _OPTIONAL = ("mujoco", "sionna-rt")
 
@@ -80,7 +82,7 @@ def _compile() -> str:
 
     scan = LaserScan(np.ones(8), 0.0, 0.5, 0.1, 5.0)
     grid = render([scan], Trajectory(np.array([0]), np.zeros((1, 3))), MappingConfig())
-    return f"{int(grid.occupied.sum())} walls seen in a test scan"
+    return f"{count_of(int(grid.occupied.sum()), 'wall cell')} seen in a test scan"
 
 
 def _draw() -> str:

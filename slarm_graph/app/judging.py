@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.config import SimulationConfig, SourceConfig
 from slarm_graph.consistency import Contradictions, contradictions
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.recordings.sources import existing_paths, open_source
@@ -56,11 +57,11 @@ def judge_file(
         log.append(readings[index])
     if not len(log) or np.ptp(log.stamps_ns) < _LEAST_SHARE * np.ptp(stamps_ns):
         raise BadInput(
-            f"{path}: only {len(log)} of {len(readings)} scans of {recording[0]} lie within its"
-            " time; is it of this recording, with the same clock?"
+            f"{path}: only {len(log)} of {count_of(len(readings), 'scan')} of {recording[0]} within"
+            " its time; is it of this recording, with the same clock?"
         )
     left_out = len(readings) - len(log)
-    said = (f"{left_out} of {len(readings)} scans have no pose",) if left_out else ()
+    said = (f"{left_out} of {count_of(len(readings), 'scan')} without a pose",) if left_out else ()
     result = judge(log, Trajectory(log.stamps_ns, poses.at(log.stamps_ns)))
     return result, (*source.info().notices, *said)
 

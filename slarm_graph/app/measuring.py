@@ -56,14 +56,18 @@ def measured_map(
     total = sum(map(len, logs))
     if placed.outside == total:
         raise BadInput(
-            f"none of the {total} readings of signal strength lies within the trajectory's time:"
+            "no reading of signal strength lies within the trajectory's time:"
             " do both have the same clock?"
         )
     made = fuse(
         geographic, placed.readings, access_points, config.radio, config.measured, heartbeat
     )
-    outside = f"{placed.outside} of {total} readings of signal strength lie outside the way's time"
-    return replace(made, notices=(*made.notices, outside)) if placed.outside else made
+    told = [doubt for log in logs for doubt in log.doubts()]
+    if placed.outside:
+        told.append(
+            f"{placed.outside} of {total} readings of signal strength outside the way's time"
+        )
+    return replace(made, notices=(*told, *made.notices))
 
 
 def heights_heard(

@@ -38,6 +38,7 @@ from slarm_graph.app.run_report import save_report
 from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.consistency import Contradictions
+from slarm_graph.counts import count_of
 from slarm_graph.eval.assessment import assess, of_this_time, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
@@ -91,7 +92,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         # Its submaps or particles take more memory than what comes of them.
         del backend
         save_trajectory(folder, "trajectory", slam.trajectory)
-        progress.say(f"rendering {len(log)} scans")
+        progress.say(f"rendering {count_of(len(log), 'scan')}")
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid, config.mapping.large_image)
     # trajectory -> does it contradict itself

@@ -22,7 +22,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.run_files import map_file as map_in
 from slarm_graph.files.texts import csv_text
-from slarm_graph.files.trajectories import read_trajectory
+from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
 from slarm_graph.radio.connectivity.another import WallPlace, rank_places
@@ -59,6 +59,8 @@ class RadioOverMap:
         Writes its files into a run folder.
     radio : RadioMap or None
         None where it was measured.
+    notices : tuple of str
+        What a user should know.
     """
 
     geographic: GeographicMap
@@ -66,6 +68,7 @@ class RadioOverMap:
     words: str
     save: Save
     radio: RadioMap | None = None
+    notices: tuple[str, ...] = ()
 
     def save_fading(self, folder: RunFolder, count: int, outage_dbm: float, seed: int) -> str:
         """Write `fading.npz` with realisations; return a line on them.
@@ -121,7 +124,9 @@ def _measured(
     if way is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
-    measured = measured_map(logs, SlamResult(read_trajectory(way)), geographic, points, config)
+    measured = measured_map(
+        logs, SlamResult(read_trajectory(trajectory_file(way))), geographic, points, config
+    )
     assert measured is not None
     names = ", ".join(ap.name for ap in measured.access_points)
     signal = SignalMap.of_measured(measured)
@@ -130,7 +135,7 @@ def _measured(
         """Write the measured map."""
         save_measured(folder, measured)
 
-    return RadioOverMap(geographic, signal, f"{names}: measured", save)
+    return RadioOverMap(geographic, signal, f"{names}: measured", save, notices=measured.notices)
 
 
 def save_connections(

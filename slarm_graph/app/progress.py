@@ -14,6 +14,12 @@ LINE_EVERY_S = 10.0
 """Between two lines in a log, so that an hour's run writes a few hundred."""
 _DRAW_EVERY_S = 0.1
 """Ten times a second looks smooth and costs nothing that shows."""
+_STEPS_KNOWN = 8
+"""Steps after the first ones before a rate is told. With half as many the first loop closure sets
+it, with twice as many nothing is told of what takes a minute."""
+_SHARE_OF_ONE = 0.5
+"""Of the time that a rate is of: where one step takes more, a kernel was compiled in it (40 s
+among the first scans of a first run). With 0.25 long steps hide the rate, with 1 hours are told."""
 
 
 class Progress(Protocol):
@@ -52,6 +58,56 @@ class Quiet:
         """Do nothing."""
 
 
+class Pace:
+    """Steps done and their rate, over the later half of them: slow first ones are forgotten.
+
+    Parameters
+    ----------
+    total : int, optional
+        Steps of the stage, unknown when None.
+    """
+
+    def __init__(self, total: int | None = None) -> None:
+        self.done, self._total = 0, total
+        self.started_s = self._last_s = time.monotonic()
+        self._from = self._next = (0, self.started_s)
+        self._slowest_s = (0.0, 0.0)
+
+    def advance(self) -> None:
+        """Count a step."""
+        self.done += 1
+        now_s = time.monotonic()
+        earlier_s, later_s = self._slowest_s
+        self._slowest_s = earlier_s, max(later_s, now_s - self._last_s)
+        self._last_s = now_s
+        if self.done & (self.done - 1) == 0:
+            self._from, self._next = self._next, (self.done, now_s)
+            self._slowest_s = self._slowest_s[1], 0.0
+
+    def words(self) -> str:
+        """How far it is; rate and time left only once they are known."""
+        words = [str(self.done) if self._total is None else self._share(self._total)]
+        rate = self._rate()
+        if rate is not None:
+            words.append(f"{rate:.3g}/s")
+            if self._total is not None:
+                words.append(f"{max(self._total - self.done, 0) / rate:.0f} s left")
+        return ", ".join(words)
+
+    def _share(self, total: int) -> str:
+        return f"{self.done} of {total} ({self.done / max(total, 1):.0%})"
+
+    def _rate(self) -> float | None:
+        """Steps per second; None before it is known."""
+        now_s = time.monotonic()
+        steps, since_s = self.done - self._from[0], now_s - self._from[1]
+        few = _STEPS_KNOWN if self._total is None else min(_STEPS_KNOWN, self._total // 8)
+        slowest_s = max(*self._slowest_s, now_s - self._last_s)
+        if not self._from[0] or steps < few or slowest_s > _SHARE_OF_ONE * since_s:
+            return None
+        return steps / since_s if since_s > 0.0 else None
+
+
 class Lines:
     """Writes a plain line now and then, for logs and pipes.
 
@@ -64,18 +120,17 @@ class Lines:
 
     def __init__(self, stream: TextIO, every_s: float = LINE_EVERY_S) -> None:
         self._stream, self._every_s = stream, every_s
-        self._stage, self._done = "", 0
-        self._total: int | None = None
-        self._started_s = self._shown_s = time.monotonic()
+        self._stage, self._pace = "", Pace()
+        self._shown_s = self._pace.started_s
 
     def start(self, stage: str, total: int | None = None) -> None:
         """Begin a stage."""
-        self._stage, self._total, self._done = stage, total, 0
-        self._started_s = self._shown_s = time.monotonic()
+        self._stage, self._pace = stage, Pace(total)
+        self._shown_s = self._pace.started_s
 
     def advance(self) -> None:
         """Count a step, and write a line when one is due."""
-        self._done += 1
+        self._pace.advance()
         self._show("")
 
     def say(self, message: str) -> None:
@@ -90,20 +145,11 @@ class Lines:
         if now_s - self._shown_s < self._every_s:
             return
         self._shown_s = now_s
-        elapsed_s = now_s - self._started_s
         parts = [f"{self._stage}:"]
-        if self._done:
-            parts.append(_rate_words(self._done, self._total, elapsed_s))
-        parts.append(message or f"({elapsed_s:.0f} s so far)")
+        if self._pace.done:
+            parts.append(self._pace.words())
+        parts.append(message or f"({now_s - self._pace.started_s:.0f} s so far)")
         print(" ".join(parts), file=self._stream, flush=True)
-
-
-def _rate_words(done: int, total: int | None, elapsed_s: float) -> str:
-    rate = done / elapsed_s
-    if total is None:
-        return f"{done}, {rate:.3g}/s"
-    left_s = max(total - done, 0) / rate
-    return f"{done} of {total} ({done / max(total, 1):.0%}), {rate:.3g}/s, {left_s:.0f} s left"
 
 
 class Bar:
@@ -117,7 +163,6 @@ class Bar:
             SpinnerColumn,
             TextColumn,
             TimeElapsedColumn,
-            TimeRemainingColumn,
         )
 
         self._bar = Progress(
@@ -126,33 +171,27 @@ class Bar:
             BarColumn(),
             TextColumn("{task.fields[count]}"),
             TimeElapsedColumn(),
-            TimeRemainingColumn(),
             TextColumn("{task.fields[words]}"),
             console=Console(stderr=True),
             transient=True,
         )
         self._task = self._bar.add_task("", total=None, count="", words="", start=True)
-        self._done = 0
-        self._total: int | None = None
-        self._started_s = self._drawn_s = 0.0
+        self._pace, self._drawn_s = Pace(), 0.0
 
     def start(self, stage: str, total: int | None = None) -> None:
         """Begin a stage with a fresh bar."""
-        self._done, self._total = 0, total
-        self._started_s = time.monotonic()
+        self._pace = Pace(total)
         self._bar.start()
         self._bar.reset(self._task, description=stage, total=total, count="", words="")
 
     def advance(self) -> None:
         """Count a step; drawn ten times a second."""
-        self._done += 1
+        self._pace.advance()
         now_s = time.monotonic()
         if now_s - self._drawn_s < _DRAW_EVERY_S:
             return
         self._drawn_s = now_s
-        rate = self._done / max(now_s - self._started_s, 1e-9)
-        of = "" if self._total is None else f" of {self._total}"
-        self._bar.update(self._task, completed=self._done, count=f"{self._done}{of}, {rate:.3g}/s")
+        self._bar.update(self._task, completed=self._pace.done, count=self._pace.words())
 
     def say(self, message: str) -> None:
         """Show the message behind the bar."""

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.files.run_files import of_run
 from slarm_graph.files.texts import read_text
@@ -108,8 +109,9 @@ def read_spatial(path: Path) -> SpatialTrajectory:
         else:
             first_bad, bad = first_bad or number, bad + 1
     if bad:
-        _log.warning("%s: %d rows are not finite numbers and are left out, the first in line %d",
-                     path, bad, first_bad)  # fmt: skip
+        rows_left_out = count_of(bad, "row")
+        _log.warning("%s: %s without finite numbers left out, the first in line %d",
+                     path, rows_left_out, first_bad)  # fmt: skip
     if not rows or columns is None:
         raise BadInput(f"{path}: no poses in it; expected lines `{_HEADER[2:]}`")
     return _in_order(path, rows, timed=bool(columns.stamp))
@@ -152,13 +154,10 @@ def _columns(
 ) -> Columns:
     if named is not None and named.count == len(words):
         return named
-    columns = columns_by_custom(words, commas=commas)
-    if columns is None:
-        raise BadInput(
-            f"{path}:{number}: expected 8 numbers (TUM), 12 (KITTI), a EuRoC line or a header that"
-            f" names the columns, got {len(words)}: {brief(' '.join(words))!r}"
-        )
-    return columns
+    try:
+        return columns_by_custom(words, commas=commas)
+    except ValueError as error:
+        raise BadInput(f"{path}:{number}: {error}: {brief(' '.join(words))!r}") from None
 
 
 def _in_order(path: Path, rows: list[Row], *, timed: bool) -> SpatialTrajectory:
@@ -166,9 +165,7 @@ def _in_order(path: Path, rows: list[Row], *, timed: bool) -> SpatialTrajectory:
     poses = np.array([row[1] for row in rows], dtype=np.float64)
     unique, first = np.unique(stamps, return_index=True)
     if len(unique) != len(stamps) or np.any(np.diff(stamps) < 0):
-        _log.warning(
-            "%s: stamps do not increase strictly; sorted, and %d repeated stamps left out",
-            path,
-            len(stamps) - len(unique),
-        )
+        repeated = len(stamps) - len(unique)
+        besides = f", and {count_of(repeated, 'repeated stamp')} left out" if repeated else ""
+        _log.warning("%s: stamps do not increase strictly; sorted%s", path, besides)
     return SpatialTrajectory(unique, poses[first], timed)

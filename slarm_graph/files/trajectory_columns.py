@@ -11,8 +11,11 @@ from dataclasses import dataclass
 
 from slarm_graph.stamps import NS_PER_S, seconds_to_ns
 
-_TUM, _MATRIX_3X4, _MATRIX_4X4 = 8, 12, 16
-"""Numbers in a line: stamp, position and quaternion; the rows of a pose's matrix."""
+_TUM, _MATRIX_3X4, _MATRIX_4X4, _STATE = 8, 12, 16, 17
+"""Numbers in a line: stamp, position and quaternion; the rows of a pose's matrix; what EuRoC
+estimates of the truth, which has velocity and biases of the sensors besides."""
+_NAMED = "timestamp,x,y,z,qx,qy,qz,qw"
+"""A header that names the columns."""
 _UNIT_TOLERANCE = 0.1
 """Of a quaternion's length; files with few digits stay within a thousandth, 0.1 catches columns
 taken for what they are not."""
@@ -122,23 +125,39 @@ def _of_matrix(m: Sequence[float]) -> tuple[float, ...]:
     return m[3], m[7], m[11], *Rotation.from_matrix(turn).as_quat().tolist()
 
 
-def columns_by_custom(words: Sequence[str], *, commas: bool) -> Columns | None:
-    """Tell the format by the first line of numbers: KITTI, EuRoC (with commas) or TUM."""
-    if len(words) in (_MATRIX_3X4, _MATRIX_4X4) and not _is_stamp_of_euroc(words, commas):
+def columns_by_custom(words: Sequence[str], *, commas: bool) -> Columns:
+    """Tell the format by the first line of numbers: KITTI, EuRoC (with commas) or TUM.
+
+    Raises
+    ------
+    ValueError
+        When it is none of them, or may be two.
+    """
+    if commas and _is_of_euroc(words):
+        unit = "ns" if words[0].isdigit() else ""
+        told = "timestamp,x,y,z,qw,qx,qy,qz (EuRoC)"
+        return Columns(_TUM, (0,), (1, 2, 3), (5, 6, 7, 4), told, exact=False, unit=unit)
+    if len(words) in (_MATRIX_3X4, _MATRIX_4X4):
         return Columns(len(words), (), (3, 7, 11), (), f"{len(words)} numbers (KITTI)")
-    if len(words) >= _TUM and _is_stamp_of_euroc(words, commas):
-        words_for_people = "timestamp,x,y,z,qw,qx,qy,qz (EuRoC)"
-        return Columns(_TUM, (0,), (1, 2, 3), (5, 6, 7, 4), words_for_people, exact=False)
+    if len(words) == _TUM and commas:
+        raise ValueError(
+            "quaternion with w last (TUM), or first (EuRoC)? Name the columns in a line above,"
+            f" `{_NAMED}` or `timestamp [ns],x,y,z,qw,qx,qy,qz`"
+        )
     if len(words) == _TUM:
         return Columns(_TUM, (0,), (1, 2, 3), (4, 5, 6, 7), "timestamp tx ty tz qx qy qz qw (TUM)")
-    return None
+    raise ValueError(
+        "expected 8 numbers (TUM), 12 (KITTI), a EuRoC line or a header that names the columns,"
+        f" such as `{_NAMED}`, got {len(words)}"
+    )
 
 
-def _is_stamp_of_euroc(words: Sequence[str], commas: bool) -> bool:
+def _is_of_euroc(words: Sequence[str]) -> bool:
     try:
-        return commas and abs(float(words[0])) >= _NANOSECONDS_FROM
+        nanoseconds = abs(float(words[0])) >= _NANOSECONDS_FROM
     except ValueError:
         return False
+    return len(words) == _STATE or (nanoseconds and len(words) >= _TUM)
 
 
 def columns_by_header(names: Sequence[str]) -> Columns | None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph.config import RecoveryConfig
+from slarm_graph.counts import count_of
 from slarm_graph.geographic import HeightGroup
 from slarm_graph.polygons import signed_area_m2
 from slarm_graph.recovery.height_prior import HeightPrior, PlanKind, height_group, plan_kind
@@ -40,7 +41,9 @@ def height_source(blocks: Sequence[Solid], strips: Sequence[Solid], config: Reco
     if config.default_height_m is None:
         certain = certain_height_m(config) is not None or not strips
         source = "infinite" if certain else _PRIOR
-    return f"matched sizes ({len(blocks)} obstacles), else {source}" if blocks else source
+    return (
+        f"matched sizes ({count_of(len(blocks), 'obstacle')}), else {source}" if blocks else source
+    )
 
 
 def uncertain_heights(

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.config import MeasuredConfig, RadioConfig
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
@@ -100,9 +101,11 @@ def fuse(
     for name, placed in readings.items():
         heard = int(placed.heard.sum())
         if heard < config.least_readings:
-            notices.append(f"{name} was heard {heard} times; {config.least_readings} make a map")
+            notices.append(
+                f"{name} was heard {count_of(heard, 'time')}; {config.least_readings} make a map"
+            )
             continue
-        heartbeat(f"measured map of {name}, {len(placed)} readings")
+        heartbeat(f"measured map of {name}, {count_of(len(placed), 'reading')}")
         mean = Mean(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )

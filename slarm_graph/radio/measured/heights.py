@@ -20,6 +20,7 @@ from shapely import Polygon, STRtree, points
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.config import MeasuredConfig, RadioConfig
+from slarm_graph.counts import count_of
 from slarm_graph.geographic import CellState, GeographicMap, HeightGroup
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.heard_height import HeardHeight
@@ -97,7 +98,7 @@ def heard_heights(
     for _ in range(_ROUNDS):
         heard = [one.fitted(floor, levels_m, found) for one in heard]
         for which in np.array_split(some, -(-len(some) // _AT_ONCE)) if len(some) else ():
-            heartbeat(f"heights of {len(which)} obstacles by what is heard behind them")
+            heartbeat(f"heights of {count_of(len(which), 'obstacle')} by what is heard behind them")
             evidence = [height_evidence(one, floor, levels_m, found, which) for one in heard]
             logs = [np.log(np.maximum(priors[k], 1e-300)) for k in which]
             for k, share in zip(which, height_probabilities(evidence, logs, rng), strict=True):
@@ -140,7 +141,7 @@ def with_heights(geographic: GeographicMap, heard: Sequence[HeardHeight]) -> Geo
         for number in own:
             solids[number] = replace(solids[number], height_m=median_m)
         heights_m[owner == k] = median_m
-    source = f"heard behind {len(heard)} obstacles, else {geographic.height_source}"
+    source = f"heard behind {count_of(len(heard), 'obstacle')}, else {geographic.height_source}"
     return replace(
         geographic,
         solids=tuple(solids),

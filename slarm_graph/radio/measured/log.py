@@ -10,10 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.readings import Placed
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
+
+_POSSIBLE_DBM = (-150.0, 40.0)
+"""Levels that a radio can tell: LoRa, which hears the least, ends at -148 dBm (Semtech SX1276), and
+40 dBm are 10 W. Most percents and dBuV lie beyond; 20 dB less or more at either end tells the same
+of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,16 +53,32 @@ class RssLog:
     def of_rows(
         stamps_ns: NDArray[np.int64], names: list[str], rss_dbm: Floats, description: str
     ) -> RssLog:
-        """Gather rows in any order; every name becomes an access point."""
+        """Gather rows in any order; every name becomes an access point, no number is not heard."""
         known, index = np.unique(np.array(names), return_inverse=True)
         order = np.argsort(stamps_ns, kind="stable")
         return RssLog(
             tuple(str(name) for name in known),
             stamps_ns[order],
             index[order].astype(np.int64),
-            rss_dbm[order],
+            np.where(np.isfinite(rss_dbm), rss_dbm, np.nan)[order],
             description,
         )
+
+    def doubts(self) -> tuple[str, ...]:
+        """What speaks against levels in dBm: some that no radio can tell, or all the same."""
+        low, high = _POSSIBLE_DBM
+        beyond = np.flatnonzero((self.rss_dbm < low) | (self.rss_dbm > high))
+        heard = self.rss_dbm[np.isfinite(self.rss_dbm)]
+        if len(beyond):
+            name = self.names[self.access_point[beyond[0]]]
+            return (
+                f"warning: {len(beyond)} of {count_of(len(self), 'reading')} of signal strength"
+                f" outside {low:g} to {high:g} dBm, first {name} at {self.rss_dbm[beyond[0]]:g}:"
+                " are they in dBm?",
+            )
+        if len(heard) > 1 and not np.ptp(heard):
+            return (f"warning: every reading of signal strength is {heard[0]:g} dBm: no level?",)
+        return ()
 
 
 def heard_with(log: ReadingLog) -> tuple[RssLog, ...]:
