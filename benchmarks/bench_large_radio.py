@@ -31,8 +31,9 @@ from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.measured.readings import Placed
 
 CELL_M, ROOM_M, DOOR_M = 0.05, 8.0, 1.2
-COUNT, NOISE_DB, SHADOWING_DB, RANGE_M = 6, 3.0, 4.0, 2.0
-SPEED_M_S = 0.6
+"""Side of a cell, of a room, and width of a door: those of offices."""
+COUNT, NOISE_DB, SHADOWING_DB, RANGE_M, SPEED_M_S = 6, 3.0, 4.0, 2.0, 0.6
+"""Access points; noise and shadowing of readings as the simulator has them; of the robot."""
 
 
 def rooms(cells: int) -> Mask:
@@ -73,7 +74,9 @@ def heard(
         white = rng.standard_normal(walls.shape)
         field = gaussian_filter(white, RANGE_M / CELL_M / 2.0)
         field *= SHADOWING_DB / field.std()
-        away = np.linalg.norm(np.column_stack([points, np.full(len(points), 0.5)]) - ap.position_m(), axis=1)
+        away = np.linalg.norm(
+            np.column_stack([points, np.full(len(points), 0.5)]) - ap.position_m(), axis=1
+        )
         passed = crossed(walls, ap.position_m()[:2], points)
         level = -40.0 - 20.0 * np.log10(away) - 4.0 * passed
         level += field[tuple((points // CELL_M).astype(int).T[::-1])]
@@ -92,7 +95,9 @@ def made(cells: int, readings: int, locate: bool) -> MeasuredMap:
     walls, rng = rooms(cells), np.random.default_rng(0)
     side_m = CELL_M * cells
     aps = [
-        AccessPoint(f"ap{n}", *rng.uniform(0.1 * side_m, 0.9 * side_m, 2).tolist(), 2.4, 0.0, 2.44e9)
+        AccessPoint(
+            f"ap{n}", *rng.uniform(0.1 * side_m, 0.9 * side_m, 2).tolist(), 2.4, 0.0, 2.44e9
+        )
         for n in range(COUNT)
     ]
     parts = heard(walls, aps, readings, rng)
