@@ -25,6 +25,7 @@ from slarm_graph.radio.measured.files import (
     write_measured_npz,
 )
 from slarm_graph.radio.measured.fuse import _problem, floor_of, fuse
+from slarm_graph.radio.measured.locate import _over_map, _Search
 from slarm_graph.radio.measured.mean import Mean
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.pictures import write_measured_png
@@ -284,3 +285,22 @@ def test_files_keep_everything(noisy, tmp_path):
     (tmp_path / "m.npz").write_bytes(b"no")
     with pytest.raises(BadInput, match="not a measured radio map"):
         read_measured_npz(tmp_path / "m.npz")
+
+
+def test_part_of_the_readings_rules_out_only_what_all_rule_out():
+    """Screened evidence is the full one where that is near the best, and the best is the same."""
+    rng = np.random.default_rng(8)
+    geographic = floor()
+    points = drive(rng, 900)
+    rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
+    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
+    field = FloorField(make_nodes(GRID, floor_of(geographic), 0.8, 500))
+    search = _Search(field, mean, placed(points, rss))
+    lattice = _over_map(mean)
+    screened = search.evidences(lattice)
+    full = np.array([search.evidence(position) for position in lattice])
+    kept = np.isfinite(screened)
+    np.testing.assert_array_equal(screened[kept], full[kept])
+    assert screened.argmax() == full.argmax()
+    assert full[~kept].max() < full.max() - 15.0
+    assert kept.mean() < 0.5

@@ -72,6 +72,7 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
     for topic in recording.topics:
         if topic.msgtype == _IMU:
             findings += _check_imu_topic(recording, topic)
+    findings += _check_signals(paths, config)
     facts = tuple(_facts(topic, messages) for topic in recording.topics)
     return Look(findings, recording.description, facts)
 
@@ -107,6 +108,16 @@ def _check_shared_frames(messages: RosMessages) -> list[Finding]:
         Finding("warning", frame, f"{count} scan topics are in this frame", "one laser, two names?")
         for frame, count in frames.items()
         if count > 1
+    ]
+
+
+def _check_signals(paths: Sequence[Path], config: SourceConfig) -> list[Finding]:
+    """Tell of signal strength, which a run uses or may be told to use."""
+    from slarm_graph.frontends.signals.rss_found import found_rss
+
+    return [
+        Finding("note", found.topic, found.what_it_is(), found.advice())
+        for found in found_rss(paths, config.ros_distro)
     ]
 
 

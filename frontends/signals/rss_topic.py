@@ -16,6 +16,9 @@ from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.ros_writing import typestore_of
 from slarm_graph.radio.measured.log import RssLog
 
+_LISTS = (list, tuple, np.ndarray)
+"""What rosbags makes of arrays."""
+
 
 def read_rss_topic(
     recording: Sequence[Path],
@@ -32,9 +35,10 @@ def read_rss_topic(
         ROS 1 bags, or a ROS 2 folder.
     topic : str
     value : str
-        Field with the strength [dBm]; dots lead into parts.
+        Field with the strength [dBm]; dots lead into parts, and into each of a list's.
     names : sequence of str
-        Fields that together name the access point; without any the topic does.
+        Fields that together name the access point, one or as many as levels; without any the
+        topic does.
     distro : str, optional
         ROS 2 release whose types hold where the bag brings no definitions.
 
@@ -43,43 +47,69 @@ def read_rss_topic(
     BadInput
         When there is no such topic or field, or the field holds no numbers.
     """
-    folders = [p.parent if p.name == "metadata.yaml" else p for p in recording]
-    stamps, owners, values = [], [], []
+    stamps: list[int] = []
+    owners: list[str] = []
+    values: list[float] = []
     try:
-        with AnyReader(folders, default_typestore=typestore_of(distro)) as reader:
+        with AnyReader(recorded(recording), default_typestore=typestore_of(distro)) as reader:
             connections = [c for c in reader.connections if c.topic == topic]
             if not connections:
                 known = ", ".join(sorted({c.topic for c in reader.connections}))
                 raise BadInput(f"--rss {topic}: no such topic; the recording has {known}")
             for connection, recorded_ns, raw in reader.messages(connections):
                 message = _message(reader, raw, connection.msgtype)
-                values.append(_number(_field(message, value, topic), value, topic))
-                words = [str(_field(message, name, topic)) for name in names]
-                owners.append(" ".join(words) or topic.strip("/"))
-                stamps.append(_stamp_ns(message, recorded_ns))
+                levels = [_number(one, value, topic) for one in _fields(message, value, topic)]
+                values += levels
+                owners += _owners(message, names, topic, len(levels))
+                stamps += [_stamp_ns(message, recorded_ns)] * len(levels)
     except AnyReaderError as error:
         raise BadInput(f"--rss {topic}: the recording has no topics ({error})") from None
     described = f"{topic}, {count_of(len(values), 'reading')}"
     made = np.array(stamps, dtype=np.int64)
-    return RssLog.of_rows(made, owners, np.array(values), described)
+    return RssLog.of_rows(made, owners, np.array(values, dtype=np.float64), described)
 
 
-def _field(message: object, path: str, topic: str) -> object:
-    """Follow dots into a message.
+def recorded(paths: Sequence[Path]) -> list[Path]:
+    """Return the recording as rosbags wants it: a ROS 2 recording by its folder."""
+    return [path.parent if path.name == "metadata.yaml" else path for path in paths]
+
+
+def _owners(message: object, names: Sequence[str], topic: str, count: int) -> list[str]:
+    """Names of the access points of a message's levels.
+
+    Raises
+    ------
+    BadInput
+        When a list of names is of another length than that of levels.
+    """
+    told = [_fields(message, name, topic) for name in names]
+    for name, words in zip(names, told, strict=True):
+        if len(words) not in (1, count):
+            raise BadInput(f"--rss {topic}: {len(words)} of {name} for {count} levels")
+    of_all = [words * count if len(words) == 1 else words for words in told]
+    if not of_all:
+        return [topic.strip("/")] * count
+    return [" ".join(map(str, one)) or topic.strip("/") for one in zip(*of_all, strict=True)]
+
+
+def _fields(message: object, path: str, topic: str) -> list[object]:
+    """Follow dots into a message, and into all that its lists hold.
 
     Raises
     ------
     BadInput
         Where a part is missing, with those that are there.
     """
-    value = message
+    values = [message]
     for name in path.split("."):
-        known = _parts(value)
-        if name not in known:
-            has = f"it has {', '.join(known)}" if known else "it has no parts"
-            raise BadInput(f"--rss {topic}: no field {name!r} in {_kind(value)}; {has}")
-        value = getattr(value, name)
-    return value
+        for value in values:
+            known = _parts(value)
+            if name not in known:
+                has = f"it has {', '.join(known)}" if known else "it has no parts"
+                raise BadInput(f"--rss {topic}: no field {name!r} in {_kind(value)}; {has}")
+        parts = [getattr(value, name) for value in values]
+        values = [one for part in parts for one in (part if isinstance(part, _LISTS) else (part,))]
+    return values
 
 
 def _number(value: object, path: str, topic: str) -> float:

@@ -38,7 +38,8 @@ class Job:
     ground_truth, relations : Path or None
         Files with what is known to be true.
     rss : tuple of str
-        Readings of signal strength: files, or topics with fields (`open_rss`).
+        Readings of signal strength: files, or topics with fields (`open_rss`); empty: what is
+        found (`signals_of`).
     truth_is_found : bool
         Whether what is known to be true was not given but lay beside the recording.
     """

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,13 +21,57 @@ from slarm_graph.radio.measured.heard_height import HeardHeight, write_heights_c
 from slarm_graph.radio.measured.log import PlacedLog, RssLog, merged, place
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 
+NO_SIGNALS = ("none",)
+"""What `--rss` says to leave alone what the recording holds."""
 
-def signal_logs(
+
+@dataclass(frozen=True, slots=True)
+class Signals:
+    """Readings of signal strength that come with a recording.
+
+    Parameters
+    ----------
+    logs : tuple of RssLog
+    notices : tuple of str
+        What of the recording is used, or may be.
+    are_found : bool
+        Nobody asked for them: a run goes on without those that make no map.
+    """
+
+    logs: tuple[RssLog, ...] = ()
+    notices: tuple[str, ...] = ()
+    are_found: bool = False
+
+    def along(self, slam: SlamResult, config: RunConfig) -> Signals:
+        """Leave out logs that were found and of which too little lies on the way."""
+        if not self.are_found:
+            return self
+        least = config.measured.least_readings
+        kept, told = [], []
+        for log in self.logs:
+            placed = _placed((log,), slam, config).readings.values()
+            if max((int(one.heard.sum()) for one in placed), default=0) >= least:
+                kept.append(log)
+            else:
+                few = f"of no access point {least} readings lie on the way"
+                told.append(f"no measured radio map of {log.description}: {few}")
+        return replace(self, logs=tuple(kept), notices=(*self.notices, *told))
+
+
+def signals_of(
     given: Sequence[str], recording: Sequence[Path], distro: str | None = None
-) -> tuple[RssLog, ...]:
-    """Open what `--rss` names, or what lies beside the recording when it names nothing."""
-    found = given or [log for path in recording if (log := beside(path))]
-    return tuple(open_rss(one, recording, distro) for one in found)
+) -> Signals:
+    """Open what `--rss` names; else what lies beside the recording, or is in it for certain."""
+    if tuple(given) == NO_SIGNALS:
+        return Signals()
+    named = given or [log for path in recording if (log := beside(path))]
+    if named:
+        return Signals(tuple(open_rss(one, recording, distro) for one in named))
+    from slarm_graph.frontends.signals.rss_found import found_rss
+
+    found = found_rss(recording, distro)
+    logs = tuple(one.log for one in found if one.log is not None)
+    return Signals(logs, tuple(one.notice() for one in found), are_found=True)
 
 
 def measured_map(

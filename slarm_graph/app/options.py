@@ -86,7 +86,8 @@ Rss = Annotated[
         metavar="FILE|/TOPIC:FIELD[,NAME...]",
         help="Readings of signal strength: CSV (stamp, ap, rss_dbm; empty: not heard), a log of"
         " Bluetooth anchors, or a topic's numeric field and those that name the access point;"
-        " repeatable. A NAME_ble.txt beside NAME_scan.txt is found by itself.",
+        " repeatable. A NAME_ble.txt beside NAME_scan.txt and topics that hold signal strength"
+        " for certain are found by themselves; none leaves them out.",
     ),
 ]
 Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")]

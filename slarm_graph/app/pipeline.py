@@ -21,7 +21,7 @@ from slarm_graph.app.measuring import (
     measured_map,
     save_heights,
     save_measured,
-    signal_logs,
+    signals_of,
     with_heights_heard,
 )
 from slarm_graph.app.outputs import (
@@ -80,7 +80,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     references = read_references(job.ground_truth, job.relations)
     # recording -> readings
     with folder.stage("reading", progress):
-        signals = signal_logs(job.rss, job.paths, config.source.ros_distro)
+        signals = signals_of(job.rss, job.paths, config.source.ros_distro)
         source = _source(job)
     # readings -> SLAM backend
     backend, log = _fed(source, config, folder, progress, stop)
@@ -103,7 +103,9 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic, config.mapping.large_image)
     # geographic map and readings of signal strength -> radio maps
-    heard = (*signals, *heard_with(log))
+    signals = signals.along(slam, config)
+    info = replace(info, notices=(*info.notices, *signals.notices))
+    heard = (*signals.logs, *heard_with(log))
     stages = (heard, slam, config, folder, progress)
     geographic, heights = with_heard(geographic, job.access_points, *stages)
     radio, measured = radio_maps(geographic, job.access_points, *stages)

@@ -139,23 +139,24 @@ def _search(
     """A* over cells and how long each has been without connection; empty when there is no way.
 
     A state keeps the exact length without connection of the way that came first, so every way
-    found keeps the limit.
+    found keeps the limit. Ways into a cell come in order of their cost: a later one is worth
+    following only if it was without connection for less than all before it.
     """
     cols = allowed.shape[1]
     size = allowed.size * layers
     cost = np.full(size, np.inf, dtype=np.float32)
     lost = np.zeros(size, dtype=np.float32)
     parent = np.full(size, -1, dtype=np.int64)
-    done = np.zeros(size, dtype=np.bool_)
+    least_lost = np.full(allowed.size, np.inf, dtype=np.float32)
     goal_row, goal_col = goal // cols, goal % cols
     cost[start * layers] = 0.0
     heap = [(0.0, start * layers)]
     while heap:
         _, state = heapq.heappop(heap)
-        if done[state]:
-            continue
-        done[state] = True
         cell = state // layers
+        if lost[state] >= least_lost[cell]:
+            continue
+        least_lost[cell] = lost[state]
         if cell == goal:
             return _cells_back(parent, state, layers)
         row, col = cell // cols, cell % cols
@@ -166,7 +167,7 @@ def _search(
                 r, c = row + dr, col + dc
                 step = 1.4142135623730951 if dr != 0 and dc != 0 else 1.0
                 without = 0.0 if covered[r, c] else lost[state] + step
-                if without > limit:
+                if without > limit or without >= least_lost[r * cols + c]:
                     continue
                 layer = 0 if without == 0.0 else min(int(without / limit * layers), layers - 1)
                 other = (r * cols + c) * layers + layer

@@ -33,6 +33,14 @@ HEIGHTS_M = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0)
 _STRONGEST = 0.05
 """Share of the readings around whose middle the search begins; any point of the floor would do."""
 
+_EVERY, _FEW = 8, 100
+"""Every so many readings judge positions first, if they are as many as that: a tenth of the time
+that all of them take."""
+
+_RULED_OUT = 15.0
+"""Natural logarithm: chance makes a position that much likelier than the true one once in 3 x 10^6
+(Markov's inequality), whatever the readings; a lattice has some thousand positions."""
+
 
 @dataclass(frozen=True, slots=True)
 class Located:
@@ -82,7 +90,7 @@ def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig
     # Once more about the best; hyperparameters have settled where the position has.
     lattice = _around(best, AROUND_M, STEPS_M[-1])
     search = _Search(floor, _at(mean, best), heard, search.hyper, again=False)
-    logs = np.array([search.evidence(p) for p in lattice])
+    logs = search.evidences(lattice)
     share = np.exp(logs - logs.max())
     share /= share.sum()
     middle = share @ lattice
@@ -94,7 +102,7 @@ def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig
 
 def _likeliest(search: _Search, lattice: Floats) -> Floats:
     """Position (3,) of the greatest evidence among positions (P, 3)."""
-    return np.asarray(lattice[np.argmax([search.evidence(p) for p in lattice])])
+    return np.asarray(lattice[np.argmax(search.evidences(lattice))])
 
 
 def _at(mean: Mean, position_m: Floats) -> Mean:
@@ -146,6 +154,20 @@ class _Search:
             heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
         )
         self._base = Conditioned(problem.prior(fit.hyper), where, weights / variance)
+        self._part: _Search | None = None
+        if len(heard) > _EVERY * _FEW:
+            some = heard.only(np.arange(0, len(heard), _EVERY))
+            self._part = _Search(floor, mean, some, fit.hyper, again=False)
+
+    def evidences(self, lattice: Floats) -> Floats:
+        """Evidence of positions (P, 3); -inf of those that part of the readings rules out."""
+        logs = np.full(len(lattice), -np.inf)
+        near = np.ones(len(lattice), dtype=np.bool_)
+        if self._part is not None:
+            rough = self._part.evidences(lattice)
+            near = rough >= rough.max() - _RULED_OUT
+        logs[near] = [self.evidence(p) for p in lattice[near]]
+        return logs
 
     def evidence(self, position_m: Floats) -> float:
         """Logarithm of the marginal likelihood, the access point being there."""
