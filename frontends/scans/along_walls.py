@@ -9,6 +9,7 @@ sure it is looked for as far as it may be off, and is as sure as all that fits t
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -51,6 +52,9 @@ def aligned(
 ) -> Alignment:
     """Align points with a grid from a pose, along walls where they fit best within reach.
 
+    Somewhere in reach chance fits better, too: as many places as there are, so much likelier the
+    best one must be.
+
     Parameters
     ----------
     grid : LikelihoodGrid
@@ -72,7 +76,8 @@ def aligned(
     pose, information, score, *_ = refine_near(grid, points, start, *how)
     axis, fits = _along(grid, points, pose, information, steps_m)
     best_m = float(steps_m[np.argmax(fits)])
-    if fits.max() > score * len(points) and abs(best_m) > grid.sigma_m:
+    gain_nat = point_information * (fits.max() - score * len(points))
+    if gain_nat > math.log(reach_m / grid.sigma_m):
         moved = compose(pose, np.append(best_m * axis, 0.0))
         other, other_information, other_score, *_ = refine_near(grid, points, moved, *how)
         if other_score > score:
