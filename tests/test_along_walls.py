@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.along_walls import Alignment, _loosened, aligned
+from slarm_graph.frontends.scans.along_walls import SlidMatch, _loosened, aligned
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import (
     LikelihoodGrid,
@@ -41,7 +41,7 @@ def seen_from(pose: Floats, walls: tuple[tuple[float, ...], ...], reach_m: float
     return np.ascontiguousarray(points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))])
 
 
-def sigmas_m(found: Alignment) -> Floats:
+def sigmas_m(found: SlidMatch) -> Floats:
     """Standard deviations (2,) of the position, along the corridor and across."""
     return np.sqrt(np.diag(np.linalg.inv(found.over_reach + 1e-9 * np.eye(3)))[:2])
 

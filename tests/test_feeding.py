@@ -147,8 +147,8 @@ def test_a_checkpoint_that_cannot_be_written_is_told_and_the_run_goes_on(
 @pytest.mark.parametrize(
     ("limits", "why"),
     [
-        (LimitsConfig(max_time_s=1e-9), "stopped by --max-time 1e-09 after 1 scans"),
-        (LimitsConfig(max_memory_mb=1.0), "stopped by --max-memory 1 after 1 scans"),
+        (LimitsConfig(max_time_s=1e-9), "stopped by --max-time 1e-09 after 1 scan"),
+        (LimitsConfig(max_memory_mb=1.0), "stopped by --max-memory 1 after 1 scan"),
     ],
 )
 def test_limits_stop_reading(folder: RunFolder, limits: LimitsConfig, why: str) -> None:

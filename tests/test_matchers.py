@@ -70,7 +70,7 @@ def test_too_few_returns_are_a_failure_with_a_reason(matcher: ScanMatcher, count
     for source, target in ((scan[:count], scan), (scan, scan[:count])):
         found = matcher.match(source, target, target_from_source=guess)
         assert not found
-        assert "returns" in found.reason
+        assert "return" in found.reason
         assert found.target_from_source == guess
 
 

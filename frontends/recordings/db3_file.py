@@ -133,9 +133,10 @@ class Db3File:
             self.span_ns = (min(first), max(last))
         if self._damaged:
             span_s = (self.span_ns[1] - self.span_ns[0]) * 1e-9
+            left = count_of(sum(self.counts.values()), "message")
             self._told.append(
-                f"warning: {self.path.name} is damaged or cut: unreadable rows are passed over;"
-                f" left: {count_of(sum(self.counts.values()), 'message')}, over {span_s:.0f} s"
+                f"warning: {self.path.name} is damaged or cut: rows that cannot be read are passed"
+                f" over; left: {left}, over {span_s:.0f} s"
             )
 
     def _count_by_reading(self) -> list[tuple[int, int, int, int]]:

@@ -20,8 +20,8 @@ from slarm_graph.geometry import Floats, compose
 from slarm_graph.kernels import kernel
 
 
-class Alignment(NamedTuple):
-    """Where points lie on a grid.
+class SlidMatch(NamedTuple):
+    """Where points lie on a grid, and how surely along its walls.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def aligned(
     point_information: float,
     max_iterations: int,
     reach_m: float,
-) -> Alignment:
+) -> SlidMatch:
     """Align points with a grid from a pose, along walls where they fit best within reach.
 
     Somewhere in reach chance fits better, too: as many places as there are, so much likelier the
@@ -85,7 +85,7 @@ def aligned(
             axis, fits = _along(grid, points, pose, information, steps_m)
     shares = np.exp(point_information * (fits - fits.max()))
     variance = float(shares @ steps_m**2 / shares.sum())
-    return Alignment(pose, score, information, _loosened(information, axis, variance))
+    return SlidMatch(pose, score, information, _loosened(information, axis, variance))
 
 
 def _along(

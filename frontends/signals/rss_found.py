@@ -95,7 +95,7 @@ class FoundRss:
 
 
 def found_rss(paths: Sequence[Path], distro: str | None = None) -> tuple[FoundRss, ...]:
-    """Find what may be signal strength in a recording; nothing where it is no bag.
+    """Find what may be signal strength in a recording; nothing where it is no bag, or gone.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def found_rss(paths: Sequence[Path], distro: str | None = None) -> tuple[FoundRs
     """
     try:
         topics = [topic for topic in open_recording(paths).topics if _may_hold(topic)]
-    except BadInput:
+    except (BadInput, OSError):
         return ()
     if not topics:
         return ()
