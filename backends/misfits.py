@@ -56,10 +56,7 @@ def reconciled(graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat)
         heartbeat("weighing closures by what the places beside them saw")
         held = (graph.settle()[1] >= OUTVOTED).tolist()
         tried = []
-        for other in (
-            *_without_stories(graph, said),
-            *_with_stories(graph, said, heartbeat),
-        ):
+        for other in (*_without_stories(graph, said), *_with_stories(graph, said, heartbeat)):
             if (other.settle(heartbeat)[1] >= OUTVOTED).tolist() != held:
                 tried.append((beside_each_other(other, matcher), other))
         best = min(tried, key=lambda t: float(t[0][:, 2].sum()), default=(said, graph))

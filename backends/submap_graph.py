@@ -248,11 +248,12 @@ class SubmapGraph:
 
     def leaning_on(self, believed: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Move the nodes to where these closures have them, whichever steps give way to that."""
-        edges = (*(e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE),)
-        graph = PoseGraph(np.array(self._nodes), (*edges, *map(self._edge, believed)))
-        huber = optimizer.Kernel.HUBER
+        steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         found = optimizer.optimize(
-            graph, kernel=huber, slip_sigmas=_SLIP_SIGMAS, heartbeat=heartbeat
+            PoseGraph(np.array(self._nodes), (*steps, *map(self._edge, believed))),
+            kernel=optimizer.Kernel.HUBER,
+            slip_sigmas=_SLIP_SIGMAS,
+            heartbeat=heartbeat,
         )
         self._settled = None
         self._moved_to(0, found.poses)

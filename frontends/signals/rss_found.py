@@ -19,6 +19,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
+from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.recordings import Topic
 from slarm_graph.frontends.recordings.ros_writing import typestore_of
@@ -79,8 +80,8 @@ class FoundRss:
         """Say what the topic holds."""
         if self.log is None:
             return f"may hold signal strength, which is not used: {self.what}"
-        count, names = len(self.log), len(self.log.names)
-        return f"holds signal strength: {count} readings, {names} access point{'s'[: names - 1]}"
+        names = count_of(len(self.log.names), "access point")
+        return f"holds signal strength: {count_of(len(self.log), 'reading')}, {names}"
 
     def advice(self) -> str:
         """Say how it is used, or left out."""
