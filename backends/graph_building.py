@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
 from slarm_graph.backends.misfits import MISFITS
+from slarm_graph.backends.open_scans import placed_again
 from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
@@ -96,6 +97,7 @@ class GraphBuilder:
         self._has_odometry = False
         self._wheels: WheelMotion | None = None
         self._unmatched: list[WheelMotion] = []
+        self._open: dict[int, Floats] = {}
 
     def take(self, tracked: TrackedScan) -> None:
         """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
@@ -115,6 +117,8 @@ class GraphBuilder:
         self._wheels = joined(self._wheels, tracked.wheels)
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
+        elif tracked.is_open and tracked.match:
+            self._open[len(self._local) - 1] = tracked.points_m
 
     @property
     def is_empty(self) -> bool:
@@ -141,7 +145,7 @@ class GraphBuilder:
             raise RunFailed(
                 "no scan had enough returns to be matched, and there is no odometry; see scans.csv"
             )
-        local = np.array([pose.as_array() for pose in self._local])
+        local = self._local_poses()
         return Trajectory(self.stamps_ns(), between(local[0], local))
 
     def closed(self) -> ClosedGraph:
@@ -154,13 +158,17 @@ class GraphBuilder:
         self._graph, rivals = close_finally(graph, matcher, self._heartbeat)
         graph = self._graph
         settled, weights = graph.settle(self._heartbeat)
-        local = np.array([pose.as_array() for pose in self._local])
+        local = placed_again(self._open, graph, matcher, self._local_poses())
         variances = np.array(self._variances)
         poses = graph.corrected(local, variances)
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals), *_misfit_notice(graph.closures))
         lags = np.array(self._lags)
         return ClosedGraph(settled, graph.node_scans(), poses, variances, table, lags, told)
+
+    def _local_poses(self) -> Floats:
+        """Return `local_from_robot` (S, 3) of all scans."""
+        return np.array([pose.as_array() for pose in self._local])
 
     def _bridge(self, wheels: WheelMotion) -> None:
         """Have the scans that odometry placed end where this one was matched."""

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +30,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     weighed,
 )
 from slarm_graph.frontends.scans.reliability import Reliability
-from slarm_graph.frontends.scans.small_pose import between3
+from slarm_graph.frontends.scans.small_pose import between3, carried3, compose3
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
@@ -43,6 +43,10 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _NO_LAG = np.zeros(3)
 """Variances (3,) of what was asked for at the stamp itself."""
+_WORTH_ASKING = 0.05
+"""Probability of a failure below which what it would lead to is not looked at."""
+_LASTS = 0.5
+"""Share of failures that are lost way, not a reading that the next one takes back: even odds."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
 
@@ -115,6 +119,8 @@ class OdometryFilter:
         self._steady_motion: Prediction | None = None
         self._increment: Floats | None = None
         self._measured: Prediction | None = None
+        self._last_step: tuple[Prediction, Floats, Floats] | None = None
+        self._before = self._last_step
         self._usual_span_s = 0.0
         self._span_s = 1.0
 
@@ -146,8 +152,9 @@ class OdometryFilter:
         """
         span = self._span_s = self._steady(span_s)
         self.reliability.begin()
-        kalman = self._kalman
-        self._measured = None
+        kalman, last_step = self._kalman, self._last_step
+        self._measured = self._last_step = None
+        self._before = last_step
         self._increment = self._odometry_increment(odom_from_robot)
         if span_s > _MAX_COASTING_S:
             # Odometry that failed in a gap did so in some of its steps.
@@ -173,7 +180,18 @@ class OdometryFilter:
         self._measured = Prediction(motions[1], covariances[1], holds)
         wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
         both = (wheels, self._steady_motion)
-        return both if holds >= 0.5 else both[::-1]
+        if last_step is not None and 1.0 - holds > _WORTH_ASKING:
+            steady = replace(self._steady_motion, probability=_LASTS * (1.0 - holds))
+            both = (wheels, steady, self._taken_back(last_step, (1.0 - _LASTS) * (1.0 - holds)))
+        return tuple(sorted(both, key=lambda told: -told.probability))
+
+    def _taken_back(self, last_step: tuple[Prediction, Floats, Floats], probability: float) -> Prediction:
+        """Where the robot went if only the last reading of odometry was amiss: both steps hold."""
+        (told, moved, covariance), now = last_step, self._measured
+        assert now is not None
+        over_both = compose3(told.motion, now.motion)
+        noise = carried3(told.covariance + covariance, now.motion) + now.covariance
+        return Prediction(between3(moved, over_both), noise, probability)
 
     def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
         """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
@@ -183,6 +201,17 @@ class OdometryFilter:
             self._unsteadiness = learned_unsteadiness(
                 self._unsteadiness, steady.motion, steady.covariance, moved, covariance
             )
+        if self._measured is not None:
+            now, before = self._measured, self._before
+            if before is None or self.reliability.holds >= 0.5:
+                self._last_step = now, moved, covariance
+            else:
+                told, way, unsure = before
+                self._last_step = (
+                    Prediction(compose3(told.motion, now.motion), carried3(told.covariance, now.motion) + now.covariance),
+                    compose3(way, moved),
+                    carried3(unsure, moved) + covariance,
+                )
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 

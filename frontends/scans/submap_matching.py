@@ -40,6 +40,9 @@ _QUERY_CELL_M = 0.1
 """One return is kept per cell: a wall's likelihood is as wide."""
 _LOOSE_INFORMATION = np.diag([1 / 1.5**2, 1 / 1.5**2, 1 / 0.6**2])
 """Of where a search puts a submap: three cells and three steps of the turn that it tries."""
+_AS_FAR_AS_IT_SEES = np.diag([1 / 0.1**2, 1 / 0.1**2, 1 / 0.1**2])
+"""Of a scan's place from which refinement still finds the right one [m, m, rad]. With half of it
+intel.bag's mean error falls by 6 % instead of 9, with double or four times by 10."""
 _WIDE_M, _WIDE_CELL_M = 0.35, 0.15
 """Fall-off of the likelihood at first, and cell: places are found to half a cell of 0.5 m along
 either axis, from where refinement on the fine grid alone ends beside the place."""
@@ -136,6 +139,28 @@ class SubmapMatcher:
             reason = doubt(score, information, float(behind), self._loops)
         reason = reason or self._contradiction(query, target, pose)
         return Closure(target, submap.anchor, pose, found.over_reach, score, True, reason)
+
+    def better_fit(self, points: Floats, submap: int, start: Floats) -> Floats:
+        """Return where a scan fits best near a start, in the region around a submap.
+
+        Parameters
+        ----------
+        points : (K, 2) float64
+            Returns in the robot's frame [m].
+        submap : int
+        start : (3,) float64
+            The robot's pose in the submap's frame [m, m, rad], as far off as refinement sees.
+
+        Returns
+        -------
+        (3,) float64
+            The start where the scan fits there as well.
+        """
+        grid = self._grids.of(self.region(submap), self._keyframes)
+        tries = 2 * self._matching.max_iterations
+        loosely = (_AS_FAR_AS_IT_SEES, POINT_INFORMATION)
+        pose, _, score, *_ = refine_near(grid, points, start, *loosely, tries)
+        return pose if score > mean_likelihood(grid, points, start) else start
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Say so when what either place saw does not speak for a pose (3,) of one in the other."""

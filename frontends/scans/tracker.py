@@ -74,6 +74,8 @@ class TrackedScan:
     lag_covariance : (3, 3) float64
         Of where the robot was at the stamp, seen from where `points_m` lie as they were matched: a
         sweep is matched in its middle. Every scan's own, it does not add up along a way.
+    is_open : bool
+        Whether the scan could as well have another place: what is known later may decide it.
     """
 
     stamp_ns: int
@@ -87,6 +89,7 @@ class TrackedScan:
     wheels: WheelMotion | None = None
     revised: tuple[Floats, ...] = ()
     lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    is_open: bool = False
 
 
 class ScanTracker:
@@ -103,6 +106,7 @@ class ScanTracker:
         self._trail: list[Floats] = []
         self._revised: tuple[Floats, ...] = ()
         self._before: Floats | None = None
+        self._is_open = False
 
     def track(self, reading: Reading) -> TrackedScan:
         """Follow the robot to the next reading."""
@@ -151,6 +155,7 @@ class ScanTracker:
         grew: list[Story] = []
         for story, places, outlook in zip(self._stories, found, outlooks, strict=True):
             grew += grown(story, places, outlook, span_s)
+        self._is_open = len(grew) > 1
         self._stories = pruned(grew)
         best = self._stories[0]
         changed = any(map(_differ, best.trail[:-1], self._trail))
@@ -212,6 +217,7 @@ class ScanTracker:
             best.motion.wheel_motion(),
             self._revised,
             lag,
+            self._is_open,
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:
