@@ -97,6 +97,14 @@ class _State:
         since = between(local[known - 1], local[known:])
         return np.concatenate([self.closed_path, compose(self.closed_path[-1], since)])
 
+    def told_at_last(self, closed: ClosedGraph | None) -> Floats:
+        """Poses (S, 3), with scans between updates where all that was seen has them."""
+        if closed is None or len(self.closed_path):
+            return self.told()
+        moved = closed.moved.copy()
+        moved[self.updates] = 0.0
+        return compose(self.told(), moved)
+
 
 class GmappingBackend:
     """Rao-Blackwellised particle filter (gmapping): the paper's own SLAM.
@@ -202,7 +210,7 @@ class GmappingBackend:
         return closure_misses(closed, path.poses, self._config.maps.delta_m)
 
     def _told(self, closed: ClosedGraph | None) -> SlamResult:
-        state, particles, told = self._state, self._state.filter, self._state.told()
+        state, particles, told = self._state, self._state.filter, self._state.told_at_last(closed)
         path = self._filled(told, particles.best_path())
         mean = self._filled(told, particles.mean_path())
         stamps_ns = np.array(state.stamps_ns)[state.updates]

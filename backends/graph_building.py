@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
 from slarm_graph.backends.misfits import MISFITS
-from slarm_graph.backends.open_scans import placed_again
+from slarm_graph.backends.open_scans import moved_by_all
 from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
@@ -25,7 +25,7 @@ from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
 from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
-from slarm_graph.geometry import Floats, Pose2, between
+from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
 
 _COLUMNS = (
@@ -60,6 +60,8 @@ class ClosedGraph:
         Every closure met, accepted or not, with the weight it ended with.
     lag_covariances : (S, 3, 3) float64
         Of every scan's pose at its stamp, seen from where the graph has it.
+    moved : (S, 3) float64
+        Where every scan belongs, seen from where the tracker had it; see `open_scans`.
     notices : tuple of str
         What could not be brought together.
     """
@@ -70,6 +72,7 @@ class ClosedGraph:
     variances: Floats
     closures: Table
     lag_covariances: Floats
+    moved: Floats
     notices: tuple[str, ...] = ()
 
 
@@ -158,13 +161,14 @@ class GraphBuilder:
         self._graph, rivals = close_finally(graph, matcher, self._heartbeat)
         graph = self._graph
         settled, weights = graph.settle(self._heartbeat)
-        local = placed_again(self._open, graph, matcher, self._local_poses())
-        variances = np.array(self._variances)
-        poses = graph.corrected(local, variances)
+        local, variances = self._local_poses(), np.array(self._variances)
+        moved = moved_by_all(self._open, graph, matcher, local)
+        poses = graph.corrected(compose(local, moved), variances)
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals), *_misfit_notice(graph.closures))
         lags = np.array(self._lags)
-        return ClosedGraph(settled, graph.node_scans(), poses, variances, table, lags, told)
+        scans = graph.node_scans()
+        return ClosedGraph(settled, scans, poses, variances, table, lags, moved, told)
 
     def _local_poses(self) -> Floats:
         """Return `local_from_robot` (S, 3) of all scans."""

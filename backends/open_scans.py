@@ -14,13 +14,13 @@ import numpy as np
 
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
-from slarm_graph.geometry import Floats, between, compose
+from slarm_graph.geometry import Floats, between
 
 
-def placed_again(
+def moved_by_all(
     scans: Mapping[int, Floats], graph: SubmapGraph, matcher: SubmapMatcher, local: Floats
 ) -> Floats:
-    """Place scans by all that was seen about them, before and after.
+    """Find where scans fit better by all that was seen about them, before and after.
 
     Parameters
     ----------
@@ -35,15 +35,15 @@ def placed_again(
     Returns
     -------
     (S, 3) float64
-        The same but for those of the scans that fit better elsewhere.
+        Where every scan belongs, seen from where it was placed: zero for most [m, m, rad].
     """
-    placed = local.copy()
+    moved = np.zeros_like(local)
     keyframes, firsts = graph.keyframes, [submap.first for submap in graph.submaps]
     at = np.array([keyframe.scan for keyframe in keyframes])
     for scan, points in scans.items():
         before = max(np.searchsorted(at, scan) - 1, 0)
         submap = int(np.searchsorted(firsts, before, side="right")) - 1
         anchor = keyframes[graph.submaps[submap].anchor].local_from_robot.as_array()
-        pose = matcher.better_fit(points, submap, between(anchor, local[scan]))
-        placed[scan] = compose(anchor, pose)
-    return placed
+        start = between(anchor, local[scan])
+        moved[scan] = between(start, matcher.better_fit(points, submap, start))
+    return moved

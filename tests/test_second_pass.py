@@ -43,7 +43,7 @@ def square(*closures: Pose2) -> ClosedGraph:
     scans = np.array([0, 2, 4, 6, 8])
     poses, none = np.repeat(corners, 2, axis=0)[:9], np.zeros((9, 3, 3))
     graph, table = PoseGraph(corners, (step, *loops)), Table("c", (), ())
-    return ClosedGraph(graph, scans, poses, np.ones(9), table, none)
+    return ClosedGraph(graph, scans, poses, np.ones(9), table, none, np.zeros((9, 3)))
 
 
 @pytest.mark.parametrize(
