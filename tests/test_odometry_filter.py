@@ -107,9 +107,46 @@ def test_odometry_that_fails_is_told_by_its_probability() -> None:
     assert odometry.predict(0.1, Pose2(9.0, 9.0, 0.0))[0].probability > 0.9
     odometry.judge(FORWARD.as_array(), SURE)
     odometry.correct(0.1, FORWARD.as_array(), SURE)
-    likeliest = odometry.predict(0.1, Pose2(9.0, 9.0, 0.0) @ FORWARD)[0]
-    np.testing.assert_allclose(likeliest.motion, FORWARD.as_array(), atol=1e-3)
-    assert likeliest.probability == pytest.approx(0.8, abs=0.05)
+    told = odometry.predict(0.1, Pose2(9.0, 9.0, 0.0) @ FORWARD)
+    np.testing.assert_allclose(told[0].motion, FORWARD.as_array(), atol=1e-3)
+    assert told[0].probability + told[1].probability == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_reading_that_was_amiss_is_taken_back_by_the_next() -> None:
+    """What it told and the next step together is how far the robot went; else it slips for good."""
+    odometry = run(40, FORWARD, FORWARD)
+    amiss, before = Pose2(0.3, 0.05, -0.1), Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
+    odometry.predict(0.1, before @ amiss)
+    odometry.judge(FORWARD.as_array(), SURE)
+    odometry.correct(0.1, FORWARD.as_array(), SURE)
+    lasts, back, wheels = odometry.predict(0.1, before @ FORWARD @ FORWARD)
+    np.testing.assert_allclose(back.motion, FORWARD.as_array(), atol=1e-3)
+    told = (amiss.inverse() @ FORWARD @ FORWARD).as_array()
+    assert wheels.motion[0] == pytest.approx(told[0], abs=0.02)
+    assert back.probability == pytest.approx(lasts.probability)
+    assert back.probability + lasts.probability + wheels.probability == pytest.approx(1.0)
+    assert back.covariance[0, 0] > odometry._measured.covariance[0, 0]
+
+
+def test_several_readings_that_were_amiss_are_taken_back_together() -> None:
+    odometry = run(40, FORWARD, FORWARD)
+    odom = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
+    for k in (1, 2, 3):
+        odometry.predict(0.1, odom @ _moved(Pose2(0.2, 0.03, 0.1), k))
+        odometry.judge(FORWARD.as_array(), SURE)
+        odometry.correct(0.1, FORWARD.as_array(), SURE)
+    taken_back = odometry.predict(0.1, odom @ _moved(FORWARD, 4))[1]
+    np.testing.assert_allclose(taken_back.motion, FORWARD.as_array(), atol=1e-3)
+
+
+def test_nothing_is_taken_back_once_a_scan_was_not_placed() -> None:
+    odometry = run(40, FORWARD, FORWARD)
+    odom = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
+    odometry.predict(0.1, odom @ Pose2(0.3, 0.0, 0.0))
+    odometry.judge(FORWARD.as_array(), SURE)
+    odometry.correct(0.1, FORWARD.as_array(), SURE)
+    odometry.coast()
+    assert len(odometry.predict(0.1, odom @ FORWARD @ FORWARD)) == 2
 
 
 def hung(found: Pose2, sure: Floats, *, steps: int) -> OdometryFilter:
@@ -140,8 +177,8 @@ def test_what_encoders_that_hung_read_first_may_be_all_that_they_missed() -> Non
     odom = hanging._last_odom
     assert odom is not None
     odom = odom @ _moved(FORWARD, 6)
-    steady, caught_up = hanging.predict(0.1, odom)
-    assert caught_up.probability < 0.5 < steady.probability
+    steady, taken_back, caught_up = hanging.predict(0.1, odom)
+    assert caught_up.probability < 0.5 < steady.probability + taken_back.probability
     for _ in range(20):
         hanging.judge(FORWARD.as_array(), ALONG_A_CORRIDOR)
         hanging.correct(0.1, FORWARD.as_array(), ALONG_A_CORRIDOR)

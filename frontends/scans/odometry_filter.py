@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slarm_graph.frontends.scans.kalman import KalmanState
+from slarm_graph.frontends.scans.odd_readings import Detour
 from slarm_graph.frontends.scans.odometry_weighing import (
     ACCELERATION,
     accelerated,
@@ -30,7 +31,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     weighed,
 )
 from slarm_graph.frontends.scans.reliability import Reliability
-from slarm_graph.frontends.scans.small_pose import between3, carried3, compose3
+from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
@@ -44,9 +45,9 @@ _MAX_COASTING_S = 1.0
 _NO_LAG = np.zeros(3)
 """Variances (3,) of what was asked for at the stamp itself."""
 _WORTH_ASKING = 0.05
-"""Probability of a failure below which what it would lead to is not looked at."""
-_LASTS = 0.5
-"""Share of failures that are lost way, not a reading that the next one takes back: even odds."""
+"""Probability of a failure below which it is not asked whether that is taken back."""
+_TAKEN_BACK = 0.5
+"""Share of failures that the next reading takes back: even odds, a slip is as probable."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
 
@@ -119,8 +120,7 @@ class OdometryFilter:
         self._steady_motion: Prediction | None = None
         self._increment: Floats | None = None
         self._measured: Prediction | None = None
-        self._last_step: tuple[Prediction, Floats, Floats] | None = None
-        self._before = self._last_step
+        self._detour: Detour | None = None
         self._usual_span_s = 0.0
         self._span_s = 1.0
 
@@ -148,13 +148,13 @@ class OdometryFilter:
         -------
         tuple of Prediction
             One per story, the likeliest first: odometry, made surer by the velocity where they
-            agree, and the velocity alone.
+            agree; the velocity alone; and, where odometry may have failed, that it takes back what
+            it told before.
         """
         span = self._span_s = self._steady(span_s)
         self.reliability.begin()
-        kalman, last_step = self._kalman, self._last_step
-        self._measured = self._last_step = None
-        self._before = last_step
+        kalman = self._kalman
+        self._measured = None
         self._increment = self._odometry_increment(odom_from_robot)
         if span_s > _MAX_COASTING_S:
             # Odometry that failed in a gap did so in some of its steps.
@@ -163,7 +163,7 @@ class OdometryFilter:
         else:
             kalman.P = accelerated(kalman.P, span, self._unsteadiness)
         if self._increment is None:
-            self._steady_motion = Prediction(*over(kalman.x, kalman.P, span))
+            self._steady_motion, self._detour = Prediction(*over(kalman.x, kalman.P, span)), None
             return (self._steady_motion,)
         self.reliability.go_on(self._increment)
         lag = self._lag_variances(lag_s)
@@ -179,19 +179,13 @@ class OdometryFilter:
         self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - holds)
         self._measured = Prediction(motions[1], covariances[1], holds)
         wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
-        both = (wheels, self._steady_motion)
-        if last_step is not None and 1.0 - holds > _WORTH_ASKING:
-            steady = replace(self._steady_motion, probability=_LASTS * (1.0 - holds))
-            both = (wheels, steady, self._taken_back(last_step, (1.0 - _LASTS) * (1.0 - holds)))
-        return tuple(sorted(both, key=lambda told: -told.probability))
-
-    def _taken_back(self, last_step: tuple[Prediction, Floats, Floats], probability: float) -> Prediction:
-        """Where the robot went if only the last reading of odometry was amiss: both steps hold."""
-        (told, moved, covariance), now = last_step, self._measured
-        assert now is not None
-        over_both = compose3(told.motion, now.motion)
-        noise = carried3(told.covariance + covariance, now.motion) + now.covariance
-        return Prediction(between3(moved, over_both), noise, probability)
+        failed = [self._steady_motion]
+        if self._detour is not None and 1.0 - holds > _WORTH_ASKING:
+            both = self._detour.taken_back(motions[1], covariances[1])
+            taken_back = Prediction(*both, _TAKEN_BACK * (1.0 - holds))
+            lasts = replace(failed[0], probability=(1.0 - _TAKEN_BACK) * (1.0 - holds))
+            failed = [lasts, taken_back]
+        return (wheels, *failed) if holds >= failed[0].probability else (*failed, wheels)
 
     def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
         """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
@@ -202,16 +196,10 @@ class OdometryFilter:
                 self._unsteadiness, steady.motion, steady.covariance, moved, covariance
             )
         if self._measured is not None:
-            now, before = self._measured, self._before
-            if before is None or self.reliability.holds >= 0.5:
-                self._last_step = now, moved, covariance
-            else:
-                told, way, unsure = before
-                self._last_step = (
-                    Prediction(compose3(told.motion, now.motion), carried3(told.covariance, now.motion) + now.covariance),
-                    compose3(way, moved),
-                    carried3(unsure, moved) + covariance,
-                )
+            told, before = self._measured, self._detour
+            step = Detour(told.motion, told.covariance, moved, covariance)
+            is_believed = self.reliability.holds >= 0.5
+            self._detour = step if before is None or is_believed else before.then(step)
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 
@@ -265,6 +253,7 @@ class OdometryFilter:
 
         Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
         """
+        self._detour = None
         if self._measured is not None and self.reliability.holds >= 0.5:
             self._kalman.x = self._measured.motion / self._span_s
             self._kalman.P = np.diag(_ANYWHERE**2)

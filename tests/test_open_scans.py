@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Scans that could have had another place are decided by what came later, too."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from slarm_graph.backends.gmapping import _State
+from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
+from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.config import FrontendConfig, GmappingConfig, PoseGraphConfig
+from slarm_graph.frontends.scans.matcher import MatchResult
+from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
+from slarm_graph.geometry import Floats, Pose2, between, compose
+
+STEP_M = 0.5
+SCANS = 60
+NICHES_M = (2.0, 7.5, 13.0, 20.0, 27.5)
+
+
+def corridor() -> Floats:
+    """Points (P, 2) every 3 cm of a corridor, 2 m wide, with a niche here and there."""
+    x = np.arange(-8.0, 40.0, 0.03)
+    deep = np.zeros_like(x)
+    for at in NICHES_M:
+        deep[(x > at) & (x < at + 0.9)] = 0.4
+    sides = np.column_stack([x, 1.0 + deep]), np.column_stack([x, np.full_like(x, -1.0)])
+    jambs = [
+        np.column_stack([np.full(13, edge), np.linspace(1.0, 1.4, 13)])
+        for at in NICHES_M
+        for edge in (at, at + 0.9)
+    ]
+    return np.concatenate([*sides, *jambs])
+
+
+def seen(pose: Floats) -> Floats:
+    """Points within 6 m, in beam order."""
+    points = between(pose, np.column_stack([corridor(), np.zeros(len(corridor()))]))[:, :2]
+    points = points[np.hypot(*points.T) < 6.0]
+    return np.ascontiguousarray(points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))])
+
+
+def tracked(scan: int, pose: Floats, told: Floats, **other: object) -> TrackedScan:
+    place, sure = Pose2.from_array(told), np.diag([1e-4, 1e-4, 1e-5])
+    match = MatchResult(place, sure, 0.9, 300, 5, "")
+    kept = {"odom_from_robot": None, "is_keyframe": True, **other}
+    return TrackedScan(scan * 10**9, seen(pose), place, Pose2(STEP_M), sure, match, **kept)
+
+
+def built(told: dict[int, Floats], *, is_open: bool = True) -> tuple[Floats, ClosedGraph]:
+    """True poses (S, 3), and the graph of scans of which the tracker placed some elsewhere."""
+    true = np.zeros((SCANS, 3))
+    true[:, 0] = STEP_M * np.arange(SCANS)
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    for k, pose in enumerate(true):
+        here = told.get(k, pose)
+        builder.take(tracked(k, pose, here, is_keyframe=k not in told, is_open=is_open))
+    return true, builder.closed()
+
+
+@pytest.mark.parametrize("off_m", [-0.2, 0.15])
+def test_what_lies_elsewhere_is_brought_back(off_m: float) -> None:
+    off = {k: np.array([STEP_M * k + off_m, 0.0, 0.0]) for k in (3, 16, 41)}
+    true, closed = built(off)
+    assert np.abs(closed.poses - true)[:, :2].max() < 0.03
+    assert np.flatnonzero(closed.moved.any(axis=1)).tolist() == list(off)
+
+
+def test_what_was_never_in_doubt_stays() -> None:
+    true, closed = built({16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}, is_open=False)
+    assert closed.poses[16, 0] - true[16, 0] == pytest.approx(0.2, abs=0.02)
+    assert not closed.moved.any()
+
+
+def test_a_scan_stays_where_it_fits_best() -> None:
+    """Started on its place it does not get worse, and a start beyond reach is no place to go to."""
+    true, closed = built({16: np.array([STEP_M * 16, 0.0, 0.0])})
+    assert np.abs(closed.poses - true)[:, :2].max() < 0.03
+
+
+def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:
+    """What the filter was told at its updates it has used already."""
+    state = _State(ScanTracker(FrontendConfig()), MappingFilter.empty(GmappingConfig()), None)
+    state.local = [np.array([0.4 * k, 0.0, 0.1 * k]) for k in range(5)]
+    state.updates = [0, 2, 4]
+    _, closed = built({})
+    moved = np.zeros((5, 3))
+    moved[1], moved[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
+    told = state.told_at_last(replace(closed, moved=moved))
+    expected = np.array(state.local)
+    expected[1] = compose(expected[1], moved[1])
+    np.testing.assert_allclose(told, expected)
+    np.testing.assert_array_equal(state.told_at_last(None), state.told())
+    state.closed_path = np.array(state.local)
+    np.testing.assert_array_equal(state.told_at_last(replace(closed, moved=moved)), state.told())
