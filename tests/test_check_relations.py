@@ -44,9 +44,8 @@ def test_the_relation_is_right_where_walls_say_so(off_m: float) -> None:
 @pytest.mark.parametrize("off_m", [-0.6, 0.6])
 def test_the_trajectory_is_right_where_walls_say_so(off_m: float) -> None:
     readings, path, relations = driven(np.zeros(3))
-    wrong = Relations(
-        relations.stamps_ns, relations.first_from_second + [[off_m, off_m, 0.0], np.zeros(3)]
-    )
+    off = np.array([[off_m, off_m, 0.0], np.zeros(3)])
+    wrong = Relations(relations.stamps_ns, relations.first_from_second + off)
     said = check_relations.judged(readings, wrong, path, CENTER, 0.3)
     assert "2 relations, 0.4243 m; 1 off by more than 0.3 m" in said
     assert "right in 1, the relation in 0, no telling in 0; 0.0000 m without" in said
