@@ -38,12 +38,13 @@ def moved_by_all(
         Where every scan belongs, seen from where it was placed: zero for most [m, m, rad].
     """
     moved = np.zeros_like(local)
-    keyframes, firsts = graph.keyframes, [submap.first for submap in graph.submaps]
-    at = np.array([keyframe.scan for keyframe in keyframes])
+    if not graph.submaps:
+        return moved
+    at = np.array([keyframe.scan for keyframe in graph.keyframes])
     for scan, points in scans.items():
-        before = max(np.searchsorted(at, scan) - 1, 0)
-        submap = int(np.searchsorted(firsts, before, side="right")) - 1
-        anchor = keyframes[graph.submaps[submap].anchor].local_from_robot.as_array()
+        before = max(int(np.searchsorted(at, scan)) - 1, 0)
+        submap = min(graph.node_of(before), len(graph.submaps) - 1)
+        anchor = graph.keyframes[graph.submaps[submap].anchor].local_from_robot.as_array()
         start = between(anchor, local[scan])
         moved[scan] = between(start, matcher.better_fit(points, submap, start))
     return moved

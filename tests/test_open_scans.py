@@ -97,3 +97,11 @@ def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:
     np.testing.assert_array_equal(state.told_at_last(None), state.told())
     state.closed_path = np.array(state.local)
     np.testing.assert_array_equal(state.told_at_last(replace(closed, moved=moved)), state.told())
+
+
+def test_before_the_first_submap_is_complete_nothing_is_asked() -> None:
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    start, off = np.zeros(3), np.array([0.1, 0.0, 0.0])
+    builder.take(tracked(0, start, start))
+    builder.take(tracked(1, start, off, is_keyframe=False, is_open=True))
+    assert builder.closed().poses.shape == (2, 3)
