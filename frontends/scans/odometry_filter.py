@@ -30,7 +30,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     over,
     weighed,
 )
-from slarm_graph.frontends.scans.reliability import Reliability
+from slarm_graph.frontends.scans.reliability import RECOVERS, Reliability
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -44,10 +44,11 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _NO_LAG = np.zeros(3)
 """Variances (3,) of what was asked for at the stamp itself."""
-_WORTH_ASKING = 0.05
-"""Probability of a failure below which it is not asked whether that is taken back."""
 _TAKEN_BACK = 0.5
-"""Share of failures that the next reading takes back: even odds, a slip is as probable."""
+"""Share of the failures that end in which the next reading takes back what was amiss; the others
+have lost way for good. Even odds."""
+_WORTH_ASKING = 0.01
+"""Probability below which that is not asked."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
 
@@ -165,6 +166,7 @@ class OdometryFilter:
         if self._increment is None:
             self._steady_motion, self._detour = Prediction(*over(kalman.x, kalman.P, span)), None
             return (self._steady_motion,)
+        failed = 1.0 - self.reliability.holds
         self.reliability.go_on(self._increment)
         lag = self._lag_variances(lag_s)
         kalman.x, kalman.P, motions, covariances = weighed(
@@ -179,13 +181,13 @@ class OdometryFilter:
         self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - holds)
         self._measured = Prediction(motions[1], covariances[1], holds)
         wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
-        failed = [self._steady_motion]
-        if self._detour is not None and 1.0 - holds > _WORTH_ASKING:
+        stories = [wheels, self._steady_motion]
+        ended = _TAKEN_BACK * RECOVERS * failed
+        if self._detour is not None and ended > _WORTH_ASKING:
             both = self._detour.taken_back(motions[1], covariances[1])
-            taken_back = Prediction(*both, _TAKEN_BACK * (1.0 - holds))
-            lasts = replace(failed[0], probability=(1.0 - _TAKEN_BACK) * (1.0 - holds))
-            failed = [lasts, taken_back]
-        return (wheels, *failed) if holds >= failed[0].probability else (*failed, wheels)
+            stories[0] = replace(wheels, probability=holds - ended)
+            stories.append(Prediction(*both, ended))
+        return tuple(sorted(stories, key=lambda story: -story.probability))
 
     def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
         """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
