@@ -141,6 +141,14 @@ def test_several_readings_that_were_amiss_are_taken_back_together() -> None:
     np.testing.assert_allclose(taken_back.motion, FORWARD.as_array(), atol=1e-3)
 
 
+def test_probabilities_of_stories_are_shares_while_encoders_hang() -> None:
+    """Encoders that read nothing do not end to fail: nothing more is taken back than holds."""
+    hanging = hung(Pose2(0.1, 0.0, 0.0), ALONG_A_CORRIDOR, steps=5)
+    shares = [story.probability for story in hanging.predict(0.1, hanging._last_odom)]
+    assert min(shares) >= 0.0
+    assert sum(shares) == pytest.approx(1.0)
+
+
 def test_nothing_is_taken_back_once_a_scan_was_not_placed() -> None:
     odometry = run(40, FORWARD, FORWARD)
     odom = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)

@@ -182,7 +182,7 @@ class OdometryFilter:
         self._measured = Prediction(motions[1], covariances[1], holds)
         wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
         stories = [wheels, self._steady_motion]
-        ended = _TAKEN_BACK * RECOVERS * failed
+        ended = _TAKEN_BACK * min(RECOVERS * failed, holds)
         if self._detour is not None and ended > _WORTH_ASKING:
             both = self._detour.taken_back(motions[1], covariances[1])
             stories[0] = replace(wheels, probability=holds - ended)
