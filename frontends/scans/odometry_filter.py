@@ -13,13 +13,12 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
 from slarm_graph.frontends.scans.kalman import KalmanState
-from slarm_graph.frontends.scans.odd_readings import Detour
 from slarm_graph.frontends.scans.odometry_weighing import (
     ACCELERATION,
     accelerated,
@@ -30,7 +29,7 @@ from slarm_graph.frontends.scans.odometry_weighing import (
     over,
     weighed,
 )
-from slarm_graph.frontends.scans.reliability import RECOVERS, Reliability
+from slarm_graph.frontends.scans.reliability import Reliability
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -44,11 +43,6 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this says as little as none."""
 _NO_LAG = np.zeros(3)
 """Variances (3,) of what was asked for at the stamp itself."""
-_TAKEN_BACK = 0.5
-"""Share of the failures that end in which the next reading takes back what was amiss; the others
-have lost way for good. Even odds."""
-_WORTH_ASKING = 0.01
-"""Probability below which that is not asked."""
 _FADING = 0.7
 """Velocity kept per scan while nothing is matched: it is gone within a second at 10 Hz."""
 
@@ -121,7 +115,6 @@ class OdometryFilter:
         self._steady_motion: Prediction | None = None
         self._increment: Floats | None = None
         self._measured: Prediction | None = None
-        self._detour: Detour | None = None
         self._usual_span_s = 0.0
         self._span_s = 1.0
 
@@ -149,8 +142,7 @@ class OdometryFilter:
         -------
         tuple of Prediction
             One per story, the likeliest first: odometry, made surer by the velocity where they
-            agree; the velocity alone; and, where odometry may have failed, that it takes back what
-            it told before.
+            agree, and the velocity alone.
         """
         span = self._span_s = self._steady(span_s)
         self.reliability.begin()
@@ -164,9 +156,8 @@ class OdometryFilter:
         else:
             kalman.P = accelerated(kalman.P, span, self._unsteadiness)
         if self._increment is None:
-            self._steady_motion, self._detour = Prediction(*over(kalman.x, kalman.P, span)), None
+            self._steady_motion = Prediction(*over(kalman.x, kalman.P, span))
             return (self._steady_motion,)
-        failed = 1.0 - self.reliability.holds
         self.reliability.go_on(self._increment)
         lag = self._lag_variances(lag_s)
         kalman.x, kalman.P, motions, covariances = weighed(
@@ -181,13 +172,8 @@ class OdometryFilter:
         self._steady_motion = Prediction(motions[0], covariances[0], 1.0 - holds)
         self._measured = Prediction(motions[1], covariances[1], holds)
         wheels = Prediction(motions[2], covariances[2], holds, covariances[3])
-        stories = [wheels, self._steady_motion]
-        ended = _TAKEN_BACK * min(RECOVERS * failed, holds)
-        if self._detour is not None and ended > _WORTH_ASKING:
-            both = self._detour.taken_back(motions[1], covariances[1])
-            stories[0] = replace(wheels, probability=holds - ended)
-            stories.append(Prediction(*both, ended))
-        return tuple(sorted(stories, key=lambda story: -story.probability))
+        both = (wheels, self._steady_motion)
+        return both if holds >= 0.5 else both[::-1]
 
     def correct(self, span_s: float, moved: Floats, covariance: Floats) -> None:
         """Learn the velocity from the motion (3,) (robot frame before from now) that was found."""
@@ -197,11 +183,6 @@ class OdometryFilter:
             self._unsteadiness = learned_unsteadiness(
                 self._unsteadiness, steady.motion, steady.covariance, moved, covariance
             )
-        if self._measured is not None:
-            told, before = self._measured, self._detour
-            step = Detour(told.motion, told.covariance, moved, covariance)
-            is_believed = self.reliability.holds >= 0.5
-            self._detour = step if before is None or is_believed else before.then(step)
         # The match has used the prediction already, so it replaces it.
         self._kalman.x, self._kalman.P = moved / span, covariance / (span * span)
 
@@ -255,7 +236,6 @@ class OdometryFilter:
 
         Odometry that holds is followed as it is: a velocity that fades would shorten its steps.
         """
-        self._detour = None
         if self._measured is not None and self.reliability.holds >= 0.5:
             self._kalman.x = self._measured.motion / self._span_s
             self._kalman.P = np.diag(_ANYWHERE**2)
