@@ -41,8 +41,8 @@ _QUERY_CELL_M = 0.1
 _LOOSE_INFORMATION = np.diag([1 / 1.5**2, 1 / 1.5**2, 1 / 0.6**2])
 """Of where a search puts a submap: three cells and three steps of the turn that it tries."""
 _AS_FAR_AS_IT_SEES = np.diag([1 / 0.2**2, 1 / 0.2**2, 1 / 0.1**2])
-"""Information about a scan's place from where refinement still finds the right one [m, m, rad]. With
-it intel.bag's mean error is 0.0160 m in place of 0.0183, with half the distance 0.0163."""
+"""Information about a scan's place from where refinement still finds the right one [m, m, rad].
+With it intel.bag's mean error is 0.0160 m in place of 0.0183, with half the distance 0.0163."""
 _WIDE_M, _WIDE_CELL_M = 0.35, 0.15
 """Fall-off of the likelihood at first, and cell: places are found to half a cell of 0.5 m along
 either axis, from where refinement on the fine grid alone ends beside the place."""
