@@ -77,7 +77,7 @@ def test_what_was_never_in_doubt_stays() -> None:
 
 
 def test_a_scan_stays_where_it_fits_best() -> None:
-    """Started on its place it does not get worse, and a start beyond reach is no place to go to."""
+    """Started on its place it does not get worse."""
     true, closed = built({16: np.array([STEP_M * 16, 0.0, 0.0])})
     assert np.abs(closed.poses - true)[:, :2].max() < 0.03
 
