@@ -185,6 +185,7 @@ def _put_heights(fig: go.Figure, solids: Sequence[Solid], scale_px_m: float) -> 
     large enough, and no label before it is in the way.
     """
     written: list[tuple[float, float, float]] = []
+    labels: list[dict[str, object]] = []
     for solid in solids:
         label = _height(solid)
         x, y = solid.corners_m.mean(axis=0)
@@ -197,9 +198,18 @@ def _put_heights(fig: go.Figure, solids: Sequence[Solid], scale_px_m: float) -> 
             least = max(least, min(beside, _LINE_PX / (abs(y - other_y) + _LEAST_M)))
         if least <= scale_px_m:
             written.append((x, y, wide_px))
-            font = {"color": _SOLID}
-            fig.add_annotation(x=x, y=y, text=f"<b>{label}</b>", showarrow=False, font=font,
-                               bgcolor="#ffffff", name=f"{least:.4g}")  # fmt: skip
+            labels.append(
+                {
+                    "x": x,
+                    "y": y,
+                    "text": f"<b>{label}</b>",
+                    "showarrow": False,
+                    "font": {"color": _SOLID},
+                    "bgcolor": "#ffffff",
+                    "name": f"{least:.4g}",
+                }
+            )
+    fig.layout.annotations += tuple(labels)
 
 
 def _height(solid: Solid) -> str:

@@ -25,7 +25,7 @@ from slarm_graph.frontends.scans.submaps import (
     make_submap,
     view_center,
 )
-from slarm_graph.frontends.scans.window_search import best_in_window, far_m
+from slarm_graph.frontends.scans.window_search import best_in_window, far_m, levels_of
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
 BASE, MOTION = np.array([0.2, -0.1, 0.3]), np.array([0.3, 0.1, -0.2])
@@ -37,7 +37,9 @@ def found(off: tuple[float, float, float], sigmas: Floats, beams: int = 180) -> 
     truth = Pose2.from_array(EXPECTED) @ Pose2(*off)
     prediction = Prediction(MOTION, np.diag(sigmas) ** 2)
     points = room_points(truth, beams=beams)
-    return between(truth.as_array(), best_in_window(points, room_grid(), BASE, prediction))
+    grid = room_grid()
+    best = best_in_window(points, grid, BASE, prediction, levels_of(grid))
+    return between(truth.as_array(), best)
 
 
 @pytest.mark.parametrize("beams", [90, 720])

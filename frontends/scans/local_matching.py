@@ -37,7 +37,12 @@ from slarm_graph.frontends.scans.refinement import Refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE, SIGMAS_1_PERCENT
 from slarm_graph.frontends.scans.small_pose import BASIN, between3, compose3, squared_sigmas
-from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_m
+from slarm_graph.frontends.scans.window_search import (
+    LOST_REACH_M,
+    best_in_window,
+    far_m,
+    levels_of,
+)
 from slarm_graph.geometry import Floats, Pose2
 
 _LOST = 4.0
@@ -114,7 +119,9 @@ class LocalMatcher:
         if math.hypot(sigma[0], sigma[1], far_m(points) * sigma[2]) < _SEES * grid.sigma_m:
             return [place]
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
-        start = best_in_window(few, grid, outlook.base, prediction, least=(0.0, 0.0))
+        start = best_in_window(
+            few, grid, outlook.base, prediction, levels_of(grid), least=(0.0, 0.0)
+        )
         other = self._refine(points, local_map, outlook, loose, start)
         if are_same(place.pose, other.pose):
             return [max(place, other, key=lambda p: p.score)]
@@ -167,9 +174,9 @@ class LocalMatcher:
             np.array_equal(best.pose, place.pose) for place in near
         ):
             return distinct(places)
-        found = []
+        found, levels = [], levels_of(grid)
         for some, prediction in product(_samples(points), predictions):
-            start = best_in_window(some, grid, base, prediction)
+            start = best_in_window(some, grid, base, prediction, levels)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             found.append(self._refine(points, local_map, outlook, loose, start))
             below = min(below, self._below(found[-1], points, local_map))

@@ -62,7 +62,7 @@ def build_pyramid(
     levels : int
         The largest block spans 2^(levels - 1) cells and angles.
     """
-    base = np.rint(np.clip(grid.values, 0.0, 1.0) * FULL).astype(np.uint8)
+    base = np.asarray(cv2.convertScaleAbs(grid.values, alpha=FULL), dtype=np.uint8)
     parts, layout, start = [base.ravel()], [(0, *base.shape, 1, 0)], base.size
     for level in range(1, levels):
         stride = max(1, 2 ** (level - 2))
@@ -84,7 +84,7 @@ def build_pyramid(
 
 def _block_maxima(base: Bytes, window: int, stride: int, padding: int) -> Bytes:
     """Maximum over `window` x `window` cells from every `stride`-th cell, -padding the first."""
-    padded = np.pad(base, ((padding, 0), (padding, 0)))
+    padded = cv2.copyMakeBorder(base, padding, 0, padding, 0, cv2.BORDER_CONSTANT, value=0)
     ones = np.ones((window, window), dtype=np.uint8)
     maxima = cv2.dilate(padded, ones, anchor=(0, 0))[::stride, ::stride]
     return np.asarray(maxima, dtype=np.uint8)

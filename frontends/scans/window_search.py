@@ -5,6 +5,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
 
 import numpy as np
 
@@ -12,7 +15,7 @@ from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.quantiles import quantile
-from slarm_graph.frontends.scans.search_pyramid import build_pyramid
+from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats, Pose2
@@ -24,8 +27,15 @@ _LEAST_WINDOW = (0.3, 0.2)
 """Of a scan that fits worse than usual [m, rad]."""
 _MOST = 0.75
 """Share of the returns that is most of them."""
+_LEVELS = 5
+"""Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
 LOST_REACH_M = 3.0
 """Window of a lost scan: what a robot drives in the seconds until it is noticed."""
+
+
+def levels_of(grid: LikelihoodGrid) -> Callable[[], SearchPyramid]:
+    """Prepare a grid for searches of windows once the first of them asks for it."""
+    return cache(lambda: build_pyramid(grid, levels=_LEVELS))
 
 
 @kernel
@@ -42,6 +52,7 @@ def best_in_window(
     grid: LikelihoodGrid,
     base: Floats,
     prediction: Prediction,
+    levels: Callable[[], SearchPyramid],
     least: tuple[float, float] = _LEAST_WINDOW,
 ) -> Floats:
     """Best pose (3,) in a window of four sigmas around the prediction, within bounds."""
@@ -55,7 +66,7 @@ def best_in_window(
     window = window_of(grid, points, center, step_rad, reach_m, reach_rad)
     if 8 * window.reach**2 * window.turns * len(points) > _BRUTE_LOOKUPS:
         hit = search(
-            build_pyramid(grid, max_radius_m=far, levels=5),
+            replace(levels(), max_radius_m=far),
             points,
             center,
             reach_m=reach_m,
