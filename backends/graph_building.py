@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, Table, silent
 from slarm_graph.backends.final_closures import close_finally
 from slarm_graph.backends.misfits import MISFITS
-from slarm_graph.backends.open_scans import moved_by_all
+from slarm_graph.backends.open_scans import moved_by_all, moved_notice
 from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
@@ -162,11 +162,12 @@ class GraphBuilder:
         graph = self._graph
         settled, weights = graph.settle(self._heartbeat)
         local, variances = self._local_poses(), np.array(self._variances)
-        moved = moved_by_all(self._open, graph, matcher, local)
+        moved, unsure = moved_by_all(self._open, graph, matcher, local)
         poses = graph.corrected(compose(local, moved), variances)
         table = self._table(weights)
         told = (*graph.notices(), *_rival_notice(rivals), *_misfit_notice(graph.closures))
-        lags = np.array(self._lags)
+        told += moved_notice(moved)
+        lags = np.array(self._lags) + unsure
         scans = graph.node_scans()
         return ClosedGraph(settled, scans, poses, variances, table, lags, moved, told)
 

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -11,9 +12,13 @@ import pytest
 
 from slarm_graph.backends.gmapping import _State
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
+from slarm_graph.backends.open_scans import moved_by_all
 from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, GmappingConfig, PoseGraphConfig
+from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.matcher import MatchResult
+from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
@@ -80,6 +85,67 @@ def test_a_scan_stays_where_it_fits_best() -> None:
     """Started on its place it does not get worse."""
     true, closed = built({16: np.array([STEP_M * 16, 0.0, 0.0])})
     assert np.abs(closed.poses - true)[:, :2].max() < 0.03
+
+
+def test_what_was_placed_again_is_told_with_how_sure_it_is() -> None:
+    """A scan whose niches lie within its view is sure of its way along the corridor."""
+    off = {16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}
+    _, closed = built(off)
+    (notice,) = [n for n in closed.notices if "another place" in n]
+    assert "after: 1 scan that" in notice
+    assert f"up to {math.hypot(*closed.moved[16, :2]):.2f} m" in notice
+    along, across, turn = np.sqrt(np.diag(closed.lag_covariances[16]))
+    assert 0.0 < across < 0.01
+    assert across < along < 0.05
+    assert 0.0 < turn < 0.01
+    assert not closed.lag_covariances[17].any()
+
+
+def test_a_bare_corridor_does_not_say_how_far_along_it_a_scan_is(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(globals(), "NICHES_M", (0.5,))
+    _, closed = built({41: np.array([STEP_M * 41 + 0.02, 0.05, 0.0])})
+    along, across, _ = np.sqrt(np.diag(closed.lag_covariances[41]))
+    assert across < 0.01
+    assert along > 0.1
+
+
+def test_where_it_fits_worse_a_scan_is_not_placed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def worse(grid: object, points: Floats, start: Floats, *_: object) -> tuple[object, ...]:
+        return start + np.array([0.1, 0.0, 0.0]), np.eye(3), 0.3, 100, 5
+
+    monkeypatch.setattr(submap_matching, "refine_near", worse)
+    _, closed = built({16: np.array([STEP_M * 16, 0.0, 0.0])})
+    assert not closed.moved.any()
+    assert not closed.lag_covariances.any()
+    assert not any("another place" in n for n in closed.notices)
+
+
+def test_a_scan_is_asked_for_where_it_was_taken() -> None:
+    """In the submap around it, from where the tracker had it."""
+    graph, local = SubmapGraph(PoseGraphConfig()), np.zeros((SCANS, 3))
+    local[:, 0] = STEP_M * np.arange(SCANS)
+    for k, pose in enumerate(local):
+        if k % 2 == 0:
+            graph.add(
+                Keyframe(k, seen(pose), Pose2.from_array(pose), np.eye(3) * 1e-4, np.zeros(2))
+            )
+    asked: dict[int, float] = {}
+
+    class Spy:
+        def better_fit(self, points: Floats, submap: int, start: Floats) -> tuple[Floats, Floats]:
+            anchor = graph.keyframes[graph.submaps[submap].anchor].local_from_robot
+            at = (anchor @ Pose2.from_array(start)).x
+            asked[round(at / STEP_M)] = abs(float(start[0]))
+            return start, np.zeros((3, 3))
+
+    scans = {k: seen(local[k]) for k in (1, 17, 33, 55)}
+    moved, _ = moved_by_all(scans, graph, Spy(), local)  # type: ignore[arg-type]
+    assert list(asked) == list(scans)
+    long_m = max(STEP_M * 2 * (s.last - s.first) for s in graph.submaps)
+    assert all(asked[k] <= long_m for k in (1, 17, 33))
+    np.testing.assert_allclose(moved, 0.0, atol=1e-12)
 
 
 def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:

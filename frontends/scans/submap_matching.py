@@ -140,7 +140,7 @@ class SubmapMatcher:
         reason = reason or self._contradiction(query, target, pose)
         return Closure(target, submap.anchor, pose, found.over_reach, score, True, reason)
 
-    def better_fit(self, points: Floats, submap: int, start: Floats) -> Floats:
+    def better_fit(self, points: Floats, submap: int, start: Floats) -> tuple[Floats, Floats]:
         """Return where a scan fits best near a start, in the region around a submap.
 
         Parameters
@@ -155,12 +155,16 @@ class SubmapMatcher:
         -------
         (3,) float64
             The start where the scan fits there as well.
+        (3, 3) float64
+            Covariance of it in the robot's frame, by the scan; zero for the start [m^2, m^2, rad^2].
         """
         grid = self._grids.of(self.region(submap), self._keyframes)
         tries = 2 * self._matching.max_iterations
         loosely = (_AS_FAR_AS_IT_SEES, POINT_INFORMATION)
-        pose, _, score, *_ = refine_near(grid, points, start, *loosely, tries)
-        return pose if score > mean_likelihood(grid, points, start) else start
+        pose, information, score, *_ = refine_near(grid, points, start, *loosely, tries)
+        if score <= mean_likelihood(grid, points, start):
+            return start, np.zeros((3, 3))
+        return pose, np.linalg.inv(information + _AS_FAR_AS_IT_SEES)
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Say so when what either place saw does not speak for a pose (3,) of one in the other."""
