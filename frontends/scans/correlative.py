@@ -134,35 +134,46 @@ def _score_offsets(
 
 
 def _branch_and_bound(pyramid: SearchPyramid, window: Window, floor: int) -> tuple[Integers, int]:
-    """Depth first, best bound first; returns the best (4,) and how many blocks were scored.
+    """Return the best (4,), angle and offset steps and sum, and how many blocks were scored.
 
-    The best are its angle and offset steps and its sum, which is `floor` where none is better.
+    The sum is `floor` where none is better. Of several best it is the one that is found depth
+    first, best bound first.
     """
     cells, layout = pyramid.cells, pyramid.layout
     level = _top_level(layout, window)
     roots, visited = _roots(cells, layout, window, level, floor)
-    roots = roots[np.argsort(-roots[:, 3], kind="stable")]
-    floor = max(floor, _highest_sum(cells, layout, window, roots, level) - 1)
     best = np.array([0, 0, 0, floor], dtype=np.int64)
-    return best, visited + _descend_all(cells, layout, window, roots, level, best)
+    alike, scored = _best_first(cells, layout, window, roots, level, best)
+    visited += scored
+    if alike > 1:
+        best[3] -= 1
+        roots = roots[np.argsort(-roots[:, 3], kind="stable")]
+        visited += _descend_all(cells, layout, window, roots, level, best)
+    return best, visited
 
 
 @kernel
-def _highest_sum(cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int) -> int:
-    """Return the highest sum in the window, found best bound first; 0 where roots are none.
+def _best_first(
+    cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
+) -> tuple[int, int]:
+    """Improve on the `best` (4,) by what is in blocks, the one with the highest bound first.
 
-    Depth first goes down to many a pose before it comes to the best: with this as its floor it
-    scores a fifth of the blocks, and finds the same one.
+    Depth first goes down to five times as many before it comes to the best.
+
+    Returns
+    -------
+    How many poses are the best, and how many blocks were scored.
     """
     first = np.full(FULL * len(window.points) + 1, -1, dtype=np.int64)
     waiting = np.empty((max(1024, 2 * len(roots)), 6), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count, bound, reached = _NONE, _NONE, _NONE
+    count, bound, alike, scored = _NONE, _NONE, _NONE, _NONE
     for r in range(len(roots)):
         count = _wait(waiting, first, count, roots[r], top)
         bound = max(bound, roots[r, 3])
-    while bound > 0:
+    reached = best[3] + 1
+    while bound >= reached:
         at = first[bound]
         if at < 0:
             bound -= 1
@@ -170,11 +181,16 @@ def _highest_sum(cells: Bytes, layout: Integers, window: Window, roots: Integers
         k, i, j, level = waiting[at, 0], waiting[at, 1], waiting[at, 2], waiting[at, 4]
         first[bound] = waiting[at, 5]
         if level == 0:
-            return bound
+            reached = bound
+            alike += 1
+            for field in range(4):
+                best[field] = waiting[at, field]
+            continue
         found, half = _NONE, 1 << (level - 1)
         for k_child in range(k, min(k + half, window.turns) + 1, half):
             _score_offsets(cells, layout, level - 1, window, k_child, i, j, sums)
-            found = _admit(children, found, sums, reached, k_child, i, j, half, window.reach)
+            scored += 4
+            found = _admit(children, found, sums, reached - 1, k_child, i, j, half, window.reach)
         if count + found > len(waiting):
             longer = np.empty((2 * len(waiting), 6), dtype=np.int64)
             longer[: len(waiting)] = waiting
@@ -184,7 +200,7 @@ def _highest_sum(cells: Bytes, layout: Integers, window: Window, roots: Integers
             bound = max(bound, children[child, 3])
             if level == 1:
                 reached = max(reached, children[child, 3])
-    return 0
+    return alike, scored
 
 
 @kernel
@@ -202,7 +218,7 @@ def _wait(waiting: Integers, first: Integers, count: int, block: Integers, level
 def _descend_all(
     cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
 ) -> int:
-    """Improve on the `best` (4,) by what is in blocks, the best first; returns how many it scored.
+    """Improve on the `best` (4,) by what is in blocks, depth first; returns how many it scored.
 
     Sorting lies outside: numba's own sort takes longer to compile than all of the search.
     """

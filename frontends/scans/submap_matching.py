@@ -21,6 +21,7 @@ from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, doubt
+from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.standing import standing
 from slarm_graph.frontends.scans.submaps import (
     Keyframe,
@@ -156,7 +157,7 @@ class SubmapMatcher:
         (3,) float64
             The start where the scan fits there as well.
         (3, 3) float64
-            Covariance of it in the robot's frame, by the scan; zero for the start [m^2, m^2, rad^2].
+            Covariance in the robot's frame, by the scan; zero for the start [m^2, m^2, rad^2].
         """
         grid = self._grids.of(self.region(submap), self._keyframes)
         tries = 2 * self._matching.max_iterations
@@ -164,7 +165,7 @@ class SubmapMatcher:
         pose, information, score, *_ = refine_near(grid, points, start, *loosely, tries)
         if score <= mean_likelihood(grid, points, start):
             return start, np.zeros((3, 3))
-        return pose, np.linalg.inv(information + _AS_FAR_AS_IT_SEES)
+        return pose, invert3(information + _AS_FAR_AS_IT_SEES)
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Say so when what either place saw does not speak for a pose (3,) of one in the other."""
