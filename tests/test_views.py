@@ -4,13 +4,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
-from slarm_graph.consistency import View, evidence_against, view_of
+from slarm_graph.consistency import View, count_known, evidence_against, view_of
 from slarm_graph.consistency.evidence import CELL_M
+from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
@@ -79,6 +82,49 @@ def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None
     nothing = view_of([np.zeros((0, 2))], np.zeros((1, 2)))
     assert evidence_against(nothing, views[0], np.zeros(3)) == 0.0
     assert evidence_against(views[0], views[1], np.array([500.0, 0.0, 0.0])) == 0.0
+
+
+def test_points_are_known_where_a_view_judged() -> None:
+    """Every cell's middle, from any pose; beyond all cells nothing is known."""
+    low = np.array([-0.7, 1.2])
+    states = np.random.default_rng(4).integers(0, 3, (9, 14)).astype(np.uint8)
+    row, col = np.indices(states.shape).reshape(2, -1)
+    middles = low + (np.column_stack([col, row]) + 0.5) * CELL_M
+    pose = np.array([0.4, -0.3, 0.8])
+    points = transform_points(between(pose, np.zeros(3)), middles)
+    assert count_known(points, pose, states, low) == np.count_nonzero(states)
+    for k in range(0, len(points), 7):
+        assert count_known(points[k : k + 1], pose, states, low) == bool(states[row[k], col[k]])
+    assert count_known(points + 50.0, pose, states, low) == 0
+
+
+def test_a_place_is_less_sure_where_less_fits(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half of the returns come from within the walls; nothing is missing where all fit."""
+    way = np.column_stack([np.arange(4.0, 14.0, 0.25), np.full(40, 1.5), np.zeros(40)])
+    scans = [scan_at(pose, NARROW).points_m() for pose in way]
+    at_odds = [np.concatenate([p, p * [1.0, 0.4]]) for p in scans]
+
+    def information(later: list[Floats], misfit: float) -> Floats:
+        monkeypatch.setattr(submap_matching, "_MISFIT", misfit)
+        poses, all_scans = np.concatenate([way, way]), [*scans, *later]
+        keyframes = [
+            Keyframe(k, points, Pose2.from_array(pose), np.eye(3) * 1e-6, view_center(points))
+            for k, (pose, points) in enumerate(zip(poses, all_scans, strict=True))
+        ]
+        submaps = [make_submap(keyframes, k, k + 10, k) for k in range(0, 80, 10)]
+        loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
+        return (
+            SubmapMatcher(loops, matching, keyframes, submaps).align(6, 2, np.zeros(3)).information
+        )
+
+    def missing(later: list[Floats], misfit: float) -> float:
+        share = information(later, misfit) / information(later, 0.0)
+        assert np.ptp(share) < 1e-9
+        return -math.log(share[0, 0]) / misfit
+
+    assert missing(scans, 4.0) < 0.1
+    assert 0.2 < missing(at_odds, 4.0) < 0.5
+    assert missing(at_odds, 8.0) == pytest.approx(missing(at_odds, 4.0))
 
 
 @pytest.mark.parametrize(("other", "is_believed"), [(NARROW, True), (WIDE, False)])

@@ -110,9 +110,16 @@ def along_the_weakest(
     return sandwich3(shrunk, information)
 
 
-def of_misfit(share: float) -> float:
-    """Return the share of information left to a scan that fits a share as well as usual."""
-    return math.exp(-_MISFIT * max(0.0, 1.0 - share))
+def of_misfit(share: float, per_whole: float = _MISFIT) -> float:
+    """Return the share of information left to what fits a share as well as usual.
+
+    Parameters
+    ----------
+    share : float
+    per_whole : float
+        Log of the variance per share that is missing; by default that of a scan.
+    """
+    return math.exp(-per_whole * max(0.0, 1.0 - share))
 
 
 @kernel

@@ -15,8 +15,10 @@ from slarm_graph.consistency.evidence import (
     BEYOND_M,
     CELL_M,
     TOLERANCE_M,
+    UNKNOWN,
     count_beams,
     judge_cells,
+    state_at,
     tally,
     wrong_place_evidence,
 )
@@ -85,6 +87,20 @@ def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
     both = tally(a.walls, b_from_a, b.states, b.low), tally(b.walls, a_from_b, a.states, a.low)
     counts = np.array(both).sum(axis=0)
     return float(wrong_place_evidence(counts[:1], counts[1:])[0])
+
+
+@kernel
+def count_known(
+    points: Floats, view_from_robot: Floats, states: NDArray[np.uint8], low: Floats
+) -> int:
+    """Count the points (K, 2) [m] in the frame of a pose (3,) that lie in cells a view judged."""
+    c, s = math.cos(view_from_robot[2]), math.sin(view_from_robot[2])
+    known = 0
+    for k in range(len(points)):
+        x = view_from_robot[0] + c * points[k, 0] - s * points[k, 1]
+        y = view_from_robot[1] + s * points[k, 0] + c * points[k, 1]
+        known += state_at(states, low, x, y) != UNKNOWN
+    return known
 
 
 @kernel
