@@ -114,7 +114,7 @@ def test_a_place_is_less_sure_where_less_fits(monkeypatch: pytest.MonkeyPatch) -
         submaps = [make_submap(keyframes, k, k + 10, k) for k in range(0, 80, 10)]
         loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
         return (
-            SubmapMatcher(loops, matching, keyframes, submaps).align(6, 2, np.zeros(3)).information
+            SubmapMatcher(loops, matching, keyframes, submaps).align(5, 1, np.zeros(3)).information
         )
 
     def missing(later: list[Floats], misfit: float) -> float:
@@ -123,7 +123,7 @@ def test_a_place_is_less_sure_where_less_fits(monkeypatch: pytest.MonkeyPatch) -
         return -math.log(share[0, 0]) / misfit
 
     assert missing(scans, 4.0) < 0.1
-    assert 0.2 < missing(at_odds, 4.0) < 0.5
+    assert 0.4 < missing(at_odds, 4.0) < 0.5
     assert missing(at_odds, 8.0) == pytest.approx(missing(at_odds, 4.0))
 
 
