@@ -8,7 +8,6 @@ Eq. (4): p(x, m | o, l) = p(m | x, o) p(x | o, l). Paths are sampled, maps follo
 from __future__ import annotations
 
 import itertools
-import os
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -27,6 +26,7 @@ from slarm_graph.backends.particle_filter import (
 from slarm_graph.backends.particle_maps import ParticleMaps, most_tiles
 from slarm_graph.backends.proposal import Measurement, propose, weigh
 from slarm_graph.config import GmappingConfig
+from slarm_graph.cores import usable_cores
 from slarm_graph.geometry import Floats, wrap_angles
 
 
@@ -174,14 +174,10 @@ class MappingFilter:
 
 def _parts(count: int) -> list[slice]:
     """Cut particles into one slice per thread; what comes out does not depend on how many."""
-    bounds = np.linspace(0, count, min(count, _cores()) + 1).astype(int)
+    bounds = np.linspace(0, count, min(count, usable_cores()) + 1).astype(int)
     return [slice(a, b) for a, b in itertools.pairwise(bounds)]
 
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(max_workers=_cores(), thread_name_prefix="particles")
-
-
-def _cores() -> int:
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return ThreadPoolExecutor(max_workers=usable_cores(), thread_name_prefix="particles")

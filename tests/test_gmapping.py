@@ -128,7 +128,7 @@ def test_the_number_of_threads_changes_nothing(
     proposal = ProposalConfig(improved=improved)
     paths = []
     for cores in (1, 3, 7):
-        monkeypatch.setattr(rbpf, "_cores", lambda count=cores: count)
+        monkeypatch.setattr(rbpf, "usable_cores", lambda count=cores: count)
         paths.append(run(made(7, proposal=proposal), readings).trajectory.poses.tobytes())
     assert paths[0] == paths[1] == paths[2]
 

@@ -298,7 +298,12 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     search = _Search(field, mean, placed(points, rss))
     lattice = _over_map(mean)
     screened = search.evidences(lattice)
-    full = np.array([search.evidence(position) for position in lattice])
+    full = np.concatenate([search._evidences_at(position[None]) for position in lattice])
+    for position in lattice[::60]:
+        there = replace(mean, access_point=AccessPoint("there", *position), faces_off_cells=0)
+        design = there.of_readings(search._heard)
+        told = search._base.on(design, search._coefficients, search._values).log_evidence
+        assert search._evidences_at(position[None]) == pytest.approx(told)
     kept = np.isfinite(screened)
     np.testing.assert_array_equal(screened[kept], full[kept])
     assert screened.argmax() == full.argmax()

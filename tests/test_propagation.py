@@ -16,7 +16,7 @@ from slarm_graph.files.configs import load_config
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.path_loss import path_loss_db
-from slarm_graph.radio.propagation.crossings import passages, wall_crossings
+from slarm_graph.radio.propagation.crossings import crossings_by_height, passages, wall_crossings
 from slarm_graph.radio.propagation.links import Links
 from slarm_graph.radio.propagation.over_map import links_to, make_model, predicted_radio_map
 from slarm_graph.radio.radio_map import radio_map
@@ -142,6 +142,21 @@ def test_a_map_moved_by_a_cell_has_the_crossings_of_a_moved_access_point():
     assert len({tuple(counts) for counts in found.counts}) == 5
     (alone,) = passages(GRID, heights, eye, points, 0.4).counts
     np.testing.assert_array_equal(alone, found.counts[0])
+
+
+def test_several_heights_in_one_walk_pass_what_each_does_alone():
+    rng = np.random.default_rng(5)
+    heights = np.zeros(GRID.shape, dtype=np.float32)
+    heights[10:50, 30:32], heights[20:23, 12:66], heights[42, 10:40] = math.inf, 1.0, 1.9
+    points = rng.uniform([0.1, -0.9], [5.9, 2.9], (150, 2))
+    above_m = np.array([2.5, 0.1, 0.4, 1.2, 0.1])
+    found = crossings_by_height(
+        GRID, heights, (0.512, 0.337), above_m, points, 0.4, mount_radius_m=0.3
+    )
+    for counts, z in zip(found, above_m, strict=True):
+        alone = wall_crossings(GRID, heights, [0.512, 0.337, z], points, 0.4, mount_radius_m=0.3)
+        np.testing.assert_array_equal(counts, alone)
+    assert len({tuple(counts) for counts in found}) == 4
 
 
 def test_a_link_passes_the_inside_of_an_obstacle_below_its_top():

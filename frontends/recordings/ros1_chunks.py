@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -12,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from slarm_graph.cores import usable_cores
 from slarm_graph.frontends.recordings.packed import Bytes, Ints
 from slarm_graph.frontends.recordings.ros1_records import Data
 from slarm_graph.frontends.recordings.unpacking import MAX_CHUNK_BYTES, unpack_partly
@@ -58,7 +58,7 @@ class Chunk:
 
 def unpacked(data: Data, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Bytes]]:
     """Decompress chunks in order, a few ahead of the consumer; what is damaged is missing."""
-    workers = min(_MOST_WORKERS, _usable_cores())
+    workers = min(_MOST_WORKERS, usable_cores())
     pending: deque[tuple[Chunk, Future[Bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
         for chunk in chunks:
@@ -70,13 +70,6 @@ def unpacked(data: Data, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Bytes
         while pending:
             ready, future = pending.popleft()
             yield ready, future.result()
-
-
-def _usable_cores() -> int:
-    """Cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
 
 
 def _decompress(packed: bytes, chunk: Chunk) -> Bytes:

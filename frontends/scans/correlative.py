@@ -193,7 +193,9 @@ def _best_first(
             found = _admit(children, found, sums, reached - 1, k_child, i, j, half, window.reach)
         if count + found > len(waiting):
             longer = np.empty((2 * len(waiting), 6), dtype=np.int64)
-            longer[: len(waiting)] = waiting
+            for block in range(count):
+                for field in range(6):
+                    longer[block, field] = waiting[block, field]
             waiting = longer
         for child in range(found):
             count = _wait(waiting, first, count, children[child], level - 1)

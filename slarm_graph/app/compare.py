@@ -8,7 +8,6 @@ already finished is read and not computed again, one that was interrupted goes o
 
 from __future__ import annotations
 
-import os
 import signal
 import time
 import uuid
@@ -22,6 +21,7 @@ from slarm_graph.app.outcomes import BEAT_S, Process, read_outcome, started, wai
 from slarm_graph.app.progress import Progress, Quiet
 from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
+from slarm_graph.cores import usable_cores
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 
@@ -61,9 +61,7 @@ def compare(
     for outcome in done.values():
         tell(outcome)
     left = [trial for trial in planned if trial not in done]
-    runner = (
-        _on_cluster(scheduler, upload) if scheduler else _locally(workers or os.cpu_count() or 1)
-    )
+    runner = _on_cluster(scheduler, upload) if scheduler else _locally(workers or usable_cores())
     outcomes = dict(done)
     if left:
         with closing(runner(left, progress or Quiet(), budget_s)) as coming:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.config import MeasuredConfig, RadioConfig
+from slarm_graph.cores import usable_cores
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
@@ -96,30 +98,50 @@ def fuse(
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    floors, blocks = (FloorField(nodes), FloorField(coarse)), blocks_of(geographic)
-    done, notices = {}, []
-    for name, placed in readings.items():
-        heard = int(placed.heard.sum())
-        if heard < config.least_readings:
-            notices.append(
-                f"{name} was heard {count_of(heard, 'time')}; {config.least_readings} make a map"
-            )
+    blocks, done, notices = blocks_of(geographic), {}, []
+    often, heard = [], {name: int(placed.heard.sum()) for name, placed in readings.items()}
+    for name, count in heard.items():
+        if count >= config.least_readings:
+            often.append(name)
             continue
-        heartbeat(f"measured map of {name}, {count_of(len(placed), 'reading')}")
+        notices.append(
+            f"{name} was heard {count_of(count, 'time')}; {config.least_readings} make a map"
+        )
+
+    def fitted(name: str) -> FittedAccessPoint:
+        """One access point's, on floors of its own: what they keep of ranges is not shared."""
         mean = Mean(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
-        spread, hyper = (0.0, 0.0, 0.0), None
-        if mean.access_point is None and config.locate:
-            found = locate(floors[1], mean, placed, config)
-            x, y, z = (float(v) for v in found.position_m)
-            point = AccessPoint(name, x, y, z, radio.power_dbm, radio.frequency_hz)
-            mean, spread, hyper = replace(mean, access_point=point), found.sd_m(), found.hyper
-        fitted = fit_access_point(floors, mean, placed, config, hyper)
-        done[name] = replace(fitted, position_sd_m=spread)
+        floors = FloorField(nodes), FloorField(coarse)
+        return _fused_one(floors, mean, readings[name], name, radio, config)
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        for name, one in zip(often, pool.map(fitted, often), strict=True):
+            heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
+            done[name] = one
     if not done:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
     return _mapped(geographic, nodes, done, radio, tuple(notices))
+
+
+def _fused_one(
+    floors: tuple[FloorField, FloorField],
+    mean: Mean,
+    placed: Placed,
+    name: str,
+    radio: RadioConfig,
+    config: MeasuredConfig,
+) -> FittedAccessPoint:
+    """Fit one access point, located by what was heard of it where nobody told its position."""
+    if mean.access_point is not None or not config.locate:
+        return fit_access_point(floors, mean, placed, config)
+    found = locate(floors[1], mean, placed, config)
+    x, y, z = (float(v) for v in found.position_m)
+    point = AccessPoint(name, x, y, z, radio.power_dbm, radio.frequency_hz)
+    mean = replace(mean, access_point=point)
+    fitted = fit_access_point(floors, mean, placed, config, found.hyper)
+    return replace(fitted, position_sd_m=found.sd_m())
 
 
 def fit_access_point(

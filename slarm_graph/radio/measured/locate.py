@@ -140,7 +140,7 @@ class _Search:
         again: bool = True,
     ) -> None:
         # Positions are compared by the map as it is: less time, and no other answer.
-        self._mean, self._heard = replace(mean, faces_off_cells=0), heard
+        self._mean, self._heard = mean, heard
         self._coefficients = mean.coefficients(heard)
         design, doubt_db2 = mean.of_readings_with_doubt(heard)
         doubt_db2 *= floor.nodes.shared(heard.points_m)
@@ -166,10 +166,15 @@ class _Search:
         if self._part is not None:
             rough = self._part.evidences(lattice)
             near = rough >= rough.max() - _RULED_OUT
-        logs[near] = [self.evidence(p) for p in lattice[near]]
+        plans, own = np.unique(lattice[near, :2], axis=0, return_inverse=True)
+        within = np.flatnonzero(near)
+        for k in range(len(plans)):
+            at = within[own.ravel() == k]
+            logs[at] = self._evidences_at(lattice[at])
         return logs
 
-    def evidence(self, position_m: Floats) -> float:
-        """Logarithm of the marginal likelihood, the access point being there."""
-        design = _at(self._mean, position_m).of_readings(self._heard)
-        return self._base.on(design, self._coefficients, self._values).log_evidence
+    def _evidences_at(self, positions_m: Floats) -> Floats:
+        """Logarithms (H,) of the marginal likelihood for positions (H, 3) above each other."""
+        mean = _at(self._mean, positions_m[0])
+        designs = mean.of_readings_by_height(self._heard, positions_m[:, 2])
+        return self._base.log_evidences(designs, self._coefficients, self._values)

@@ -11,17 +11,18 @@ each further class of readings; they belong to how it was heard, not to the map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
 from slarm_graph.radio.measured.blocks import Blocks
 from slarm_graph.radio.measured.posterior import Coefficients
 from slarm_graph.radio.measured.readings import Placed
-from slarm_graph.radio.propagation.crossings import Passages, passages
+from slarm_graph.radio.propagation.crossings import Passages, crossings_by_height, passages
 from slarm_graph.radio.propagation.models import decades_of_distance
 
 MAP_TERMS = ("level_at_1_m_dbm", "exponent", "wall_db")
@@ -111,10 +112,15 @@ class Mean:
         if self.access_point is None:
             return level, np.zeros(len(points_m))
         passed = self.passages(points_m)
-        walls = passed.counts.mean(axis=0)
+        design = self._passing(points_m, passed.counts.mean(axis=0), passed.through)
+        return design, _PRIOR[2][0] ** 2 * passed.counts.var(axis=0)
+
+    def _passing(self, points_m: Floats, walls: Floats, through: Mask) -> Floats:
+        """Design (N, terms) at points that so many walls, and which insides, are before."""
         distance_m = self._distance_m(points_m)
-        design = [level, -decades_of_distance(distance_m), -walls, -passed.through.astype(float)]
-        return np.column_stack(design), _PRIOR[2][0] ** 2 * passed.counts.var(axis=0)
+        level = np.ones(len(points_m))
+        design = [level, -decades_of_distance(distance_m), -walls, -through.astype(float)]
+        return np.column_stack(design)
 
     def of_readings(self, placed: Placed) -> Floats:
         """Return the design (N, p) of readings: the map's terms, then their own."""
@@ -124,6 +130,30 @@ class Mean:
         """Return that design, and the doubt (N,) [dB^2] of `with_doubt`."""
         design, doubt_db2 = self.with_doubt(placed.points_m)
         return np.column_stack([design, self._own(placed)]), doubt_db2
+
+    def of_readings_by_height(self, placed: Placed, heights_m: Floats) -> Floats:
+        """Return the designs (H, N, p) of readings for heights (H,) of the access point.
+
+        By the map as it is, without what single blocks take.
+        """
+        assert self.access_point is not None
+        x, y, _ = self.access_point.position_m().tolist()
+        walls = crossings_by_height(
+            self.geographic.geometry,
+            self.geographic.heights_m,
+            (x, y),
+            heights_m,
+            placed.points_m,
+            self.antenna_height_m,
+            mount_radius_m=self.mount_radius_m,
+        )
+        own, nothing = self._own(placed), np.zeros((len(placed), 0), dtype=np.bool_)
+        designs = []
+        for z, passed in zip(heights_m.tolist(), walls, strict=True):
+            there = replace(self, access_point=replace(self.access_point, z_m=z))
+            design = there._passing(placed.points_m, passed.astype(np.float64), nothing)
+            designs.append(np.column_stack([design, own]))
+        return np.stack(designs)
 
     def _own(self, placed: Placed) -> Floats:
         columns = [placed.noise_class == k for k in range(1, placed.classes)]

@@ -70,6 +70,30 @@ def wall_crossings(
     return np.asarray(passed.counts[0])
 
 
+def crossings_by_height(
+    geometry: GridGeometry,
+    heights_m: ArrayLike,
+    access_point_m: tuple[float, float],
+    access_heights_m: ArrayLike,
+    points_m: ArrayLike,
+    antenna_height_m: float,
+    *,
+    mount_radius_m: float = 0.0,
+) -> Counts:
+    """Count as `wall_crossings` for several heights (H,) of an access point in one walk.
+
+    Returns
+    -------
+    (H, N) int16
+    """
+    eye_heights = np.asarray(access_heights_m, dtype=np.float64)
+    heights = np.ascontiguousarray(heights_m, dtype=np.float32)
+    moved = np.zeros((len(eye_heights), 2), dtype=np.int64)
+    grids = heights, heights, moved, np.zeros((1, 1), dtype=np.int16)
+    how = antenna_height_m, mount_radius_m
+    return _walked(geometry, grids, access_point_m, eye_heights, points_m, *how).counts
+
+
 @dataclass(frozen=True, slots=True)
 class Passages:
     """What N links pass.
@@ -109,17 +133,31 @@ def passages(
         Number, from 1, of the obstacle whose inside the cell is; 0 elsewhere.
     """
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
-    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    ends = (np.asarray(points_m, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
-    eye = (np.array([x, y]) - origin) / geometry.resolution_m
     heights = np.ascontiguousarray(heights_m, dtype=np.float32)
     moved = off_cells * _AROUND if off_cells else _AROUND[:1]
-    counts: Counts = np.zeros((len(moved), len(ends)), dtype=np.int16)
     inside = np.zeros((1, 1), dtype=np.int16) if insides is None else insides
-    through = np.zeros((len(ends), int(inside.max(initial=0))), dtype=np.bool_)
-    carried = mount_radius_m / geometry.resolution_m
     grids = heights, _tallest(heights, moved), moved, inside
-    _count(*grids, eye, float(z), ends, antenna_height_m, carried, counts, through)
+    how = antenna_height_m, mount_radius_m
+    return _walked(geometry, grids, (x, y), np.full(len(moved), z), points_m, *how)
+
+
+def _walked(
+    geometry: GridGeometry,
+    grids: tuple[NDArray[np.float32], NDArray[np.float32], Ints, NDArray[np.int16]],
+    access_point_m: tuple[float, float],
+    eye_heights: Floats,
+    points_m: ArrayLike,
+    antenna_height_m: float,
+    mount_radius_m: float,
+) -> Passages:
+    """Count what links pass, the map being moved and the access point high in as many ways."""
+    origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
+    ends = (np.asarray(points_m, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
+    eye = (np.asarray(access_point_m) - origin) / geometry.resolution_m
+    counts: Counts = np.zeros((len(eye_heights), len(ends)), dtype=np.int16)
+    through = np.zeros((len(ends), int(grids[3].max(initial=0))), dtype=np.bool_)
+    carried = mount_radius_m / geometry.resolution_m
+    _count(*grids, eye, eye_heights, ends, antenna_height_m, carried, counts, through)
     return Passages(counts, through)
 
 
@@ -143,7 +181,7 @@ def _count(
     moved: Ints,
     inside: NDArray[np.int16],
     eye: Floats,
-    eye_height: float,
+    eye_heights: Floats,
     ends: Floats,
     end_height: float,
     mount_cells: float,
@@ -153,22 +191,24 @@ def _count(
     """Walk from the access point to every end; ends and eye in cells, heights in metres."""
     rows, cols = heights.shape
     margin = (tallest.shape[0] - rows) // 2
-    left_at = np.empty(len(moved))
+    left_at, lowest_eye = np.empty(len(moved)), eye_heights.min()
     for i in range(len(ends)):
         dx, dy = ends[i, 0] - eye[0], ends[i, 1] - eye[1]
         col, col_step, col_next, col_every = first_crossing(eye[0], dx)
         row, row_step, row_next, row_every = first_crossing(eye[1], dy)
         carried = mount_cells / max(math.hypot(dx, dy), 1e-12)
-        rise, entered = end_height - eye_height, 0.0
+        rise, entered = end_height - lowest_eye, 0.0
         left_at.fill(-1.0)
         gap = _GAP_CELLS / max(math.hypot(dx, dy), 1e-12)
         while entered < 1.0:
             left = min(col_next, row_next, 1.0)
-            lowest = eye_height + rise * (left if rise < 0.0 else entered)
             known = -margin <= row < rows + margin and -margin <= col < cols + margin
+            lowest = lowest_eye + rise * (left if rise < 0.0 else entered)
             if known and tallest[row + margin, col + margin] > lowest and left > carried:
                 for k in range(len(moved)):
                     r, c = row - moved[k, 0], col - moved[k, 1]
+                    up = end_height - eye_heights[k]
+                    lowest = eye_heights[k] + up * (left if up < 0.0 else entered)
                     if 0 <= r < rows and 0 <= c < cols and heights[r, c] > lowest:
                         if left_at[k] < 0.0 or entered - left_at[k] > gap:
                             counts[k, i] += 1
