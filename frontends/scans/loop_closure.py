@@ -20,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
-from slarm_graph.frontends.scans.along_walls import aligned
+from slarm_graph.frontends.scans.along_walls import SlidMatch, aligned
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
+from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
 
@@ -210,16 +211,17 @@ class LoopCloser:
         submaps: Sequence[Submap],
     ) -> Closure:
         points, old = keyframes[k].points_m, submaps[submap]
-        found = aligned(
-            self._fine.of(old, keyframes),
-            points,
-            start,
-            _LOOSE_INFORMATION,
-            POINT_INFORMATION,
-            2 * self._matching.max_iterations,
-            SIGMAS * self._config.sure_m,
-        )
-        behind = share_from_behind(self._sides.of(old, keyframes), points, found.pose)
+        grid, sides = self._fine.of(old, keyframes), self._sides.of(old, keyframes)
+        tries, reach_m = 2 * self._matching.max_iterations, SIGMAS * self._config.sure_m
+
+        def align(scans: Sequence[Floats], near: Floats) -> SlidMatch:
+            """Align the keyframe with the submap."""
+            how = _LOOSE_INFORMATION, POINT_INFORMATION, tries, reach_m
+            return aligned(grid, scans[0], near, *how)
+
+        least = self._matching.min_points
+        found, _ = aligned_by_faces(align, sides, [points], np.zeros((1, 3)), start, least)
+        behind = share_from_behind(sides, points, found.pose)
         reason = doubt(found.score, found.information, behind, self._config)
         return Closure(submap, k, found.pose, found.over_reach, found.score, False, reason)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.consistency import View, count_known, evidence_against, view_of
-from slarm_graph.frontends.scans.along_walls import aligned
+from slarm_graph.frontends.scans.along_walls import SlidMatch, aligned
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_likelihood
@@ -31,6 +31,7 @@ from slarm_graph.frontends.scans.submaps import (
     joined_returns,
     likelihood_of,
 )
+from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
 from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, between, compose, one_per_cell
 
@@ -127,26 +128,31 @@ class SubmapMatcher:
             where it is not good enough.
         """
         submap, region = self._submaps[query], self.region(target)
-        points, loosely = self._thinned(submap), (_LOOSE_INFORMATION, POINT_INFORMATION)
+        members, poses = self._keyframes[submap.first : submap.last], self._poses_of(submap)
+        scans, loosely = [m.points_m for m in members], (_LOOSE_INFORMATION, POINT_INFORMATION)
         tries, reach_m = 2 * self._matching.max_iterations, SIGMAS * self._loops.sure_m
-        roughly, *_ = refine_near(
-            self._wide.of(region, self._keyframes), points, start, *loosely, tries
+        grid, sides = (
+            self._grids.of(region, self._keyframes),
+            self._sides.of(region, self._keyframes),
         )
-        grid = self._grids.of(region, self._keyframes)
-        found = aligned(grid, points, roughly, *loosely, tries, reach_m)
-        pose, certain = found.pose, of_misfit(self._fits(grid, query, target, found.pose), _MISFIT)
-        information = certain * found.information
-        members = self._keyframes[submap.first : submap.last]
-        placed = list(zip(compose(pose, self._poses_of(submap)), members, strict=True))
-        score = float(np.median([mean_likelihood(grid, m.points_m, p) for p, m in placed]))
-        # The cheapest question first: half of what looks alike does not fit.
-        reason = doubt(score, information, 0.0, self._loops)
-        if not reason:
-            sides = self._sides.of(region, self._keyframes)
-            behind = np.median([share_from_behind(sides, m.points_m, p) for p, m in placed])
-            reason = doubt(score, information, float(behind), self._loops)
+        wide = self._wide.of(region, self._keyframes)
+        roughly, *_ = refine_near(wide, _thinned(scans, poses), start, *loosely, tries)
+
+        def align(some: Sequence[Floats], near: Floats) -> SlidMatch:
+            """Align them with the region."""
+            return aligned(grid, _thinned(some, poses), near, *loosely, tries, reach_m)
+
+        least = self._matching.min_points
+        found, kept = aligned_by_faces(align, sides, scans, poses, roughly, least)
+        pose = found.pose
+        certain = of_misfit(self._fits(grid, joined_returns(kept, poses), target, pose), _MISFIT)
+        placed = list(zip(compose(pose, poses), scans, kept, strict=True))
+        score = float(np.median([mean_likelihood(grid, k, p) for p, _, k in placed]))
+        behind = float(np.median([share_from_behind(sides, s, p) for p, s, _ in placed]))
+        reason = doubt(score, certain * found.information, behind, self._loops)
         reason = reason or self._contradiction(query, target, pose)
-        return Closure(target, submap.anchor, pose, certain * found.over_reach, score, True, reason)
+        over_reach = certain * found.over_reach
+        return Closure(target, submap.anchor, pose, over_reach, score, True, reason)
 
     def better_fit(self, points: Floats, submap: int, start: Floats) -> tuple[Floats, Floats]:
         """Return where a scan fits best near a start, in the region around a submap.
@@ -174,9 +180,8 @@ class SubmapMatcher:
             return start, np.zeros((3, 3))
         return pose, invert3(information + _AS_FAR_AS_IT_SEES)
 
-    def _fits(self, grid: LikelihoodGrid, query: int, target: int, pose: Floats) -> float:
-        """Mean likelihood of a submap's returns at a pose (3,), of those where others looked."""
-        points = np.ascontiguousarray(self.points_of(self._submaps[query]))
+    def _fits(self, grid: LikelihoodGrid, points: Floats, target: int, pose: Floats) -> float:
+        """Mean likelihood of points (K, 2) at a pose (3,), of those where others looked."""
         view = self._views.of(self.region(target), self._all_returns)
         known = count_known(points, pose, view.states, view.low)
         return mean_likelihood(grid, points, pose) * len(points) / max(known, 1)
@@ -196,9 +201,11 @@ class SubmapMatcher:
     def _poses_of(self, submap: Submap) -> Floats:
         return between(self._poses[submap.anchor], self._poses[submap.first : submap.last])
 
-    def _thinned(self, submap: Submap) -> Floats:
-        kept = one_per_cell(self.points_of(submap), _QUERY_CELL_M)
-        return np.ascontiguousarray(kept[:: 1 + len(kept) // _QUERY_POINTS])
+
+def _thinned(scans: Sequence[Floats], poses: Floats) -> Floats:
+    """Join scans, each (K, 2) [m], at poses (M, 3); of the returns some are kept."""
+    kept = one_per_cell(joined_returns(scans, poses), _QUERY_CELL_M)
+    return np.ascontiguousarray(kept[:: 1 + len(kept) // _QUERY_POINTS])
 
 
 def _view(points: Sequence[Floats], poses: Floats) -> View:

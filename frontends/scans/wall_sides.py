@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.wall_tangents import BACK, ON
 from slarm_graph.geometry import Floats
+from slarm_graph.grid import Mask
 from slarm_graph.kernels import kernel
 
 _CELL_M, _REACH_CELLS = 0.05, 2
@@ -85,10 +86,28 @@ def share_from_behind(sides: WallSides, points: Floats, pose: Floats) -> float:
     return behind / max(same + behind, 1)
 
 
+def seen_from_behind(sides: WallSides, points: Floats, pose: Floats) -> Mask:
+    """Which of a scan's points (K, 2) lie on walls that are known from their other side only.
+
+    Parameters
+    ----------
+    sides, points, pose
+        As of `share_from_behind`.
+    """
+    origin = np.array([sides.origin_x_m, sides.origin_y_m])
+    surfaces = _surfaces(points, pose)
+    behind = np.zeros(len(points), dtype=np.bool_)
+    _tell_behind(sides.octants, origin, surfaces, behind)
+    return behind
+
+
 @kernel
 def _surfaces(points: Floats, pose: Floats) -> Floats:
-    """Place and direction of the normal (S, 3) [m, m, rad] of what a scan sees well enough."""
-    out = np.empty((len(points), 3))
+    """Place and direction of the normal (S, 4) [m, m, rad] of what a scan sees well enough.
+
+    And which of its points each is.
+    """
+    out = np.empty((len(points), 4))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for i in range(len(points)):
@@ -103,6 +122,7 @@ def _surfaces(points: Floats, pose: Floats) -> Floats:
         out[count, 0] = pose[0] + c * x - s * y
         out[count, 1] = pose[1] + s * x + c * y
         out[count, 2] = math.atan2(dy, dx) + turn + pose[2]
+        out[count, 3] = i
         count += 1
     return out[:count].copy()
 
@@ -142,19 +162,32 @@ def _compare(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> tu
     """Count the surfaces that a known one beside them faces like, and those only seen behind."""
     same = behind = 0
     for k in range(len(surfaces)):
-        col = math.floor((surfaces[k, 0] - origin[0]) / _CELL_M)
-        row = math.floor((surfaces[k, 1] - origin[1]) / _CELL_M)
-        if not (0 <= row < octants.shape[0] and 0 <= col < octants.shape[1]):
-            continue
-        known = octants[row, col]
-        if known == 0:
-            continue
-        own = _octant(surfaces[k, 2])
-        alike = False
-        for d in range(-_ACROSS, _ACROSS + 1):
-            alike = alike or (known >> ((own + d) % _OCTANTS)) & 1 == 1
-        if alike:
-            same += 1
-        else:
-            behind += 1
+        told = _told(octants, origin, surfaces[k])
+        same += told > 0
+        behind += told < 0
     return same, behind
+
+
+@kernel
+def _tell_behind(
+    octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, behind: Mask
+) -> None:
+    """Mark the points (K,) whose surfaces are only known from their other side."""
+    for k in range(len(surfaces)):
+        behind[int(surfaces[k, 3])] = _told(octants, origin, surfaces[k]) < 0
+
+
+@kernel
+def _told(octants: NDArray[np.uint8], origin: Floats, surface: Floats) -> int:
+    """Whether a known surface beside one faces like it: 1, or only others do: -1; 0 for none."""
+    col = math.floor((surface[0] - origin[0]) / _CELL_M)
+    row = math.floor((surface[1] - origin[1]) / _CELL_M)
+    if not (0 <= row < octants.shape[0] and 0 <= col < octants.shape[1]):
+        return 0
+    known, own = octants[row, col], _octant(surface[2])
+    if known == 0:
+        return 0
+    for d in range(-_ACROSS, _ACROSS + 1):
+        if (known >> ((own + d) % _OCTANTS)) & 1 == 1:
+            return 1
+    return -1
