@@ -42,6 +42,10 @@ any range of shadowing, and a search is many times faster."""
 _CELLS_AT_A_TIME = 200_000
 """Bounds the memory of a prediction; more is not faster."""
 
+_MOST_AT_ONCE = 4
+"""Access points that are fitted at a time, on as many cores: over 10^6 cells each takes 0.17 GB.
+Half and double take as much more or less, and twice or half the time where there are cores."""
+
 
 @dataclass(frozen=True, slots=True)
 class FittedAccessPoint:
@@ -116,7 +120,8 @@ def fuse(
         floors = FloorField(nodes), FloorField(coarse)
         return _fused_one(floors, mean, readings[name], name, radio, config)
 
-    with ThreadPoolExecutor(usable_cores()) as pool:
+    heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
+    with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
         for name, one in zip(often, pool.map(fitted, often), strict=True):
             heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
             done[name] = one
