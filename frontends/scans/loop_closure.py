@@ -23,6 +23,7 @@ from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.scans.along_walls import SlidMatch, aligned
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
 from slarm_graph.frontends.scans.correlative import search
+from slarm_graph.frontends.scans.likelihood_grid import mean_likelihood
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
@@ -222,8 +223,9 @@ class LoopCloser:
         least = self._matching.min_points
         found, _ = aligned_by_faces(align, sides, [points], np.zeros((1, 3)), start, least)
         behind = share_from_behind(sides, points, found.pose)
-        reason = doubt(found.score, found.information, behind, self._config)
-        return Closure(submap, k, found.pose, found.over_reach, found.score, False, reason)
+        score = mean_likelihood(grid, points, found.pose)
+        reason = doubt(score, found.information, behind, self._config)
+        return Closure(submap, k, found.pose, found.over_reach, score, False, reason)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
         """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""

@@ -146,9 +146,10 @@ class SubmapMatcher:
         found, kept = aligned_by_faces(align, sides, scans, poses, roughly, least)
         pose = found.pose
         certain = of_misfit(self._fits(grid, joined_returns(kept, poses), target, pose), _MISFIT)
-        placed = list(zip(compose(pose, poses), scans, kept, strict=True))
-        score = float(np.median([mean_likelihood(grid, k, p) for p, _, k in placed]))
-        behind = float(np.median([share_from_behind(sides, s, p) for p, s, _ in placed]))
+        placed = list(zip(compose(pose, poses), scans, strict=True))
+        # Of all returns: a wall's other face, left out of aligning, is no sign of the place either.
+        score = float(np.median([mean_likelihood(grid, s, p) for p, s in placed]))
+        behind = float(np.median([share_from_behind(sides, s, p) for p, s in placed]))
         reason = doubt(score, certain * found.information, behind, self._loops)
         reason = reason or self._contradiction(query, target, pose)
         over_reach = certain * found.over_reach
