@@ -44,7 +44,7 @@ _CELLS_AT_A_TIME = 200_000
 
 _MOST_AT_ONCE = 4
 """Access points that are fitted at a time, on as many cores: over 10^6 cells each takes 0.17 GB.
-Half and double take as much more or less, and twice or half the time where there are cores."""
+Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,9 @@ _COLUMNS_AT_A_TIME = 256
 """Right-hand sides solved at once; more take memory, fewer take calls."""
 
 _DENSE = 512
-"""Readings up to which their covariance's inverse is kept as it is: two megabytes. With half or
-double locating takes as long: a part of the readings, that judges first, has some 375."""
+"""Readings up to which their covariance's inverse is kept as it is: two megabytes. The part of the
+readings that judges positions first has some 375: with half of this it goes by the factor, 1.9 ms a
+position in place of 0.7."""
 
 
 @dataclass(frozen=True, slots=True)
