@@ -79,6 +79,18 @@ def test_a_place_seen_from_two_spots_closes_the_loop_where_it_is(way: list[Keyfr
         assert abs(miss[2]) < 0.005
 
 
+@pytest.mark.parametrize(("least", "is_told"), [(0.999, True), (0.5, False)])
+def test_a_match_that_agrees_too_little_says_its_score(
+    way: list[Keyframe], least: float, is_told: bool
+) -> None:
+    submap, met = make_submap(way, 0, OLD, 6), way[:OLD]
+    settings = LoopClosureConfig(min_score=least)
+    there = between(*(k.local_from_robot.as_array() for k in (met[6], met[-1])))[None]
+    expected = Expectations(np.array([0]), there, np.array([0.01]), np.array([0.01]))
+    (found,) = LoopCloser(settings, FrontendConfig().matching).examine(met, [submap], expected)
+    assert found.reason == (f"score {found.score:.2f}" if is_told else "")
+
+
 def test_searches_in_vain_may_go_on_for_ever(way: list[Keyframe]) -> None:
     """Patience grows with every one; as a power without end it left the range of floats."""
     submap = make_submap(way, 0, OLD, 6)
@@ -176,7 +188,7 @@ def test_a_match_along_one_wall_slides_whichever_way_the_wall_runs(heading: floa
         information = np.eye(3)
         information[:2, :2] = of_along * np.outer(along, along)
         information[:2, :2] += of_across * np.outer(across, across)
-        return loop_closure.doubt(1.0, information, 0.0, config)
+        return loop_closure.doubt(information, 0.0, config)
 
     assert reason(strong, strong) == ""
     assert reason(weak, strong) == reason(strong, weak) == "slides along a wall"
