@@ -71,7 +71,7 @@ def test_the_search_ends_where_no_step_is_likelier(seed: int) -> None:
     values, weights = gaussian_equivalent(
         problem.placed.rss_dbm, expected, problem.noise_variance(hyper), Receiver(), 8.0
     )
-    found = _searched(problem, hyper, problem.where(), expected, weights)
+    found = _searched(problem, hyper, expected, weights)
 
     def cost(vector: Floats) -> float:
         return cost_of(problem, hyper, vector, values, weights)

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import SuperLU, splu
 
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
@@ -21,21 +21,25 @@ class Factor:
     Parameters
     ----------
     matrix : (M, M) sparse
+    order : (M,) int32, optional
+        In which rows are eliminated: that of a factor whose matrix had about the same entries;
+        finding it anew takes half of the time. Any order is right, if not sparse.
     """
 
-    def __init__(self, matrix: sparse.csc_array) -> None:
-        # SuperLU on the diagonal (no pivoting) is a Cholesky factorisation up to the scaling.
-        self._lu = splu(
-            sparse.csc_matrix(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+    def __init__(self, matrix: sparse.csc_array, order: Ints | None = None) -> None:
+        self.order = _fill_reducing(matrix) if order is None else order
+        place = np.empty_like(self.order)
+        place[self.order] = np.arange(len(place))
+        columns = matrix[:, self.order]
+        entries = columns.data, place[columns.indices], columns.indptr
+        self._lu = _on_diagonal(sparse.csc_matrix(entries, shape=matrix.shape), "NATURAL")
         self._diagonal = self._lu.U.diagonal()
 
     def solve(self, right: Floats) -> Floats:
         """Return the matrix's inverse times a vector (M,) or columns (M, K)."""
-        return np.asarray(self._lu.solve(np.ascontiguousarray(right, dtype=np.float64)))
+        solved = np.empty(right.shape)
+        solved[self.order] = self._lu.solve(right[self.order])
+        return solved
 
     def log_determinant(self) -> float:
         """Return the natural logarithm of the determinant."""
@@ -47,8 +51,28 @@ class Factor:
         lower.sort_indices()
         inverse = np.zeros(len(lower.data))
         _selected_inverse(lower.indptr, lower.indices, lower.data, self._diagonal, inverse)
-        on_diagonal = inverse[lower.indptr[:-1]]
-        return np.asarray(on_diagonal[self._lu.perm_r])
+        on_diagonal = np.empty(len(self.order))
+        on_diagonal[self.order] = inverse[lower.indptr[:-1]][self._lu.perm_r]
+        return on_diagonal
+
+
+def _on_diagonal(matrix: sparse.csc_matrix, order: str) -> SuperLU:
+    """LU on the diagonal (no pivoting): a Cholesky factorisation up to the scaling."""
+    # Panels and relaxed supernodes are for denser matrices: without them it takes 0.8 of the time.
+    return splu(
+        matrix,
+        permc_spec=order,
+        diag_pivot_thresh=0.0,
+        panel_size=1,
+        relax=1,
+        options={"SymmetricMode": True},
+    )
+
+
+def _fill_reducing(matrix: sparse.csc_array) -> Ints:
+    """Order (M,) of elimination that keeps the factor sparse: least degree first."""
+    found = _on_diagonal(sparse.csc_matrix(matrix), "MMD_AT_PLUS_A")
+    return np.asarray(np.argsort(found.perm_c), dtype=np.int32)
 
 
 @kernel

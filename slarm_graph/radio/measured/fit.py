@@ -12,6 +12,7 @@ from scipy.optimize import minimize
 from scipy.special import gammaln
 
 from slarm_graph.geometry import Floats
+from slarm_graph.radio.measured.factor import Ints
 from slarm_graph.radio.measured.posterior import Coefficients, Conditioned, Posterior
 from slarm_graph.radio.measured.priors import (
     FloorField,
@@ -134,6 +135,8 @@ class Problem:
     mean_slope_db_m: Floats
     receiver: Receiver
     doubt_db2: Floats
+    _where: sparse.csr_array | None = None
+    _order: Ints | None = None
 
     def drift_times_s(self) -> Floats:
         """Return the times (T,) at which the drift is kept [s]."""
@@ -141,14 +144,22 @@ class Problem:
 
     def where(self) -> sparse.csr_array:
         """Return A (N, S): a reading's nodes, and its second."""
-        times_s = self.drift_times_s()
-        kept = np.floor(self.placed.times_s / DRIFT_STEP_S) * DRIFT_STEP_S
-        rows, second = np.arange(len(kept)), times_s.searchsorted(kept)
-        drift = sparse.csr_array(
-            (np.ones(len(kept)), (rows, second)), shape=(len(kept), len(times_s))
-        )
-        field = self.floor.nodes.weights(self.placed.points_m)
-        return sparse.csr_array(sparse.hstack([field, drift], format="csr"))
+        if self._where is None:
+            times_s = self.drift_times_s()
+            kept = np.floor(self.placed.times_s / DRIFT_STEP_S) * DRIFT_STEP_S
+            rows, second = np.arange(len(kept)), times_s.searchsorted(kept)
+            drift = sparse.csr_array(
+                (np.ones(len(kept)), (rows, second)), shape=(len(kept), len(times_s))
+            )
+            field = self.floor.nodes.weights(self.placed.points_m)
+            self._where = sparse.csr_array(sparse.hstack([field, drift], format="csr"))
+        return self._where
+
+    def conditioned(self, prior: Precision, noise_precision: Floats) -> Conditioned:
+        """Return the readings with a prior and noise (N,) [1/dB^2], eliminated in one order."""
+        made = Conditioned(prior, self.where(), noise_precision, self._order)
+        self._order = made.order
+        return made
 
     def prior(self, hyper: Hyperparameters) -> Precision:
         """Return the precision of field and drift together."""
@@ -189,13 +200,12 @@ def fit_field(
     """
     placed = problem.placed
     hyper = start or _first_guess(problem)
-    where = problem.where()
     expected_dbm = np.full(len(placed), float(np.nanmedian(placed.rss_dbm)))
     for _ in range(_ROUNDS if search else 1):
-        posterior, expected_dbm, weights = _solved(problem, hyper, where, expected_dbm)
+        posterior, expected_dbm, weights = _solved(problem, hyper, expected_dbm)
         if search:
-            hyper = _searched(problem, hyper, where, expected_dbm, weights)
-    posterior, expected_dbm, _ = _solved(problem, hyper, where, expected_dbm)
+            hyper = _searched(problem, hyper, expected_dbm, weights)
+    posterior, expected_dbm, _ = _solved(problem, hyper, expected_dbm)
     return Fit(hyper, posterior, problem.drift_times_s(), len(placed))
 
 
@@ -205,7 +215,7 @@ def _first_guess(problem: Problem) -> Hyperparameters:
 
 
 def _solved(
-    problem: Problem, hyper: Hyperparameters, where: sparse.csr_array, expected_dbm: Floats
+    problem: Problem, hyper: Hyperparameters, expected_dbm: Floats
 ) -> tuple[Posterior, Floats, Floats]:
     """Posterior, expected readings and weights, by Newton steps from an expectation."""
     variance = problem.noise_variance(hyper)
@@ -214,16 +224,15 @@ def _solved(
         values, weights = gaussian_equivalent(
             problem.placed.rss_dbm, expected_dbm, variance, problem.receiver, hyper.freedom
         )
-        conditioned = Conditioned(prior, where, weights / variance)
+        conditioned = problem.conditioned(prior, weights / variance)
         posterior = conditioned.on(problem.design, problem.coefficients, values)
-        expected_dbm = posterior.mean(problem.design, where)
+        expected_dbm = posterior.mean(problem.design, problem.where())
     return posterior, expected_dbm, weights
 
 
 def _searched(
     problem: Problem,
     hyper: Hyperparameters,
-    where: sparse.csr_array,
     expected_dbm: Floats,
     weights: Floats,
 ) -> Hyperparameters:
@@ -242,7 +251,7 @@ def _searched(
         """Negative logarithm of likelihood and prior of the hyperparameters."""
         tried = hyper.moved(vector)
         precision = weights / problem.noise_variance(tried)
-        conditioned = Conditioned(problem.prior(tried), where, precision)
+        conditioned = problem.conditioned(problem.prior(tried), precision)
         done = conditioned.on(problem.design, problem.coefficients, values)
         return -done.log_evidence + 0.5 * float((((vector - centre) / doubt) ** 2).sum())
 

@@ -17,7 +17,6 @@ from slarm_graph.config import MeasuredConfig
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.mean import Mean
-from slarm_graph.radio.measured.posterior import Conditioned
 from slarm_graph.radio.measured.priors import FloorField
 from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 
@@ -152,12 +151,12 @@ class _Search:
         problem = Problem(floor, heard, design, self._coefficients, slope, Receiver(), doubt_db2)
         fit = fit_field(problem, start, search=again)
         self.hyper = fit.hyper
-        where, variance = problem.where(), problem.noise_variance(fit.hyper)
-        expected = fit.posterior.mean(problem.design, where)
+        variance = problem.noise_variance(fit.hyper)
+        expected = fit.posterior.mean(problem.design, problem.where())
         self._values, weights = gaussian_equivalent(
             heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
         )
-        self._base = Conditioned(problem.prior(fit.hyper), where, weights / variance)
+        self._base = problem.conditioned(problem.prior(fit.hyper), weights / variance)
         self._part: _Search | None = None
         if len(heard) > _EVERY * _FEW:
             some = heard.only(np.arange(0, len(heard), _EVERY))

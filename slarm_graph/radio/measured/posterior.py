@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.factor import Factor, Ints
 from slarm_graph.radio.measured.priors import Precision
 
 _COLUMNS_AT_A_TIME = 256
@@ -94,11 +94,20 @@ class Conditioned:
         A.
     noise_precision : (N,) [1/dB^2]
         Positive.
+    order : (S,) int32, optional
+        Of elimination, as of a `Factor` of the same prior's and places' entries.
     """
 
-    def __init__(self, prior: Precision, where: sparse.csr_array, noise_precision: Floats) -> None:
+    def __init__(
+        self,
+        prior: Precision,
+        where: sparse.csr_array,
+        noise_precision: Floats,
+        order: Ints | None = None,
+    ) -> None:
         self._weighted = sparse.csr_array(where.multiply(noise_precision[:, None]))
-        self._factor = Factor(sparse.csc_array(prior.matrix + self._weighted.T @ where))
+        self._factor = Factor(sparse.csc_array(prior.matrix + self._weighted.T @ where), order)
+        self.order = self._factor.order
         self._precision = noise_precision
         self._dense: Floats | None = None
         self._log_determinant = (
