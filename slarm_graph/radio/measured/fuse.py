@@ -66,6 +66,23 @@ class FittedAccessPoint:
     position_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
+@dataclass(frozen=True, slots=True)
+class _Mapped:
+    """One access point with its terms and what was predicted of N cells.
+
+    Parameters
+    ----------
+    access_point : AccessPoint
+    terms : FittedTerms
+    levels : (3, N) float32
+        Expected level [dBm], its standard deviation and that of a reading [dB].
+    """
+
+    access_point: AccessPoint
+    terms: FittedTerms
+    levels: NDArray[np.float32]
+
+
 def floor_of(geographic: GeographicMap) -> Mask:
     """Cells (rows, cols) over which a field lives: all that is free."""
     states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
@@ -102,7 +119,7 @@ def fuse(
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    blocks, done, notices = blocks_of(geographic), {}, []
+    blocks, done, notices = blocks_of(geographic), [], []
     often, heard = [], {name: int(placed.heard.sum()) for name, placed in readings.items()}
     for name, count in heard.items():
         if count >= config.least_readings:
@@ -112,22 +129,25 @@ def fuse(
             f"{name} was heard {count_of(count, 'time')}; {config.least_readings} make a map"
         )
 
-    def fitted(name: str) -> FittedAccessPoint:
+    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+
+    def mapped(name: str) -> _Mapped:
         """One access point's, on floors of its own: what they keep of ranges is not shared."""
         mean = Mean(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
         floors = FloorField(nodes), FloorField(coarse)
-        return _fused_one(floors, mean, readings[name], name, radio, config)
+        one = _fused_one(floors, mean, readings[name], name, radio, config)
+        return _mapped(nodes, one, cells, name, radio)
 
     heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
     with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
-        for name, one in zip(often, pool.map(fitted, often), strict=True):
+        for name, one in zip(often, pool.map(mapped, often), strict=True):
             heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
-            done[name] = one
+            done.append(one)
     if not done:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
-    return _mapped(geographic, nodes, done, radio, tuple(notices))
+    return _together(geographic, cells, done, radio, tuple(notices))
 
 
 def _fused_one(
@@ -222,31 +242,39 @@ def _receiver(
 
 
 def _mapped(
-    geographic: GeographicMap,
     nodes: Nodes,
-    done: Mapping[str, FittedAccessPoint],
+    one: FittedAccessPoint,
+    cells: NDArray[np.int64],
+    name: str,
+    radio: RadioConfig,
+) -> _Mapped:
+    """Predict cells (N, 2) for one access point."""
+    mean_dbm, variance = predicted(nodes, one, cells)
+    reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
+    levels = np.stack([mean_dbm, np.sqrt(variance), reading]).astype(np.float32)
+    return _Mapped(_as_access_point(name, one, radio), _terms(one), levels)
+
+
+def _together(
+    geographic: GeographicMap,
+    cells: NDArray[np.int64],
+    done: Sequence[_Mapped],
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:
-    """Predict every accessible cell for every access point."""
-    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+    """Put what was predicted of cells (N, 2) on one map."""
     shape = (len(done), *geographic.geometry.shape)
     layers = [np.full(shape, np.nan, dtype=np.float32) for _ in range(3)]
-    points, fitted = [], []
-    for index, (name, one) in enumerate(done.items()):
-        mean_dbm, variance = predicted(nodes, one, cells)
-        reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
-        for layer, values in zip(layers, (mean_dbm, np.sqrt(variance), reading), strict=True):
+    for index, one in enumerate(done):
+        for layer, values in zip(layers, one.levels, strict=True):
             layer[index][tuple(cells.T)] = values
-        points.append(_as_access_point(name, one, radio))
-        fitted.append(_terms(one))
     return MeasuredMap(
         geographic.geometry,
-        tuple(points),
+        tuple(one.access_point for one in done),
         mean_dbm=layers[0],
         mean_sd_db=layers[1],
         reading_sd_db=layers[2],
-        fitted=tuple(fitted),
+        fitted=tuple(one.terms for one in done),
         antenna_height_m=radio.antenna_height_m,
         notices=notices,
     )
