@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -28,11 +30,7 @@ class Factor:
 
     def __init__(self, matrix: sparse.csc_array, order: Ints | None = None) -> None:
         self.order = _fill_reducing(matrix) if order is None else order
-        place = np.empty_like(self.order)
-        place[self.order] = np.arange(len(place))
-        columns = matrix[:, self.order]
-        entries = columns.data, place[columns.indices], columns.indptr
-        self._lu = _on_diagonal(sparse.csc_matrix(entries, shape=matrix.shape), "NATURAL")
+        self._lu = _on_diagonal(_reordered(matrix, self.order), "NATURAL")
         self._diagonal = self._lu.U.diagonal()
 
     def solve(self, right: Floats) -> Floats:
@@ -47,13 +45,28 @@ class Factor:
 
     def marginal_variances(self) -> Floats:
         """Return the diagonal (M,) of the inverse, by Takahashi's recursion (Takahashi 1973)."""
+        lower, inverse = self._inverse()
+        on_diagonal = np.empty(len(self.order))
+        on_diagonal[self.order] = inverse[lower.indptr[:-1]]
+        return on_diagonal
+
+    def traces(self, others: Sequence[sparse.csc_array]) -> Floats:
+        """Return traces (K,) of the inverse times symmetric matrices that add no entries."""
+        lower, inverse = self._inverse()
+        found = np.empty(len(others))
+        for k, other in enumerate(others):
+            there = _reordered(other, self.order)
+            of_other = there.indptr, there.indices, there.data
+            found[k] = _trace(lower.indptr, lower.indices, inverse, *of_other)
+        return found
+
+    def _inverse(self) -> tuple[sparse.csc_matrix, Floats]:
+        """L in the order of elimination, and the inverse's entries where it has its own."""
         lower = sparse.csc_matrix(self._lu.L)
         lower.sort_indices()
         inverse = np.zeros(len(lower.data))
         _selected_inverse(lower.indptr, lower.indices, lower.data, self._diagonal, inverse)
-        on_diagonal = np.empty(len(self.order))
-        on_diagonal[self.order] = inverse[lower.indptr[:-1]][self._lu.perm_r]
-        return on_diagonal
+        return lower, inverse
 
 
 def _on_diagonal(matrix: sparse.csc_matrix, order: str) -> SuperLU:
@@ -67,6 +80,15 @@ def _on_diagonal(matrix: sparse.csc_matrix, order: str) -> SuperLU:
         relax=1,
         options={"SymmetricMode": True},
     )
+
+
+def _reordered(matrix: sparse.csc_array, order: Ints) -> sparse.csc_matrix:
+    """Matrix whose rows and columns are those of another in an order (M,)."""
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order), dtype=np.int32)
+    columns = matrix[:, order]
+    entries = columns.data, place[columns.indices], columns.indptr
+    return sparse.csc_matrix(entries, shape=matrix.shape)
 
 
 def _fill_reducing(matrix: sparse.csc_array) -> Ints:
@@ -103,3 +125,20 @@ def _selected_inverse(
             total -= lower[p] * inverse[p]
             place[rows[p]] = -1
         inverse[starts[j]] = total
+
+
+@kernel
+def _trace(
+    starts: Ints, rows: Ints, inverse: Floats, other_starts: Ints, other_rows: Ints, other: Floats
+) -> float:
+    """Trace of a product of symmetric matrices; the first's are those below its diagonal."""
+    size, total = len(starts) - 1, 0.0
+    of_row = np.zeros(size)
+    for j in range(size):
+        for p in range(starts[j], starts[j + 1]):
+            of_row[rows[p]] = inverse[p]
+        for p in range(other_starts[j], other_starts[j + 1]):
+            row = other_rows[p]
+            if row >= j:
+                total += (1.0 if row == j else 2.0) * of_row[row] * other[p]
+    return total
