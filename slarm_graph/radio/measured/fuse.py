@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from slarm_graph.grid import Mask
 from slarm_graph.radio.measured.blocks import blocks_of
 from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.locate import locate
-from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
-from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
+from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
+from slarm_graph.radio.measured.predict import FittedAccessPoint, Mapped, mapped
 from slarm_graph.radio.measured.priors import FloorField
 from slarm_graph.radio.measured.readings import Placed, Receiver
 
@@ -39,48 +40,9 @@ _SEARCH_SIDES = 2.0
 """Hyperparameters are searched on pieces of floor so many times as wide: 0.4 m is still well below
 any range of shadowing, and a search is many times faster."""
 
-_CELLS_AT_A_TIME = 200_000
-"""Bounds the memory of a prediction; more is not faster."""
-
 _MOST_AT_ONCE = 4
 """Access points that are fitted at a time, on as many cores: over 10^6 cells each takes 0.17 GB.
 Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
-
-
-@dataclass(frozen=True, slots=True)
-class FittedAccessPoint:
-    """One access point after its fit.
-
-    Parameters
-    ----------
-    mean : Mean
-    placed : Placed
-    fit : Fit
-    position_sd_m : tuple of float
-        Of the access point, where it was located by the readings [m].
-    """
-
-    mean: Mean
-    placed: Placed
-    fit: Fit
-    position_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True, slots=True)
-class _Mapped:
-    """One access point with its terms and what was predicted of N cells.
-
-    Parameters
-    ----------
-    access_point : AccessPoint
-    terms : FittedTerms
-    levels : (3, N) float32
-        Expected level [dBm], its standard deviation and that of a reading [dB].
-    """
-
-    access_point: AccessPoint
-    terms: FittedTerms
-    levels: NDArray[np.float32]
 
 
 def floor_of(geographic: GeographicMap) -> Mask:
@@ -131,18 +93,18 @@ def fuse(
 
     cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
 
-    def mapped(name: str) -> _Mapped:
+    def done_one(name: str) -> Mapped:
         """One access point's, on floors of its own: what they keep of ranges is not shared."""
         mean = Mean(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
         floors = FloorField(nodes), FloorField(coarse)
         one = _fused_one(floors, mean, readings[name], name, radio, config)
-        return _mapped(nodes, one, cells, name, radio)
+        return mapped(nodes, one, cells, name, radio)
 
     heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
     with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
-        for name, one in zip(often, pool.map(mapped, often), strict=True):
+        for name, one in zip(often, pool.map(done_one, often), strict=True):
             heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
             done.append(one)
     if not done:
@@ -241,24 +203,10 @@ def _receiver(
     return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
 
 
-def _mapped(
-    nodes: Nodes,
-    one: FittedAccessPoint,
-    cells: NDArray[np.int64],
-    name: str,
-    radio: RadioConfig,
-) -> _Mapped:
-    """Predict cells (N, 2) for one access point."""
-    mean_dbm, variance = predicted(nodes, one, cells)
-    reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
-    levels = np.stack([mean_dbm, np.sqrt(variance), reading]).astype(np.float32)
-    return _Mapped(_as_access_point(name, one, radio), _terms(one), levels)
-
-
 def _together(
     geographic: GeographicMap,
     cells: NDArray[np.int64],
-    done: Sequence[_Mapped],
+    done: Sequence[Mapped],
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:
@@ -277,63 +225,4 @@ def _together(
         fitted=tuple(one.terms for one in done),
         antenna_height_m=radio.antenna_height_m,
         notices=notices,
-    )
-
-
-def predicted(
-    nodes: Nodes, one: FittedAccessPoint, cells: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
-    """Return expected level (N,) [dBm] and its variance (N,) [dB^2] in cells (N, 2)."""
-    posterior, terms, count = one.fit.posterior, one.mean.terms, len(nodes)
-    on_nodes = np.column_stack(
-        [
-            posterior.state[:count],
-            posterior.factor.marginal_variances()[:count],
-            posterior.state_per_beta[:count],
-        ]
-    )
-    mean_dbm, variance = np.empty(len(cells)), np.empty(len(cells))
-    for first in range(0, len(cells), _CELLS_AT_A_TIME):
-        part = slice(first, first + _CELLS_AT_A_TIME)
-        points_m = nodes.geometry.center_of(cells[part])
-        there = nodes.weights(points_m) @ on_nodes
-        design = np.zeros((len(points_m), len(posterior.beta)))
-        design[:, :terms], doubt_db2 = one.mean.with_doubt(points_m)
-        mean_dbm[part] = design @ posterior.beta + there[:, 0]
-        variance[part] = (
-            doubt_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
-        )
-    return mean_dbm, variance
-
-
-def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
-    """The access point, with a power that fits the level heard over free space."""
-    ap = one.mean.access_point
-    if ap is None:
-        nowhere = float("nan")
-        return AccessPoint(name, nowhere, nowhere, nowhere, nowhere, radio.frequency_hz)
-    return replace(ap, name=name)
-
-
-def _terms(one: FittedAccessPoint) -> FittedTerms:
-    hyper, posterior = one.fit.hyper, one.fit.posterior
-    terms = min(one.mean.terms, len(MAP_TERMS))
-    values, spread = np.full(3, np.nan), np.full(3, np.nan)
-    values[:terms] = posterior.beta[:terms]
-    spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]
-    level, exponent, wall = (float(v) for v in values)
-    return FittedTerms(
-        len(one.placed),
-        int((~one.placed.heard).sum()),
-        level,
-        exponent,
-        wall,
-        (float(spread[0]), float(spread[1]), float(spread[2])),
-        hyper.field_sd_db,
-        hyper.range_m,
-        hyper.drift_sd_db,
-        hyper.drift_s,
-        float(hyper.noise_sd_db[0]),
-        hyper.freedom,
-        one.position_sd_m,
     )
