@@ -8,12 +8,18 @@ import numpy as np
 import pytest
 from scipy import sparse, stats
 
+from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.factor import Factor
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
-from slarm_graph.radio.measured.priors import FloorField, drift_precision, field_correlation
+from slarm_graph.radio.measured.priors import (
+    FloorField,
+    Precision,
+    drift_precision,
+    field_correlation,
+)
 from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 from slarm_graph.radio.measured.validate import _bridge
 
@@ -63,11 +69,18 @@ def test_points_between_nodes_share_in_those_they_border_on_and_in_none_behind_a
 def test_factor_is_the_dense_inverse():
     nodes = make_nodes(GRID, two_rooms(), 0.4, 10_000)
     matrix = FloorField(nodes).unit_precision(2.0).matrix
-    factor, dense = Factor(matrix), matrix.toarray()
+    dense = matrix.toarray()
     inverse = np.linalg.inv(dense)
-    np.testing.assert_allclose(factor.marginal_variances(), np.diag(inverse), rtol=1e-9)
-    assert factor.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
-    np.testing.assert_allclose(factor.solve(np.eye(len(dense))), inverse, atol=1e-9)
+    any_order = np.random.default_rng(3).permutation(len(dense)).astype(np.int32)
+    other = FloorField(nodes).unit_precision(1.4).matrix
+    for factor in (Factor(matrix), Factor(matrix, Factor(other).order), Factor(matrix, any_order)):
+        np.testing.assert_allclose(factor.marginal_variances(), np.diag(inverse), rtol=1e-9)
+        assert factor.log_determinant() == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
+        np.testing.assert_allclose(factor.solve(np.eye(len(dense))), inverse, atol=1e-9)
+        np.testing.assert_allclose(factor.solve(dense[0]), np.eye(len(dense))[0], atol=1e-9)
+        traces = [np.trace(inverse @ other.toarray()), len(dense)]
+        np.testing.assert_allclose(factor.traces([other, matrix]), traces, rtol=1e-9)
+    assert Factor(matrix, any_order)._lu.L.nnz > 2 * Factor(matrix, Factor(other).order)._lu.L.nnz
 
 
 def test_field_has_its_correlation_in_the_open_and_is_parted_by_walls():
@@ -104,6 +117,32 @@ def test_drift_is_an_ornstein_uhlenbeck_process():
     covariance = np.exp(-np.abs(times[:, None] - times) / 2.0)
     np.testing.assert_allclose(np.linalg.inv(precision.matrix.toarray()), covariance, atol=1e-9)
     assert precision.log_determinant == pytest.approx(-np.linalg.slogdet(covariance)[1])
+
+
+def test_gains_are_those_of_the_evidence_under_a_prior_and_noise_nearby():
+    rng = np.random.default_rng(4)
+    floor = FloorField(make_nodes(GRID, two_rooms(), 0.5, 10_000))
+    points = rng.uniform([0.2, 0.2], [5.8, 3.8], (80, 2))
+    where, design = floor.nodes.weights(points), rng.normal(size=(80, 2))
+    readings, weights = 3.0 * rng.normal(size=80), rng.uniform(0.5, 2.0, 80)
+    coefficients = Coefficients(np.array([1.0, -2.0]), np.array([3.0, 0.5]))
+
+    def told(range_m: float, noise: Floats) -> tuple[Precision, Floats]:
+        return floor.unit_precision(range_m), weights * noise
+
+    def evidence(prior: Precision, precision: Floats) -> float:
+        return Conditioned(prior, where, precision).on(design, coefficients, readings).log_evidence
+
+    one = np.ones(80)
+    here = Conditioned(floor.unit_precision(2.0), where, weights)
+    towards = (1.0, 0.0 * one), (0.0, one), (0.5, rng.normal(size=80))
+    near = [told(2.0 * np.exp(1e-5 * a), np.exp(1e-5 * b)) for a, b in towards]
+    gains = here.gains(here.on(design, coefficients, readings), design, readings, near)
+    for (a, b), gain in zip(towards, gains, strict=True):
+        up, down = (told(2.0 * np.exp(h * a), np.exp(h * b)) for h in (1e-4, -1e-4))
+        slope = (evidence(*up) - evidence(*down)) / 2e-4
+        assert abs(slope) > 0.1
+        assert gain / 1e-5 == pytest.approx(slope, rel=1e-3)
 
 
 def test_conditioning_is_universal_kriging():

@@ -10,10 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.optimize import minimize
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured import fit
+from slarm_graph.radio.measured import factor, fit
 from slarm_graph.radio.measured.fit import (
     Hyperparameters,
     Problem,
@@ -71,7 +72,7 @@ def test_the_search_ends_where_no_step_is_likelier(seed: int) -> None:
     values, weights = gaussian_equivalent(
         problem.placed.rss_dbm, expected, problem.noise_variance(hyper), Receiver(), 8.0
     )
-    found = _searched(problem, hyper, problem.where(), expected, weights)
+    found = _searched(problem, hyper, expected, weights)
 
     def cost(vector: Floats) -> float:
         return cost_of(problem, hyper, vector, values, weights)
@@ -97,6 +98,38 @@ def test_the_search_stays_within_three_sigmas(monkeypatch: pytest.MonkeyPatch) -
         np.testing.assert_allclose(bounds, np.stack([CENTRE - 3 * DOUBT, CENTRE + 3 * DOUBT], 1))
     assert (np.abs(found.hyper.vector() - CENTRE) <= 3.0 * DOUBT + 1e-9).all()
     assert found.readings == 40
+
+
+def test_a_search_knows_its_slopes_ends_soon_and_orders_rows_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Slopes that were off made line searches fail, after twenty steps each."""
+    ended: list[Any] = []
+    ordered: list[int] = []
+    fill_reducing = factor._fill_reducing
+
+    def spy(*args: Any, **how: Any) -> Any:
+        slopes_are_right(*args)
+        ended.append(minimize(*args, **how))
+        return ended[-1]
+
+    def order_spy(matrix: Any) -> Any:
+        ordered.append(matrix.shape[0])
+        return fill_reducing(matrix)
+
+    def slopes_are_right(cost: Any, start: Floats) -> None:
+        for k, step in enumerate(1e-3 * np.eye(len(start))):
+            slope = (cost(start + step)[0] - cost(start - step)[0]) / 2e-3
+            assert cost(start)[1][k] == pytest.approx(slope, rel=1e-2, abs=1e-2)
+
+    monkeypatch.setattr(fit, "minimize", spy)
+    monkeypatch.setattr(factor, "_fill_reducing", order_spy)
+    problem = problem_of(300)
+    fit_field(problem)
+    assert [bool(found.success or found.nit == 12) for found in ended] == [True, True]
+    assert max(found.nfev for found in ended) <= 20
+    nodes = len(problem.floor.nodes)
+    assert ordered == [nodes, nodes + len(problem.drift_times_s())]
 
 
 def test_the_classes_noise_is_told_apart() -> None:

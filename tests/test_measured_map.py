@@ -287,6 +287,23 @@ def test_files_keep_everything(noisy, tmp_path):
         read_measured_npz(tmp_path / "m.npz")
 
 
+def test_designs_from_several_positions_are_those_of_each():
+    rng = np.random.default_rng(9)
+    geographic = floor()
+    low = np.where(geographic.heights_m > 0.0, np.float32(1.4), np.float32(0.0))
+    points = drive(rng, 40)
+    heard = replace(placed(points, rng.normal(size=40)), headings_rad=rng.uniform(-3.0, 3.0, 40))
+    mean = Mean(
+        replace(geographic, heights_m=low), AP, RADIO.antenna_height_m, RADIO.mount_radius_m
+    )
+    positions = np.array([[1.0, 1.5, 2.5], [4.2, 1.1, 0.5], [1.0, 1.5, 0.5], [4.2, 1.1, 8.0]])
+    found = mean.of_readings_from(heard, positions)
+    assert len(np.unique(found[:, :, 2].sum(axis=1))) == 3
+    for position, design in zip(positions, found, strict=True):
+        there = replace(mean, access_point=AccessPoint("there", *position), faces_off_cells=0)
+        np.testing.assert_allclose(design, there.of_readings(heard))
+
+
 def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     """Screened evidence is the full one where that is near the best, and the best is the same."""
     rng = np.random.default_rng(8)
@@ -298,14 +315,14 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     search = _Search(field, mean, placed(points, rss))
     lattice = _over_map(mean)
     screened = search.evidences(lattice)
-    full = np.concatenate([search._evidences_at(position[None]) for position in lattice])
+    full = search._evidences_at(lattice)
     for position in lattice[::60]:
         there = replace(mean, access_point=AccessPoint("there", *position), faces_off_cells=0)
         design = there.of_readings(search._heard)
         told = search._base.on(design, search._coefficients, search._values).log_evidence
         assert search._evidences_at(position[None]) == pytest.approx(told)
     kept = np.isfinite(screened)
-    np.testing.assert_array_equal(screened[kept], full[kept])
+    np.testing.assert_allclose(screened[kept], full[kept], rtol=1e-9)
     assert screened.argmax() == full.argmax()
     assert full[~kept].max() < full.max() - 15.0
     assert kept.mean() < 0.5

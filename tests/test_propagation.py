@@ -150,13 +150,44 @@ def test_several_heights_in_one_walk_pass_what_each_does_alone():
     heights[10:50, 30:32], heights[20:23, 12:66], heights[42, 10:40] = math.inf, 1.0, 1.9
     points = rng.uniform([0.1, -0.9], [5.9, 2.9], (150, 2))
     above_m = np.array([2.5, 0.1, 3.5, 1.2, 0.1])
-    found = crossings_by_height(
-        GRID, heights, (0.512, 0.337), above_m, points, 0.4, mount_radius_m=0.3
-    )
-    for counts, z in zip(found, above_m, strict=True):
-        alone = wall_crossings(GRID, heights, [0.512, 0.337, z], points, 0.4, mount_radius_m=0.3)
-        np.testing.assert_array_equal(counts, alone)
-    assert len({tuple(counts) for counts in found}) == 3
+    plans_m = np.array([[0.512, 0.337], [-0.2, 3.1], [5.3, 1.04]])
+    found = crossings_by_height(GRID, heights, plans_m, above_m, points, 0.4, mount_radius_m=0.3)
+    for plan_m, by_height in zip(plans_m, found, strict=True):
+        for counts, z in zip(by_height, above_m, strict=True):
+            eye = [*plan_m, z]
+            alone = wall_crossings(GRID, heights, eye, points, 0.4, mount_radius_m=0.3)
+            np.testing.assert_array_equal(counts, alone)
+        assert len({tuple(counts) for counts in by_height}) == 3
+
+
+def test_a_gap_of_two_cells_along_an_axis_is_none_wherever_it_is():
+    rng = np.random.default_rng(7)
+    for size, counted in ((2, 1), (3, 2)):
+        heights = np.zeros(GRID.shape, dtype=np.float32)
+        heights[:, [40, 41 + size]] = math.inf
+        west = rng.uniform([-0.9, -1.9], [2.9, 3.9], (50, 2))
+        east = np.column_stack([rng.uniform(3.5, 6.9, 50), west[:, 1]])
+        for start, end in zip([*west, *east], [*east, *west], strict=True):
+            assert wall_crossings(GRID, heights, [*start, 0.5], [end], 0.5)[0] == counted
+            turned = GridGeometry(-2.0, -1.0, 0.1, 80, 60)
+            passed = wall_crossings(turned, heights.T, [*start[::-1], 0.5], [end[::-1]], 0.5)
+            assert passed[0] == counted
+
+
+def test_corners_of_cells_are_passed_alike_from_all_sides():
+    grid, heights = GridGeometry(0.0, 0.0, 1.0, 9, 9), np.zeros((9, 9))
+    heights[4, 5] = math.inf
+    for eye, end, counted in (
+        ([1.0, 0.0], [9.0, 8.0], 1),
+        ([9.0, 8.0], [1.0, 0.0], 1),
+        ([0.0, 0.0], [9.0, 9.0], 1),
+        ([9.0, 9.0], [0.0, 0.0], 0),
+        ([5.0, 0.5], [5.0, 8.5], 1),
+        ([5.5, 4.5], [5.5, 4.5], 1),
+        ([5.5, 5.0], [5.5, 8.5], 0),
+        ([5.0, 4.5], [1.5, 4.5], 0),
+    ):
+        assert wall_crossings(grid, heights, [*eye, 1.0], [end], 1.0)[0] == counted, (eye, end)
 
 
 def test_a_link_passes_the_inside_of_an_obstacle_below_its_top():

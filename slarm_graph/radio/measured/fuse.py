@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +23,10 @@ from slarm_graph.grid import Mask
 from slarm_graph.radio.measured.blocks import blocks_of
 from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.locate import locate
-from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
-from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
+from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
+from slarm_graph.radio.measured.predict import FittedAccessPoint, Mapped, mapped
 from slarm_graph.radio.measured.priors import FloorField
 from slarm_graph.radio.measured.readings import Placed, Receiver
 
@@ -39,31 +40,9 @@ _SEARCH_SIDES = 2.0
 """Hyperparameters are searched on pieces of floor so many times as wide: 0.4 m is still well below
 any range of shadowing, and a search is many times faster."""
 
-_CELLS_AT_A_TIME = 200_000
-"""Bounds the memory of a prediction; more is not faster."""
-
 _MOST_AT_ONCE = 4
 """Access points that are fitted at a time, on as many cores: over 10^6 cells each takes 0.17 GB.
 Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
-
-
-@dataclass(frozen=True, slots=True)
-class FittedAccessPoint:
-    """One access point after its fit.
-
-    Parameters
-    ----------
-    mean : Mean
-    placed : Placed
-    fit : Fit
-    position_sd_m : tuple of float
-        Of the access point, where it was located by the readings [m].
-    """
-
-    mean: Mean
-    placed: Placed
-    fit: Fit
-    position_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 def floor_of(geographic: GeographicMap) -> Mask:
@@ -102,7 +81,7 @@ def fuse(
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    blocks, done, notices = blocks_of(geographic), {}, []
+    blocks, done, notices = blocks_of(geographic), [], []
     often, heard = [], {name: int(placed.heard.sum()) for name, placed in readings.items()}
     for name, count in heard.items():
         if count >= config.least_readings:
@@ -112,22 +91,25 @@ def fuse(
             f"{name} was heard {count_of(count, 'time')}; {config.least_readings} make a map"
         )
 
-    def fitted(name: str) -> FittedAccessPoint:
+    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+
+    def done_one(name: str) -> Mapped:
         """One access point's, on floors of its own: what they keep of ranges is not shared."""
         mean = Mean(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
         floors = FloorField(nodes), FloorField(coarse)
-        return _fused_one(floors, mean, readings[name], name, radio, config)
+        one = _fused_one(floors, mean, readings[name], name, radio, config)
+        return mapped(nodes, one, cells, name, radio)
 
     heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
     with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
-        for name, one in zip(often, pool.map(fitted, often), strict=True):
+        for name, one in zip(often, pool.map(done_one, often), strict=True):
             heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
-            done[name] = one
+            done.append(one)
     if not done:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
-    return _mapped(geographic, nodes, done, radio, tuple(notices))
+    return _together(geographic, cells, done, radio, tuple(notices))
 
 
 def _fused_one(
@@ -221,91 +203,26 @@ def _receiver(
     return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
 
 
-def _mapped(
+def _together(
     geographic: GeographicMap,
-    nodes: Nodes,
-    done: Mapping[str, FittedAccessPoint],
+    cells: NDArray[np.int64],
+    done: Sequence[Mapped],
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:
-    """Predict every accessible cell for every access point."""
-    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+    """Put what was predicted of cells (N, 2) on one map."""
     shape = (len(done), *geographic.geometry.shape)
     layers = [np.full(shape, np.nan, dtype=np.float32) for _ in range(3)]
-    points, fitted = [], []
-    for index, (name, one) in enumerate(done.items()):
-        mean_dbm, variance = predicted(nodes, one, cells)
-        reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
-        for layer, values in zip(layers, (mean_dbm, np.sqrt(variance), reading), strict=True):
+    for index, one in enumerate(done):
+        for layer, values in zip(layers, one.levels, strict=True):
             layer[index][tuple(cells.T)] = values
-        points.append(_as_access_point(name, one, radio))
-        fitted.append(_terms(one))
     return MeasuredMap(
         geographic.geometry,
-        tuple(points),
+        tuple(one.access_point for one in done),
         mean_dbm=layers[0],
         mean_sd_db=layers[1],
         reading_sd_db=layers[2],
-        fitted=tuple(fitted),
+        fitted=tuple(one.terms for one in done),
         antenna_height_m=radio.antenna_height_m,
         notices=notices,
-    )
-
-
-def predicted(
-    nodes: Nodes, one: FittedAccessPoint, cells: NDArray[np.int64]
-) -> tuple[Floats, Floats]:
-    """Return expected level (N,) [dBm] and its variance (N,) [dB^2] in cells (N, 2)."""
-    posterior, terms, count = one.fit.posterior, one.mean.terms, len(nodes)
-    on_nodes = np.column_stack(
-        [
-            posterior.state[:count],
-            posterior.factor.marginal_variances()[:count],
-            posterior.state_per_beta[:count],
-        ]
-    )
-    mean_dbm, variance = np.empty(len(cells)), np.empty(len(cells))
-    for first in range(0, len(cells), _CELLS_AT_A_TIME):
-        part = slice(first, first + _CELLS_AT_A_TIME)
-        points_m = nodes.geometry.center_of(cells[part])
-        there = nodes.weights(points_m) @ on_nodes
-        design = np.zeros((len(points_m), len(posterior.beta)))
-        design[:, :terms], doubt_db2 = one.mean.with_doubt(points_m)
-        mean_dbm[part] = design @ posterior.beta + there[:, 0]
-        variance[part] = (
-            doubt_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
-        )
-    return mean_dbm, variance
-
-
-def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
-    """The access point, with a power that fits the level heard over free space."""
-    ap = one.mean.access_point
-    if ap is None:
-        nowhere = float("nan")
-        return AccessPoint(name, nowhere, nowhere, nowhere, nowhere, radio.frequency_hz)
-    return replace(ap, name=name)
-
-
-def _terms(one: FittedAccessPoint) -> FittedTerms:
-    hyper, posterior = one.fit.hyper, one.fit.posterior
-    terms = min(one.mean.terms, len(MAP_TERMS))
-    values, spread = np.full(3, np.nan), np.full(3, np.nan)
-    values[:terms] = posterior.beta[:terms]
-    spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]
-    level, exponent, wall = (float(v) for v in values)
-    return FittedTerms(
-        len(one.placed),
-        int((~one.placed.heard).sum()),
-        level,
-        exponent,
-        wall,
-        (float(spread[0]), float(spread[1]), float(spread[2])),
-        hyper.field_sd_db,
-        hyper.range_m,
-        hyper.drift_sd_db,
-        hyper.drift_s,
-        float(hyper.noise_sd_db[0]),
-        hyper.freedom,
-        one.position_sd_m,
     )

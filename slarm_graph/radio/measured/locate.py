@@ -17,7 +17,6 @@ from slarm_graph.config import MeasuredConfig
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.mean import Mean
-from slarm_graph.radio.measured.posterior import Conditioned
 from slarm_graph.radio.measured.priors import FloorField
 from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
 
@@ -36,6 +35,10 @@ _STRONGEST = 0.05
 _EVERY, _FEW = 8, 100
 """Every so many readings judge positions first, if they are as many as that: a tenth of the time
 that all of them take."""
+
+_LINKS_AT_A_TIME = 1_000_000
+"""Positions times readings that are judged at once: with three coefficients 24 MB, and as much on
+the way. A tenth takes more time, for the map is prepared for each walk over it."""
 
 _RULED_OUT = 15.0
 """Natural logarithm: chance makes a position that much likelier than the true one once in 3 x 10^6
@@ -148,12 +151,12 @@ class _Search:
         problem = Problem(floor, heard, design, self._coefficients, slope, Receiver(), doubt_db2)
         fit = fit_field(problem, start, search=again)
         self.hyper = fit.hyper
-        where, variance = problem.where(), problem.noise_variance(fit.hyper)
-        expected = fit.posterior.mean(problem.design, where)
+        variance = problem.noise_variance(fit.hyper)
+        expected = fit.posterior.mean(problem.design, problem.where())
         self._values, weights = gaussian_equivalent(
             heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
         )
-        self._base = Conditioned(problem.prior(fit.hyper), where, weights / variance)
+        self._base = problem.conditioned(problem.prior(fit.hyper), weights / variance)
         self._part: _Search | None = None
         if len(heard) > _EVERY * _FEW:
             some = heard.only(np.arange(0, len(heard), _EVERY))
@@ -166,15 +169,12 @@ class _Search:
         if self._part is not None:
             rough = self._part.evidences(lattice)
             near = rough >= rough.max() - _RULED_OUT
-        plans, own = np.unique(lattice[near, :2], axis=0, return_inverse=True)
         within = np.flatnonzero(near)
-        for k in range(len(plans)):
-            at = within[own.ravel() == k]
-            logs[at] = self._evidences_at(lattice[at])
+        for some in np.array_split(within, -(-len(within) * len(self._heard) // _LINKS_AT_A_TIME)):
+            logs[some] = self._evidences_at(lattice[some])
         return logs
 
     def _evidences_at(self, positions_m: Floats) -> Floats:
-        """Logarithms (H,) of the marginal likelihood for positions (H, 3) above each other."""
-        mean = _at(self._mean, positions_m[0])
-        designs = mean.of_readings_by_height(self._heard, positions_m[:, 2])
+        """Logarithms (P,) of the marginal likelihood for positions (P, 3)."""
+        designs = self._mean.of_readings_from(self._heard, positions_m)
         return self._base.log_evidences(designs, self._coefficients, self._values)

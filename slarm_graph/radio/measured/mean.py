@@ -11,14 +11,13 @@ each further class of readings; they belong to how it was heard, not to the map.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Mask
 from slarm_graph.radio.measured.blocks import Blocks
 from slarm_graph.radio.measured.posterior import Coefficients
 from slarm_graph.radio.measured.readings import Placed
@@ -112,15 +111,14 @@ class Mean:
         if self.access_point is None:
             return level, np.zeros(len(points_m))
         passed = self.passages(points_m)
-        design = self._passing(points_m, passed.counts.mean(axis=0), passed.through)
-        return design, _PRIOR[2][0] ** 2 * passed.counts.var(axis=0)
+        design = self._passing(points_m, self.access_point.position_m(), passed.counts.mean(axis=0))
+        doubt_db2 = _PRIOR[2][0] ** 2 * passed.counts.var(axis=0)
+        return np.column_stack([design, -passed.through.astype(float)]), doubt_db2
 
-    def _passing(self, points_m: Floats, walls: Floats, through: Mask) -> Floats:
-        """Design (N, terms) at points that so many walls, and which insides, are before."""
-        distance_m = self._distance_m(points_m)
-        level = np.ones(len(points_m))
-        design = [level, -decades_of_distance(distance_m), -walls, -through.astype(float)]
-        return np.column_stack(design)
+    def _passing(self, points_m: Floats, positions_m: Floats, walls: Floats) -> Floats:
+        """Design (..., N, 3) at points from positions (..., 3), so many walls (..., N) between."""
+        decades = decades_of_distance(self._distance_m(points_m, positions_m))
+        return np.stack([np.ones(decades.shape), -decades, -walls], axis=-1)
 
     def of_readings(self, placed: Placed) -> Floats:
         """Return the design (N, p) of readings: the map's terms, then their own."""
@@ -129,44 +127,46 @@ class Mean:
     def of_readings_with_doubt(self, placed: Placed) -> tuple[Floats, Floats]:
         """Return that design, and the doubt (N,) [dB^2] of `with_doubt`."""
         design, doubt_db2 = self.with_doubt(placed.points_m)
-        return np.column_stack([design, self._own(placed)]), doubt_db2
+        return np.column_stack([design, self._own(placed, self._position_m())]), doubt_db2
 
-    def of_readings_by_height(self, placed: Placed, heights_m: Floats) -> Floats:
-        """Return the designs (H, N, p) of readings for heights (H,) of the access point.
+    def of_readings_from(self, placed: Placed, positions_m: Floats) -> Floats:
+        """Return the designs (P, N, p) of readings for positions (P, 3) of the access point [m].
 
         By the map as it is, without what single blocks take.
         """
-        assert self.access_point is not None
-        x, y, _ = self.access_point.position_m().tolist()
+        plans_m, plan = np.unique(positions_m[:, :2], axis=0, return_inverse=True)
+        heights_m, height = np.unique(positions_m[:, 2], return_inverse=True)
         walls = crossings_by_height(
             self.geographic.geometry,
             self.geographic.heights_m,
-            (x, y),
+            plans_m,
             heights_m,
             placed.points_m,
             self.antenna_height_m,
             mount_radius_m=self.mount_radius_m,
-        )
-        own, nothing = self._own(placed), np.zeros((len(placed), 0), dtype=np.bool_)
-        designs = []
-        for z, passed in zip(heights_m.tolist(), walls, strict=True):
-            there = replace(self, access_point=replace(self.access_point, z_m=z))
-            design = there._passing(placed.points_m, passed.astype(np.float64), nothing)
-            designs.append(np.column_stack([design, own]))
-        return np.stack(designs)
+        )[plan.ravel(), height]
+        design = self._passing(placed.points_m, positions_m, walls.astype(np.float64))
+        return np.concatenate([design, self._own(placed, positions_m)], axis=-1)
 
-    def _own(self, placed: Placed) -> Floats:
-        columns = [placed.noise_class == k for k in range(1, placed.classes)]
-        own = np.array(columns, dtype=np.float64).reshape(placed.classes - 1, len(placed)).T
-        if placed.headings_rad is None or self.access_point is None:
+    def _position_m(self) -> Floats | None:
+        return None if self.access_point is None else self.access_point.position_m()
+
+    def _own(self, placed: Placed, positions_m: Floats | None) -> Floats:
+        """Readings' own terms (..., N, q), for positions (..., 3) of the access point if known."""
+        own = np.equal.outer(placed.noise_class, np.arange(1, placed.classes)).astype(np.float64)
+        if positions_m is None:
             return own
-        toward = self.access_point.position_m()[:2] - placed.points_m
-        bearing = np.arctan2(toward[:, 1], toward[:, 0]) - placed.headings_rad
-        return np.column_stack([own, np.cos(bearing), np.sin(bearing)])
+        own = np.broadcast_to(own, (*positions_m.shape[:-1], *own.shape))
+        if placed.headings_rad is None:
+            return own
+        toward = positions_m[..., None, :2] - placed.points_m
+        bearing = np.arctan2(toward[..., 1], toward[..., 0]) - placed.headings_rad
+        pattern = np.stack([np.cos(bearing), np.sin(bearing)], axis=-1)
+        return np.concatenate([own, pattern], axis=-1)
 
     def coefficients(self, placed: Placed) -> Coefficients:
         """Return the prior of the design's coefficients."""
-        own = self._own(placed.only(np.arange(0))).shape[1]
+        own = self._own(placed.only(np.arange(0)), self._position_m()).shape[1]
         classes = placed.classes - 1
         sds = [_CLASS_SD_DB] * classes + [_PATTERN_SD_DB] * (own - classes)
         blocks = [(0.0, _BLOCK_SD_DB)] * (self.terms - len(MAP_TERMS))
@@ -178,12 +178,10 @@ class Mean:
         """Return how steep the expected level is at points (N, 2) [dB/m], by the prior's n."""
         if self.access_point is None:
             return np.zeros(len(points_m))
-        distance_m = np.maximum(self._distance_m(points_m), 1e-2)
-        return np.asarray(_PRIOR[1][0] * _DB_PER_DECADE_TO_SLOPE / distance_m)
+        distance_m = self._distance_m(points_m, self.access_point.position_m())
+        return np.asarray(_PRIOR[1][0] * _DB_PER_DECADE_TO_SLOPE / np.maximum(distance_m, 1e-2))
 
-    def _distance_m(self, points_m: Floats) -> Floats:
-        """Length (N,) of the links [m]."""
-        assert self.access_point is not None
-        *plan_m, z_m = self.access_point.position_m()
-        flat_m = np.linalg.norm(points_m - plan_m, axis=1)
-        return np.asarray(np.hypot(flat_m, z_m - self.antenna_height_m))
+    def _distance_m(self, points_m: Floats, positions_m: Floats) -> Floats:
+        """Length (..., N) of the links from positions (..., 3) [m]."""
+        flat_m = np.linalg.norm(points_m - positions_m[..., None, :2], axis=-1)
+        return np.asarray(np.hypot(flat_m, positions_m[..., None, 2] - self.antenna_height_m))

@@ -22,7 +22,7 @@ import numpy as np
 from scipy import sparse, special
 
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.factor import Factor
+from slarm_graph.radio.measured.factor import Factor, Ints
 from slarm_graph.radio.measured.nodes import Nodes
 
 _RANGES_KEPT = 8
@@ -62,6 +62,7 @@ class FloorField:
 
     nodes: Nodes
     _kept: dict[float, Precision] = field(default_factory=dict)
+    _order: Ints | None = None
 
     def unit_precision(self, range_m: float) -> Precision:
         """Return the precision (M, M) of a field of unit variance and a range [m]."""
@@ -78,7 +79,8 @@ class FloorField:
             for scale in (1.0, _INNER)
         )
         matrix = sparse.csc_array(outer @ sparse.diags_array(1.0 / area) @ inner)
-        factor = Factor(matrix)
+        factor = Factor(matrix, self._order)
+        self._order = factor.order
         variance = factor.marginal_variances()
         scale = sparse.diags_array(np.sqrt(variance))
         log_determinant = factor.log_determinant() + float(np.log(variance).sum())

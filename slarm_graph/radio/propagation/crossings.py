@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,18 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.kernels import kernel
-from slarm_graph.raster.lines import first_crossing
-
-Counts = NDArray[np.int16]
-Ints = NDArray[np.int64]
+from slarm_graph.radio.propagation.walks import (
+    Counts,
+    Ends,
+    Grids,
+    Ints,
+    Passed,
+    count_passed,
+    free_ahead,
+)
 
 _AROUND = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
 """Where a map is moved to: nowhere, then along either axis either way [rows, cols]."""
-
-_GAP_CELLS = 2.0
-"""Along a slanted face a segment leaves and enters cells of the same obstacle; without it 7 % of
-the links of the world `cluttered` count an obstacle twice, with 4 thin passages vanish."""
 
 
 def wall_crossings(
@@ -73,25 +72,27 @@ def wall_crossings(
 def crossings_by_height(
     geometry: GridGeometry,
     heights_m: ArrayLike,
-    access_point_m: tuple[float, float],
+    access_points_m: ArrayLike,
     access_heights_m: ArrayLike,
     points_m: ArrayLike,
     antenna_height_m: float,
     *,
     mount_radius_m: float = 0.0,
 ) -> Counts:
-    """Count as `wall_crossings` for several heights (H,) of an access point in one walk.
+    """Count as `wall_crossings` for access points in plan (E, 2) at several heights (H,) each.
+
+    All heights of one are counted in one walk.
 
     Returns
     -------
-    (H, N) int16
+    (E, H, N) int16
     """
     eye_heights = np.asarray(access_heights_m, dtype=np.float64)
     heights = np.ascontiguousarray(heights_m, dtype=np.float32)
-    moved = np.zeros((len(eye_heights), 2), dtype=np.int64)
-    grids = heights, heights, moved, np.zeros((1, 1), dtype=np.int16)
+    unmoved = np.zeros((len(eye_heights), 2), dtype=np.int64)
+    grids = Grids(heights, heights, unmoved, np.zeros((1, 1), dtype=np.int16))
     how = antenna_height_m, mount_radius_m
-    return _walked(geometry, grids, access_point_m, eye_heights, points_m, *how).counts
+    return _walked(geometry, grids, access_points_m, eye_heights, points_m, *how).counts
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,29 +137,36 @@ def passages(
     heights = np.ascontiguousarray(heights_m, dtype=np.float32)
     moved = off_cells * _AROUND if off_cells else _AROUND[:1]
     inside = np.zeros((1, 1), dtype=np.int16) if insides is None else insides
-    grids = heights, _tallest(heights, moved), moved, inside
+    grids = Grids(heights, _tallest(heights, moved), moved, inside)
     how = antenna_height_m, mount_radius_m
-    return _walked(geometry, grids, (x, y), np.full(len(moved), z), points_m, *how)
+    counts, through = _walked(geometry, grids, (x, y), np.full(len(moved), z), points_m, *how)
+    return Passages(counts[0], through)
 
 
 def _walked(
     geometry: GridGeometry,
-    grids: tuple[NDArray[np.float32], NDArray[np.float32], Ints, NDArray[np.int16]],
-    access_point_m: tuple[float, float],
+    grids: Grids,
+    access_points_m: ArrayLike,
     eye_heights: Floats,
     points_m: ArrayLike,
     antenna_height_m: float,
     mount_radius_m: float,
-) -> Passages:
-    """Count what links pass, the map being moved and the access point high in as many ways."""
+) -> Passed:
+    """What links pass, the map being moved and access points high in as many ways."""
     origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-    ends = (np.asarray(points_m, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
-    eye = (np.asarray(access_point_m) - origin) / geometry.resolution_m
-    counts: Counts = np.zeros((len(eye_heights), len(ends)), dtype=np.int16)
-    through = np.zeros((len(ends), int(grids[3].max(initial=0))), dtype=np.bool_)
+    eyes, points = (
+        (np.asarray(given, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
+        for given in (access_points_m, points_m)
+    )
     carried = mount_radius_m / geometry.resolution_m
-    _count(*grids, eye, eye_heights, ends, antenna_height_m, carried, counts, through)
-    return Passages(counts, through)
+    ends = Ends(eyes, eye_heights, points, float(antenna_height_m), carried)
+    passed = Passed(
+        np.zeros((len(eyes), len(eye_heights), len(points)), dtype=np.int16),
+        np.zeros((len(points), int(grids.inside.max(initial=0))), dtype=np.bool_),
+    )
+    lowest_m = min(antenna_height_m, float(eye_heights.min()))
+    count_passed(grids, free_ahead(grids.tallest > lowest_m), ends, passed)
+    return passed
 
 
 def _tallest(heights: NDArray[np.float32], moved: Ints) -> NDArray[np.float32]:
@@ -172,51 +180,3 @@ def _tallest(heights: NDArray[np.float32], moved: Ints) -> NDArray[np.float32]:
         there = tallest[up : up + rows, along : along + cols]
         np.maximum(there, heights, out=there)
     return tallest
-
-
-@kernel
-def _count(
-    heights: NDArray[np.float32],
-    tallest: NDArray[np.float32],
-    moved: Ints,
-    inside: NDArray[np.int16],
-    eye: Floats,
-    eye_heights: Floats,
-    ends: Floats,
-    end_height: float,
-    mount_cells: float,
-    counts: Counts,
-    through: Mask,
-) -> None:
-    """Walk from the access point to every end; ends and eye in cells, heights in metres."""
-    rows, cols = heights.shape
-    margin = (tallest.shape[0] - rows) // 2
-    left_at, lowest_eye = np.empty(len(moved)), eye_heights.min()
-    for i in range(len(ends)):
-        dx, dy = ends[i, 0] - eye[0], ends[i, 1] - eye[1]
-        col, col_step, col_next, col_every = first_crossing(eye[0], dx)
-        row, row_step, row_next, row_every = first_crossing(eye[1], dy)
-        carried = mount_cells / max(math.hypot(dx, dy), 1e-12)
-        rise, entered = end_height - lowest_eye, 0.0
-        left_at.fill(-1.0)
-        gap = _GAP_CELLS / max(math.hypot(dx, dy), 1e-12)
-        while entered < 1.0:
-            left = min(col_next, row_next, 1.0)
-            known = -margin <= row < rows + margin and -margin <= col < cols + margin
-            lowest = lowest_eye + rise * (left if rise < 0.0 else entered)
-            if known and tallest[row + margin, col + margin] > lowest and left > carried:
-                for k in range(len(moved)):
-                    r, c = row - moved[k, 0], col - moved[k, 1]
-                    up = end_height - eye_heights[k]
-                    lowest = eye_heights[k] + up * (left if up < 0.0 else entered)
-                    if 0 <= r < rows and 0 <= c < cols and heights[r, c] > lowest:
-                        if left_at[k] < 0.0 or entered - left_at[k] > gap:
-                            counts[k, i] += 1
-                        left_at[k] = left
-                        if k == 0 and through.shape[1] > 0 and inside[r, c] > 0:
-                            through[i, inside[r, c] - 1] = True
-            entered = left
-            if col_next <= row_next:
-                col, col_next = col + col_step, col_next + col_every
-            else:
-                row, row_next = row + row_step, row_next + row_every

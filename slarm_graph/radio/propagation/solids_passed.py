@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise
-from slarm_graph.radio.propagation.crossings import Counts
+from slarm_graph.radio.propagation.walks import Counts
 from slarm_graph.world import Solid
 
 _TOUCH_M = 1e-3
