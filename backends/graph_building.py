@@ -160,7 +160,7 @@ class GraphBuilder:
         )
         self._graph, rivals = close_finally(graph, matcher, self._heartbeat)
         graph = self._graph
-        settled, weights = graph.settle(self._heartbeat)
+        settled, weights = graph.adjusted(self._heartbeat)
         local, variances = self._local_poses(), np.array(self._variances)
         moved, unsure = moved_by_all(self._open, graph, matcher, local)
         poses = graph.corrected(compose(local, moved), variances)

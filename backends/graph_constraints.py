@@ -12,6 +12,7 @@ import numpy as np
 
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.wheel_motion import joined
 from slarm_graph.geometry import Floats, Pose2
@@ -101,9 +102,10 @@ def closure_constraint(
     """
     from_anchor = keyframe.local_from_robot.between(anchor.local_from_robot)
     measured = Pose2.from_array(closure.submap_from_keyframe) @ from_anchor
-    own = np.linalg.inv(closure.information + _INFORMATION_FLOOR) + _CLOSURE_FLOOR
-    covariance = _symmetric(_carried(own, from_anchor))
-    return Constraint(closure.submap, node, measured, covariance, ConstraintKind.LOOP_CLOSURE)
+    match = _carried(invert3(closure.information + _INFORMATION_FLOOR), from_anchor)
+    covariance = _symmetric(match + _carried(_CLOSURE_FLOOR, from_anchor))
+    kind = ConstraintKind.LOOP_CLOSURE
+    return Constraint(closure.submap, node, measured, covariance, kind, _symmetric(match))
 
 
 def limits_of(covariance: Floats) -> Floats:

@@ -20,6 +20,7 @@ from slarm_graph.backends.graph_reach import GraphReach
 from slarm_graph.backends.graph_settling import Settled, left_open, settle, step_notices
 from slarm_graph.backends.graph_window import newest
 from slarm_graph.backends.path_filling import spread
+from slarm_graph.backends.variance_components import adjusted
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
@@ -280,6 +281,12 @@ class SubmapGraph:
         weights = np.zeros(len(self.closures))
         weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
         return self._settled.graph, weights
+
+    def adjusted(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
+        """Return the same as `settle`, its poses by what the constraints turned out to be worth."""
+        settled, weights = self.settle(heartbeat)
+        self._moved_to(0, adjusted(settled, heartbeat).poses)
+        return replace(settled, poses=self.poses()), weights
 
     def notices(self) -> tuple[str, ...]:
         """Say what the settled graph could not bring together."""

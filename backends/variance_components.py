@@ -10,34 +10,60 @@ kind are scaled until its chi-square is its redundancy (Helmert's variance compo
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import replace
 
 import numpy as np
 
+from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.path_covariance import joint_covariances
-from slarm_graph.backends.pose_graph_optimizer import chi2_each
-from slarm_graph.constraint import Constraint, PoseGraph
+from slarm_graph.backends.pose_graph_optimizer import chi2_each, optimize
+from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, adjoints, between
 
 _ROUNDS = 5
 """After which factors of rooms move by less than 1 %, but those on their way to `_LEAST`."""
+_ADJUSTMENTS = 2
+"""Times that poses follow what was learned from them: a third moves no building by 1 %."""
 _FEWEST = 10.0
 """Redundancy from which a factor is learned: it is then known within a half."""
 _LEAST = 1e-3
 """Of a factor: a millimetre's floor becomes a thirtieth of it, and covariances stay invertible."""
 
 
-def calibrated(graph: PoseGraph) -> PoseGraph:
+def adjusted(graph: PoseGraph, heartbeat: Heartbeat = silent) -> PoseGraph:
+    """Return a graph at the optimum by what the floors of its constraints turned out to be.
+
+    How sure odometry is was learned along the way already, of far more steps: learned again from
+    nodes it makes fifteen buildings 2 % worse, the floors of matches and closures 6 % better.
+
+    Parameters
+    ----------
+    graph : PoseGraph
+        At its optimum; its covariances are kept.
+    heartbeat : Heartbeat
+    """
+    for _ in range(_ADJUSTMENTS):
+        learned = calibrated(graph, (ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE))
+        graph = replace(graph, poses=optimize(learned, heartbeat=heartbeat).poses)
+    return graph
+
+
+def calibrated(
+    graph: PoseGraph, kinds: Container[ConstraintKind] = tuple(ConstraintKind)
+) -> PoseGraph:
     """Return a graph with covariances as large as its constraints need; poses are left alone.
 
-    Errors that neighbouring matches share leave no residual. So the part of a step that is claimed
-    by matches stays as it is (`Constraint.shared`), and the rest is learned; of closures and of
+    Errors that neighbouring matches share leave no residual. So the part of a step or a closure
+    that is claimed by matches stays as it is (`Constraint.shared`), and the rest is learned; of
     odometry, whose errors have nothing to hide behind, all is.
 
     Parameters
     ----------
     graph : PoseGraph
         At its optimum.
+    kinds : container of ConstraintKind
+        Of which it is learned.
 
     Returns
     -------
@@ -46,16 +72,16 @@ def calibrated(graph: PoseGraph) -> PoseGraph:
     """
     if not graph.constraints:
         return graph
-    kinds = [c.kind for c in graph.constraints]
-    factors = dict.fromkeys(kinds, 1.0)
+    of_each = [c.kind for c in graph.constraints]
+    factors = dict.fromkeys(of_each, 1.0)
     found = graph
     for _ in range(_ROUNDS):
         left = redundancies(found)
         if left is None:
             return graph
         squares = chi2_each(found)
-        for kind in factors:
-            of = np.array([k is kind for k in kinds])
+        for kind in (kind for kind in factors if kind in kinds):
+            of = np.array([k is kind for k in of_each])
             if left[of].sum() >= _FEWEST:
                 grown = factors[kind] * float(squares[of].sum() / left[of].sum())
                 factors[kind] = max(grown, _LEAST)
