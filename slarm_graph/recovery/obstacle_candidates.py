@@ -123,7 +123,7 @@ def _around_returns(ring: Floats, returns: Returns) -> Floats:
     """
     center = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
     radius_m = float(np.linalg.norm(ring - center, axis=1).max()) + _BAND_M
-    points, _ = returns.around(center, radius_m)
+    points = returns.points[returns.near(center, radius_m)]
     # What is farther from the box around the ring is not asked for: most of a long one's circle.
     off_m = np.maximum(ring.min(axis=0) - points, points - ring.max(axis=0)).max(axis=1)
     points = points[off_m < 2.0 * _BAND_M]

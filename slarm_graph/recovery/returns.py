@@ -37,10 +37,10 @@ class Returns:
         """Index returns by place."""
         return Returns(points, weights, cKDTree(points))
 
-    def around(self, center: Floats, radius_m: float) -> tuple[Floats, Floats]:
-        """Points (K, 2) and weights (K,) within a radius of a place."""
-        near = self.tree.query_ball_point(center, radius_m, return_sorted=True)
-        return self.points[near], self.weights[near]
+    def near(self, center: Floats, radius_m: float) -> NDArray[np.int64]:
+        """Return which points (K,) lie within a radius of a place, in order."""
+        found = self.tree.query_ball_point(center, radius_m, return_sorted=True)
+        return np.array(found, dtype=np.int64)
 
 
 NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
