@@ -116,7 +116,7 @@ def recover(
     put(states, cut_off(states, visited, where), CellState.ENCLOSED, where)
     heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config), where)
     source = height_source(blocks, strips, config)
-    footprint = footprint_cells(target, trajectory, config.robot_radius_m, tiles)
+    footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     for part in windows(where):
         footprint[part.cells] &= states[part.cells] != CellState.OBSTACLE
     seen = grid.on(target)
