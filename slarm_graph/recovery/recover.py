@@ -241,8 +241,14 @@ def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> 
     region = look_up(clean.reached, target, outside=False)
     if not shape.outlines:
         return by_windows(where, 0, lambda window: region[window] | visited[window])
-    mine = laid if target == clean.geometry else _Laid.on(clean.geometry, shape)
-    thin = by_windows(clean.where, _THIN_HALO, lambda window: _thin_walls(clean, mine, window))
+    if target == clean.geometry:
+        return by_windows(
+            where,
+            _THIN_HALO,
+            lambda w: _without_thin(clean, laid, w)[0] | clean.passable[w] | visited[w],
+        )
+    mine = _Laid.on(clean.geometry, shape)
+    thin = by_windows(clean.where, _THIN_HALO, lambda w: _without_thin(clean, mine, w)[1])
     near = by_windows(clean.where, _NEAR_HALO, lambda window: _near_border(clean, window))
     near, thin = look_up(near, target, outside=True), look_up(thin, target, outside=False)
     passable = look_up(clean.passable, target, outside=False)
@@ -269,12 +275,16 @@ def _near_border(clean: CleanGrid, window: Window) -> Mask:
     return near
 
 
-def _thin_walls(clean: CleanGrid, laid: _Laid, window: Window) -> Mask:
-    """Occupied cells, of a window, with nothing left near them, as both faces met in one line."""
+def _without_thin(clean: CleanGrid, laid: _Laid, window: Window) -> tuple[Mask, Mask]:
+    """Free cells, of a window, as straightened; and those of walls whose faces met in one line.
+
+    These are occupied cells with nothing left near them, and not among the free ones.
+    """
     occupied, cell_m = clean.occupied[window], clean.geometry.resolution_m
     free = np.where(_near_border(clean, window), laid.free(window), clean.reached[window])
     blocked = ~free & (occupied | laid.solids.any(window))
-    return occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
+    thin = occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
+    return free & ~thin, thin
 
 
 def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
