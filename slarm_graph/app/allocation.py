@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import os
 import sys
 from collections.abc import Iterator
@@ -82,6 +83,15 @@ def spare_memory() -> None:
         library.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
     if hasattr(library, "prctl"):
         library.prctl(_THP_DISABLE, 1, 0, 0, 0)
+
+
+def spare_collecting() -> None:
+    """Let the collector of cycles look no more at what there is: modules and their functions.
+
+    They are there to the end. It went over all of them, 200,000 objects in 0.1 s, whenever there
+    were a quarter more objects: eleven times after SLAM on a clinic.
+    """
+    gc.freeze()
 
 
 def spare_compiling() -> None:

@@ -23,13 +23,13 @@ _ROUNDING_M = 1e-6
 
 def observed_cells(grid: OccupancyGrid, states: np.ndarray, where: Where) -> Mask:
     """Mark the cells (rows, cols) seen free, or seen and free as recovery has it."""
-    obstacle, known_free = CellState.OBSTACLE, (CellState.ACCESSIBLE, CellState.EXPANSION)
 
     def part(window: Window) -> Mask:
         """Those of a window."""
         here, now = grid.in_window(window), states[window]
-        seen = ~np.isnan(here.probability)
-        return np.asarray((seen & np.isin(now, known_free)) | (here.free & (now != obstacle)))
+        known_free = (now == CellState.ACCESSIBLE) | (now == CellState.EXPANSION)
+        known_free &= ~np.isnan(here.probability)
+        return np.asarray(known_free | (here.free & (now != CellState.OBSTACLE)))
 
     return by_windows(where, 0, part)
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from itertools import compress
 
 import numpy as np
@@ -124,5 +123,6 @@ def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: 
     medians_m = np.median(np.concatenate([group.levels_m for group in groups], axis=1), axis=0)
     for number, median_m in zip(numbers, medians_m.tolist(), strict=True):
         strip = found[number - first]
-        found[number - first] = replace(strip, solid=replace(strip.solid, height_m=median_m))
+        solid = Solid(strip.solid.name, strip.solid.corners_m, median_m)
+        found[number - first] = Strip(solid, strip.outline, strip.side)
     return found

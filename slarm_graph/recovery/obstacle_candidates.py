@@ -127,9 +127,9 @@ def _beside(rings: Sequence[Floats], returns: Returns) -> tuple[Floats, NDArray[
     """Points (N, 2) that are near to rings, and whose (N,), which ascends."""
     low, high = (np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max))
     reach_m = 0.5 * np.hypot(*(high - low).T) + 2.0 * _BAND_M
-    near = returns.tree.query_ball_point(0.5 * (low + high), reach_m, return_sorted=True)
+    near = list(returns.near_each(0.5 * (low + high), reach_m))
     owner = np.repeat(np.arange(len(rings)), [len(one) for one in near])
-    points = returns.points[np.concatenate(near).astype(np.int64)]
+    points = returns.points[np.concatenate(near)]
     # What is farther from the box around the ring is not asked for: most of a long one's circle.
     off_m = np.maximum(low[owner] - points, points - high[owner]).max(axis=1)
     points, owner = points[off_m < 2.0 * _BAND_M], owner[off_m < 2.0 * _BAND_M]

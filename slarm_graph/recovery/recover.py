@@ -21,6 +21,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGro
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
+from slarm_graph.polygons import next_corners
 from slarm_graph.raster.bands import by_windows, put, side_by_side, windows
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
@@ -298,7 +299,7 @@ def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
     if not rings:
         return np.zeros((0, 4, 2)), np.zeros((0, 4, 2))
     starts = np.concatenate(rings)
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    ends = np.concatenate([next_corners(ring) for ring in rings])
     step = ends - starts
     length = np.hypot(step[:, 0], step[:, 1])
     real = length > 0.0
@@ -316,13 +317,16 @@ def _states(
     clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid, where: Where
 ) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
-    occupied = clean.geometry.resample(clean.occupied, target, outside=False)
-    kept_out = by_windows(clean.where, 0, lambda w: clean.free[w] & ~clean.reached[w])
-    free = clean.geometry.resample(kept_out, target, outside=False)
+    occupied, free, reached = (
+        clean.geometry.resample(layer, target, outside=False)
+        for layer in (clean.occupied, clean.free, clean.reached)
+    )
     states = np.zeros(target.shape, dtype=np.uint8)  # all CellState.UNKNOWN
-    for part in windows(where):
-        here, window = states[part.cells], part.cells
-        here[free[window]] = CellState.ENCLOSED
-        here[occupied[window] | laid.solids.any(window)] = CellState.OBSTACLE
+    for window, *_ in windows(where):
+        kept_out, obstacle = free[window] & ~reached[window], laid.solids.any(window)
+        obstacle |= occupied[window]
+        here = states[window]
+        here[kept_out] = CellState.ENCLOSED
+        here[obstacle] = CellState.OBSTACLE
         here[region[window]] = CellState.ACCESSIBLE
     return states

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,9 @@ _COVERED_SHARE = 0.5
 room with exact wheels half changes nothing, double takes the accuracy from 1 to 0.983."""
 _LEAST_CELLS = 3
 """A line has a direction from three cells, or returns, on."""
+
+
+_NO_LINE = np.full(4, np.nan)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +67,27 @@ class Wall:
 
 def wall_between(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> Wall:
     """Fit the line of the returns beside a stretch of outline."""
-    length_m = math.dist(start, end)
-    if length_m >= max(SHORTEST_M, _LEAST_CELLS * resolution_m):
-        reach_m = math.hypot(0.5 * length_m, _BAND_CELLS * resolution_m)
-        near = returns.near(0.5 * (start + end), reach_m)
-        line = _line(start, end, returns.points, returns.weights, near, resolution_m)
-        if not math.isnan(line[0]):
-            return Wall(start, end, line[:2], line[2:], fitted=True)
-    along = (end - start) / max(length_m, 1e-12)
-    return Wall(start, end, start, along, fitted=False)
+    return next(walls_between(start[None], end[None], returns, resolution_m))
+
+
+def walls_between(
+    starts: Floats, ends: Floats, returns: Returns, resolution_m: float
+) -> Iterator[Wall]:
+    """Fit the lines of the returns beside stretches of outline (N, 2) [m], as far as they have."""
+    steps = ends - starts
+    lengths_m = np.hypot(steps[:, 0], steps[:, 1])
+    alongs = steps / np.maximum(lengths_m, 1e-12)[:, None]
+    is_long = lengths_m >= max(SHORTEST_M, _LEAST_CELLS * resolution_m)
+    reach_m = np.hypot(0.5 * lengths_m, _BAND_CELLS * resolution_m)
+    near = returns.near_each(0.5 * (starts + ends)[is_long], reach_m[is_long])
+    for start, end, along, may_fit in zip(starts, ends, alongs, is_long.tolist(), strict=True):
+        line = _NO_LINE
+        if may_fit:
+            line = _line(start, end, returns.points, returns.weights, next(near), resolution_m)
+        if math.isnan(line[0]):
+            yield Wall(start, end, start, along, fitted=False)
+        else:
+            yield Wall(start, end, line[:2], line[2:], fitted=True)
 
 
 @kernel

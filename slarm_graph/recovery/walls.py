@@ -20,7 +20,7 @@ from slarm_graph.grid import Mask
 from slarm_graph.polygons import next_corners
 from slarm_graph.raster.outlines import simplified_m
 from slarm_graph.recovery.returns import Returns
-from slarm_graph.recovery.wall_lines import SHORTEST_M, Wall, wall_between
+from slarm_graph.recovery.wall_lines import SHORTEST_M, Wall, wall_between, walls_between
 
 _SIMPLIFY_CELLS = 1.5
 """Outlines of cells have stairs of one cell; this is the least tolerance that takes all of them
@@ -81,8 +81,7 @@ def _walls(corners: Floats, returns: Returns, resolution_m: float) -> list[Wall]
     """Fit lines to the sides of an outline; none where it is small, or no side has one."""
     if np.ptp(corners, axis=0).max() < SHORTEST_M:
         return []
-    sides = zip(corners, next_corners(corners), strict=True)
-    walls = [wall_between(a, b, returns, resolution_m) for a, b in sides]
+    walls = list(walls_between(corners, next_corners(corners), returns, resolution_m))
     return walls if any(wall.fitted for wall in walls) else []
 
 
