@@ -134,9 +134,10 @@ def lay(layer: NDArray[Scalar], window: Window, values: NDArray[Scalar]) -> None
     wide = _PAGE_BYTES // layer.itemsize
     for first in range(0, values.shape[1], wide):
         some = values[:, first : first + wide]
-        if some.any():
+        used = some.any(axis=1)
+        if used.any():
             start = cols.start + first
-            layer[rows, start : start + some.shape[1]] = some
+            layer[rows, start : start + some.shape[1]][used] = some[used]
 
 
 def put(layer: NDArray[Scalar], mask: Mask, value: int, where: Where) -> None:
