@@ -32,6 +32,8 @@ _LEAST_CELLS = 3
 
 
 _NO_LINE = np.full(4, np.nan)
+_MOST_IN_STRANDS = 128
+"""numpy halves what is longer (its pairwise summation)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +77,7 @@ def walls_between(
 ) -> Iterator[Wall]:
     """Fit the lines of the returns beside stretches of outline (N, 2) [m], as far as they have."""
     steps = ends - starts
-    lengths_m = np.hypot(steps[:, 0], steps[:, 1])
+    lengths_m = np.sqrt(steps[:, None] @ steps[..., None])[:, 0, 0]
     alongs = steps / np.maximum(lengths_m, 1e-12)[:, None]
     is_long = lengths_m >= max(SHORTEST_M, _LEAST_CELLS * resolution_m)
     reach_m = np.hypot(0.5 * lengths_m, _BAND_CELLS * resolution_m)
@@ -127,7 +129,7 @@ def _line(
         if inlier.sum() < _LEAST_CELLS:
             line[0] = math.nan
             break
-        line = _least_squares(own, mass * inlier, along)
+        line = _least_squares(own[inlier], mass[inlier], along)
     return line
 
 
@@ -178,19 +180,55 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 @kernel
 def _least_squares(points: Floats, weights: Floats, ahead: Floats) -> Floats:
     """Total least squares line (4,): a point on it, and its direction, which leads ahead."""
-    x = y = xx = yy = xy = mass = 0.0
+    x = y = mass = 0.0
     for k in range(len(points)):
         x += weights[k] * points[k, 0]
         y += weights[k] * points[k, 1]
         mass += weights[k]
     x, y = x / mass, y / mass
-    for k in range(len(points)):
-        a, b = points[k, 0] - x, points[k, 1] - y
-        xx += weights[k] * a * a
-        yy += weights[k] * b * b
-        xy += weights[k] * a * b
+    a, b = points[:, 0] - x, points[:, 1] - y
+    xx, yy, xy = _sum(weights * a * a), _sum(weights * b * b), _sum(weights * a * b)
     angle = 0.5 * math.atan2(2 * xy, xx - yy)
     to_x, to_y = math.cos(angle), math.sin(angle)
     if to_x * ahead[0] + to_y * ahead[1] < 0.0:
         to_x, to_y = -to_x, -to_y
     return np.array([x, y, to_x, to_y])
+
+
+@kernel
+def _sum(values: Floats) -> float:
+    """Sum by halves, in numpy's order and so to its last digit."""
+    todo, sums = np.zeros((256, 2), dtype=np.int64), np.zeros(128)
+    todo[0, 1] = len(values)
+    size, held = 1, 0
+    while size > 0:
+        size -= 1
+        start, count = todo[size, 0], todo[size, 1]
+        if count < 0:
+            held -= 1
+            sums[held - 1] += sums[held]
+        elif count > _MOST_IN_STRANDS:
+            half = count // 2 - count // 2 % 8
+            todo[size, 1] = -1
+            todo[size + 1, 0], todo[size + 1, 1] = start + half, count - half
+            todo[size + 2, 0], todo[size + 2, 1] = start, half
+            size += 3
+        else:
+            sums[held] = _sum_in_strands(values[start : start + count])
+            held += 1
+    return float(sums[0])
+
+
+@kernel
+def _sum_in_strands(values: Floats) -> float:
+    """Sum in eight strands, two and two of which are added, then what is left over."""
+    strands, whole = np.zeros(8), len(values) - len(values) % 8
+    for k in range(whole):
+        strands[k % 8] += values[k]
+    for step in (1, 2, 4):
+        for k in range(0, 8, 2 * step):
+            strands[k] += strands[k + step]
+    total = strands[0]
+    for k in range(whole, len(values)):
+        total += values[k]
+    return float(total)
