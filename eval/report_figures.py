@@ -116,7 +116,8 @@ def _found(geographic: GeographicMap) -> set[int]:
     """Return which states cells have."""
     found = {int(CellState.UNKNOWN)} if geographic.tiles else set()
     for part in windows(geographic.where):
-        found.update(np.flatnonzero(np.bincount(geographic.states[part.cells].ravel())).tolist())
+        here = geographic.states[part.cells]
+        found.update(state for state in _STATES if state not in found and (here == state).any())
     return found
 
 

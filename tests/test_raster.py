@@ -12,7 +12,7 @@ from shapely import LineString, box
 from slarm_graph.grid import Mask
 from slarm_graph.raster.distance import clearance, distance_to, nearest_of, within
 from slarm_graph.raster.lines import first_crossing
-from slarm_graph.raster.patches import joined, larger_than, patches
+from slarm_graph.raster.patches import joined, larger_than, patches, small_patches
 
 
 def some_cells(seed: int, share: float = 0.1) -> Mask:
@@ -67,6 +67,17 @@ def test_joined_cells_are_those_of_the_seeds_or_the_largest_patch() -> None:
     np.testing.assert_array_equal(np.argwhere(joined(mask, seeds)), [[0, 0], [0, 1]])
     assert not joined(np.zeros_like(mask), seeds).any()
     np.testing.assert_array_equal(np.argwhere(~larger_than(mask, 1) & mask), [[2, 0]])
+
+
+@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("most", [0, 1, 4, 12, 2000])
+def test_small_patches_are_scipys_without_those_barred(seed: int, most: int) -> None:
+    mask = some_cells(seed, 0.15 + 0.02 * seed)
+    barred = np.random.default_rng(seed).random(mask.shape) < 0.02
+    labels, count = ndimage.label(mask, np.ones((3, 3)))
+    is_small = np.bincount(labels.ravel(), minlength=count + 1) <= most
+    is_small[labels[barred]] = is_small[0] = False
+    np.testing.assert_array_equal(small_patches(mask, barred, most), is_small[labels])
 
 
 @pytest.mark.parametrize("seed", range(20))

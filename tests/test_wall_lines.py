@@ -11,16 +11,15 @@ import pytest
 from test_walls import CELL_M, ROOM, returns_on, wall
 
 from slarm_graph.recovery.returns import Returns
-from slarm_graph.recovery.walls import (
+from slarm_graph.recovery.wall_lines import (
     Wall,
-    _fit,
     _inliers,
     _least_squares,
-    _same_line,
-    _snapped,
+    _sum,
     _weighted_median,
-    main_direction_rad,
+    wall_between,
 )
+from slarm_graph.recovery.walls import _same_line, _snapped, main_direction_rad
 
 
 def at_angle(deg: float, length_m: float = 1.0, *, fitted: bool = True) -> Wall:
@@ -36,7 +35,7 @@ def test_a_wall_is_seen_along_half_of_its_length(share: float, *, fitted: bool) 
     for first in (1.0, 3.0 - 2.0 * share):
         x = np.arange(first, first + 2.0 * share, 0.01)
         seen = Returns.of(np.column_stack([x, np.full(len(x), 1.02)]), np.ones(len(x)))
-        found = _fit(start, end, seen, CELL_M)
+        found = wall_between(start, end, seen, CELL_M)
         assert found.fitted == fitted
         assert found.anchor[1] == pytest.approx(1.02 if fitted else 1.0)
 
@@ -45,15 +44,15 @@ def test_a_wall_is_seen_along_half_of_its_length(share: float, *, fitted: bool) 
 def test_returns_within_two_cells_are_a_walls_own(off_m: float, *, fitted: bool) -> None:
     x = np.arange(0.5, 3.5, 0.01)
     beside = Returns.of(np.column_stack([x, np.full(len(x), 1.0 + off_m)]), np.ones(len(x)))
-    found = _fit(np.array([1.0, 1.0]), np.array([3.0, 1.0]), beside, CELL_M)
+    found = wall_between(np.array([1.0, 1.0]), np.array([3.0, 1.0]), beside, CELL_M)
     assert found.fitted == fitted
 
 
 def test_a_stretch_too_short_for_a_direction_is_not_fitted() -> None:
     returns = returns_on(ROOM)
     for length_m, fitted in ((0.29, False), (0.31, True)):
-        assert _fit(ROOM[0] + [1.0, 0.0], ROOM[0] + [1.0 + length_m, 0.0], returns, CELL_M).fitted \
-            == fitted  # fmt: skip
+        end = ROOM[0] + [1.0 + length_m, 0.0]
+        assert wall_between(ROOM[0] + [1.0, 0.0], end, returns, CELL_M).fitted == fitted
 
 
 def test_the_other_wall_of_a_corner_and_what_stands_before_do_not_bend_a_line() -> None:
@@ -63,7 +62,7 @@ def test_the_other_wall_of_a_corner_and_what_stands_before_do_not_bend_a_line() 
     before = own[60:120] + np.array([-0.007, 0.07])
     other = own[-1] + np.arange(0.0, 1.0, 0.01)[:, None] * [-0.1, 1.0]
     points = np.concatenate([own, before, other])
-    found = _fit(own[0], own[-1], Returns.of(points, np.ones(len(points))), CELL_M)
+    found = wall_between(own[0], own[-1], Returns.of(points, np.ones(len(points))), CELL_M)
     np.testing.assert_allclose(found.off_m(own), 0.0, atol=1e-9)
 
 
@@ -73,18 +72,24 @@ def test_a_line_is_the_weighted_points_principal_axis(seed: int) -> None:
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(30, 2)) @ rng.normal(size=(2, 2)) + rng.uniform(-5.0, 5.0, 2)
     weights = rng.integers(1, 9, 30).astype(np.float64)
-    start, end = rng.normal(size=(2, 2))
-    found = _least_squares(start, end, points, weights)
+    ahead = rng.normal(size=2)
+    found = _least_squares(points, weights, ahead)
     axis = np.linalg.eigh(np.cov(points.T, aweights=weights))[1][:, -1]
-    np.testing.assert_allclose(found.direction, axis * np.sign(axis @ (end - start)))
-    np.testing.assert_allclose(found.anchor, np.average(points, axis=0, weights=weights))
-    assert (found.start is start, found.end is end, found.fitted) == (True, True, True)
+    np.testing.assert_allclose(found[2:], axis * np.sign(axis @ ahead))
+    np.testing.assert_allclose(found[:2], np.average(points, axis=0, weights=weights))
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 15, 128, 129, 1000, 4321])
+def test_a_sum_is_numpys_to_the_last_digit(count: int) -> None:
+    values = np.random.default_rng(count).normal(size=count)
+    assert _sum(values) == values.sum()
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_weighted_median_is_that_of_every_value_as_often_as_it_weighs(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values, weights = rng.normal(size=7), rng.integers(1, 5, 7)
+    values[seed % 7] = values[3]  # two returns as far off
     every = np.sort(np.repeat(values, weights))
     found = _weighted_median(values, weights.astype(np.float64))
     assert found == every[(len(every) - 1) // 2]

@@ -15,14 +15,8 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.recovery.returns import Returns
-from slarm_graph.recovery.walls import (
-    Wall,
-    _closed,
-    _corner,
-    _fit,
-    _joined,
-    straightened,
-)
+from slarm_graph.recovery.wall_lines import Wall, wall_between
+from slarm_graph.recovery.walls import _closed, _corner, _joined, straightened
 
 CELL_M = 0.05
 L_ROOM = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.5, 2.0], [2.5, 3.0], [0.0, 3.0]])
@@ -80,9 +74,18 @@ def test_an_outline_without_returns_stays_as_cells_have_it() -> None:
     assert not found.fitted.any()
 
 
+def test_nothing_is_fitted_to_what_is_smaller_than_the_shortest_wall() -> None:
+    """Though its side across be longer: what is so small is no wall."""
+    for side_m, is_fitted in ((0.29, False), (0.31, True)):
+        corners = side_m * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        (found,) = straightened([corners], returns_on(corners), CELL_M)
+        assert found.fitted.any() == is_fitted
+        assert is_fitted or same_ring(found.corners_m, corners)
+
+
 def ring_of(corners: Floats, returns: Returns) -> list[Wall]:
     ends = np.roll(corners, -1, axis=0)
-    return [_fit(a, b, returns, CELL_M) for a, b in zip(corners, ends, strict=True)]
+    return [wall_between(a, b, returns, CELL_M) for a, b in zip(corners, ends, strict=True)]
 
 
 def broken(corners: Floats, profile: Sequence[tuple[float, float]]) -> Floats:
@@ -133,7 +136,7 @@ def test_a_triangle_keeps_three_sides() -> None:
     sliver = np.array([[0.0, 0.0], [2.0, 0.0], [2.2, 0.1]])
     x = np.arange(0.0, 2.0, 0.01)
     base = Returns.of(np.column_stack([x, np.zeros(len(x))]), np.ones(len(x)))
-    ring = [_fit(*sliver[[0, 1]], base, CELL_M)]
+    ring = [wall_between(*sliver[[0, 1]], base, CELL_M)]
     ring += [wall(*sliver[[1, 2]], fitted=False), wall(*sliver[[2, 0]], fitted=False)]
     assert len(_joined(ring, base, CELL_M)) == 3
 

@@ -90,8 +90,8 @@ def save_geographic(
     def masks(window: Window) -> tuple[Mask, Mask]:
         """Obstacles of a window, and what is without."""
         states = geographic.states[window]
-        free = np.isin(states, (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED))
-        return states == CellState.OBSTACLE, free
+        obstacle = states == CellState.OBSTACLE
+        return obstacle, ~obstacle & (states != CellState.UNKNOWN)
 
     save_map(folder, "geographic_map", geographic.geometry, masks, large, geographic.tiles)
     with folder.replacing("coverage.npz") as temporary:

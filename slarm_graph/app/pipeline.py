@@ -11,6 +11,7 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.app.allocation import spare_collecting
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
@@ -139,6 +140,7 @@ def _fed(
     rng, log = np.random.default_rng(config.seed), ReadingLog()
     with folder.stage("loading", progress):
         backend = backends.make(config.backend, config, rng, progress.say)
+        spare_collecting()
     with folder.stage("slam", progress):
         had_before = _restored(backend, folder)
         checkpoint = Checkpoint(

@@ -51,10 +51,8 @@ def trinary_image(occupied: Mask, free: Mask) -> NDArray[np.uint8]:
     occupied, free : (rows, cols) bool
         Row 0 lowest; cells in neither are unknown.
     """
-    image = np.full(occupied.shape, UNKNOWN, dtype=np.uint8)
-    image[free] = FREE
-    image[occupied] = OCCUPIED
-    return np.ascontiguousarray(image[::-1])
+    free_or_not = np.where(free[::-1], np.uint8(FREE), np.uint8(UNKNOWN))
+    return np.where(occupied[::-1], np.uint8(OCCUPIED), free_or_not)
 
 
 def write_trinary(path: Path, where: Where, masks: Masks) -> None:

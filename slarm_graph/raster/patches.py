@@ -48,10 +48,58 @@ def larger_than(mask: Mask, cells: int, where: Where | None = None) -> Mask:
 
     def part(window: Window) -> Mask:
         """Patches small in a window reach no further than its halo, large ones are large."""
-        labels, sizes = patches(mask[window], over_corners=True)
-        return np.asarray((sizes > cells)[labels] & mask[window])
+        here = np.ascontiguousarray(mask[window])
+        return here & ~small_patches(here, np.zeros_like(here), cells)
 
     return by_windows(where or mask.shape, cells + 1, part)
+
+
+@kernel
+def small_patches(mask: Mask, barred: Mask, most: int) -> Mask:
+    """Find the patches, over sides and corners, of at most so many cells, none of them barred.
+
+    Parameters
+    ----------
+    mask, barred : (rows, cols) bool
+    most : int
+        What is larger is not followed to its end.
+    """
+    rows, cols = mask.shape
+    is_large, looked_at = np.zeros_like(mask), ~mask
+    patch = np.empty((max(most, 1), 2), dtype=np.int64)
+    for row in range(rows):
+        for col in range(cols):
+            if looked_at[row, col]:
+                continue
+            if col > 0 and is_large[row, col - 1]:
+                is_large[row, col] = looked_at[row, col] = True
+                continue
+            size, small = _follow_patch(patch, row, col, looked_at, is_large, barred, most)
+            for k in range(size):
+                is_large[patch[k, 0], patch[k, 1]] = not small
+    return mask & ~is_large
+
+
+@kernel
+def _follow_patch(
+    patch: Sizes, row: int, col: int, looked_at: Mask, is_large: Mask, barred: Mask, most: int
+) -> tuple[int, bool]:
+    """Gather a patch from a cell on, until it is told to be large or barred; its size so far."""
+    patch[0, 0], patch[0, 1] = row, col
+    looked_at[row, col] = True
+    size, at, small = 1, 0, most > 0
+    while small and at < size:
+        row, col = patch[at, 0], patch[at, 1]
+        at += 1
+        small = not barred[row, col]
+        for r in range(max(0, row - 1), min(len(barred), row + 2)):
+            for c in range(max(0, col - 1), min(barred.shape[1], col + 2)):
+                small = small and not is_large[r, c] and (looked_at[r, c] or size < most)
+                if small and not looked_at[r, c]:
+                    patch[size, 0], patch[size, 1] = r, c
+                    looked_at[r, c] = True
+                    size += 1
+    return size, small
 
 
 def joined(mask: Mask, seeds: Mask, where: Where | None = None, *, through: bool = False) -> Mask:

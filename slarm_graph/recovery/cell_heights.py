@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.raster.bands import windows
+from slarm_graph.raster.bands import lay, windows
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer
 from slarm_graph.tiles import Where, Window
@@ -62,7 +62,7 @@ def cell_heights(
         obstacle = states[part.around] == CellState.OBSTACLE
         if obstacle.any():
             tops_m = _tops(obstacle, part.around, walls, known, height_m or math.inf)
-            heights_m[part.cells] = tops_m[part.inner]
+            lay(heights_m, part.cells, tops_m[part.inner])
     return heights_m
 
 

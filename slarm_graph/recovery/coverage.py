@@ -8,26 +8,28 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.raster.bands import by_windows, cells_of
-from slarm_graph.raster.distance import within
-from slarm_graph.tiles import TILE_CELLS, KnownTiles, Where, Window
+from slarm_graph.kernels import kernel
+from slarm_graph.raster.bands import by_windows
+from slarm_graph.tiles import TILE_CELLS, Where, Window
 from slarm_graph.trajectory import Trajectory
+
+_ROUNDING_M = 1e-6
+"""Far above rounding of metres and far below a cell: a centre just at the disc is passed over."""
 
 
 def observed_cells(grid: OccupancyGrid, states: np.ndarray, where: Where) -> Mask:
     """Mark the cells (rows, cols) seen free, or seen and free as recovery has it."""
-    obstacle, known_free = CellState.OBSTACLE, (CellState.ACCESSIBLE, CellState.EXPANSION)
 
     def part(window: Window) -> Mask:
         """Those of a window."""
         here, now = grid.in_window(window), states[window]
-        seen = ~np.isnan(here.probability)
-        return np.asarray((seen & np.isin(now, known_free)) | (here.free & (now != obstacle)))
+        known_free = (now == CellState.ACCESSIBLE) | (now == CellState.EXPANSION)
+        known_free &= ~np.isnan(here.probability)
+        return np.asarray(known_free | (here.free & (now != CellState.OBSTACLE)))
 
     return by_windows(where, 0, part)
 
@@ -64,21 +66,24 @@ def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
     return np.concatenate([points, way])
 
 
-def footprint_cells(
-    geometry: GridGeometry, trajectory: Trajectory, radius_m: float, tiles: KnownTiles | None = None
-) -> Mask:
-    """Mark the cells (rows, cols) whose centre a disc on the path passed over.
-
-    With tiles, those that the robot visited are among them.
-    """
-    cell_m = geometry.resolution_m
-    near_m = radius_m + 1.5 * cell_m
-    where = tiles.grown(math.ceil(near_m / cell_m)) if tiles else geometry.shape
-    over = within(visited_cells(geometry, trajectory), near_m, cell_m, where)
-    path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
-    cells = cells_of(over, where)
-    if len(cells):
-        centers = geometry.center_of(cells)
-        apart_m, _ = cKDTree(path).query(centers, distance_upper_bound=radius_m + 1e-6)
-        over[cells[:, 0], cells[:, 1]] = np.isfinite(apart_m)
+def footprint_cells(geometry: GridGeometry, trajectory: Trajectory, radius_m: float) -> Mask:
+    """Mark the cells (rows, cols) whose centre a disc on the path passed over."""
+    over = np.zeros(geometry.shape, dtype=np.bool_)
+    if len(trajectory):
+        cell_m = geometry.resolution_m
+        path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
+        origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
+        _pass_over(over, (path - origin) / cell_m - 0.5, (radius_m + _ROUNDING_M) / cell_m)
     return over
+
+
+@kernel
+def _pass_over(over: Mask, centers: Floats, radius: float) -> None:
+    """Mark the cells that discs cover, whose centres (N, 2) are x, y in cells."""
+    rows, cols = over.shape
+    for k in range(len(centers)):
+        x, y = centers[k, 0], centers[k, 1]
+        for row in range(max(0, math.ceil(y - radius)), min(rows, math.floor(y + radius) + 1)):
+            half = math.sqrt(radius * radius - (row - y) ** 2)
+            for col in range(max(0, math.ceil(x - half)), min(cols, math.floor(x + half) + 1)):
+                over[row, col] = True

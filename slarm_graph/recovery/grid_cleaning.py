@@ -14,7 +14,7 @@ from slarm_graph.config import RecoveryConfig
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.raster.bands import by_windows, put
 from slarm_graph.raster.distance import farther_than
-from slarm_graph.raster.patches import joined, larger_than, patches
+from slarm_graph.raster.patches import joined, larger_than, small_patches
 from slarm_graph.tiles import KnownTiles, Where, Window, shape_of
 
 _LEAST_CELLS = 3
@@ -110,17 +110,13 @@ def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) ->
 
     def part(window: Window) -> Mask:
         """A patch that is small in a window, and reaches into it, ends within its halo."""
-        unknown = ~(free[window] | occupied[window])
-        labels, sizes = patches(unknown, over_corners=True)
-        small = sizes <= most_cells
-        small[0] = False
-        small[labels[_widened(occupied[window]) & unknown]] = False
-        for lines, at, most in zip((labels, labels.T), window, shape_of(where), strict=True):
+        barred = _widened(occupied[window])
+        for lines, at, most in zip((barred, barred.T), window, shape_of(where), strict=True):
             if at.start == 0:
-                small[lines[0]] = False
+                lines[0] = True
             if at.stop == most:
-                small[lines[-1]] = False
-        return np.asarray(small[labels])
+                lines[-1] = True
+        return small_patches(~(free[window] | occupied[window]), barred, math.floor(most_cells))
 
     return by_windows(where, math.floor(most_cells) + 2, part)
 

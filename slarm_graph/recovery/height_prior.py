@@ -23,6 +23,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Final, Literal
 
 import numpy as np
@@ -123,5 +124,9 @@ def height_group(
         Of the map's solids.
     kinds : sequence of PlanKind, as many
     """
-    levels_m = {kind: prior.levels_m(kind) for kind in set(kinds)}
-    return HeightGroup(tuple(numbers), np.stack([levels_m[kind] for kind in kinds], axis=1))
+    return HeightGroup(tuple(numbers), np.stack([_levels_m(prior, k) for k in kinds], axis=1))
+
+
+@cache
+def _levels_m(prior: HeightPrior, kind: PlanKind) -> Floats:
+    return prior.levels_m(kind)

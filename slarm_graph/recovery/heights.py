@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
+from itertools import compress
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from slarm_graph.counts import count_of
 from slarm_graph.geographic import HeightGroup
 from slarm_graph.polygons import signed_area_m2
 from slarm_graph.recovery.height_prior import HeightPrior, PlanKind, height_group, plan_kind
-from slarm_graph.recovery.obstacle_candidates import candidates_on
+from slarm_graph.recovery.obstacle_candidates import islands_in, runs_on
 from slarm_graph.recovery.obstacles import Strip
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
@@ -23,6 +23,9 @@ from slarm_graph.world import Solid
 
 _LONGEST_M = 10.0
 """What stands before a wall is looked for up to this length: ten metres of shelves are one."""
+
+Sides = list[tuple[int, PlanKind]]
+"""Of every side of an outline the number of its obstacle, and what that is."""
 _PRIOR = "prior (standards, by class of plan)"
 
 
@@ -68,11 +71,12 @@ def uncertain_heights(
     of_outline: dict[int, list[int]] = {}
     for k, strip in enumerate(strips):
         of_outline.setdefault(strip.outline, []).append(k)
+    numbers = sorted(of_outline)
     groups = []
-    for n, mine in sorted(of_outline.items()):
-        sides = side_obstacles(outlines[n], returns)
+    sides_of = side_obstacles([outlines[n] for n in numbers], returns)
+    for n, sides in zip(numbers, sides_of, strict=True):
         of_obstacle: dict[int, list[int]] = {}
-        for k in mine:
+        for k in of_outline[n]:
             of_obstacle.setdefault(sides[strips[k].side][0], []).append(k)
         for _, own in sorted(of_obstacle.items()):
             kinds = [sides[strips[k].side][1] for k in own]
@@ -80,19 +84,27 @@ def uncertain_heights(
     return tuple(groups)
 
 
-def side_obstacles(outline: Outline, returns: Returns) -> list[tuple[int, PlanKind]]:
-    """Tell for every side of an outline of the free region what obstacle it is of, and its kind.
+def side_obstacles(outlines: Sequence[Outline], returns: Returns) -> Iterator[Sides]:
+    """Tell for every side of outlines of the free region what obstacle it is of, and its kind.
 
     Obstacles are numbered along the outline. An island is one. Elsewhere the outline is a wall,
     number 0, but for what stands before it, the simplest first.
     """
-    sides: list[tuple[int, PlanKind]] = [(0, "wall")] * len(outline.corners_m)
-    if signed_area_m2(outline.corners_m) < 0.0:
-        island = next(iter(candidates_on(outline, returns, math.inf)))
-        kind = plan_kind(island.plan.sides_m, island.plan.area_m2, at_wall=False)
-        return [(0, kind)] * len(sides)
+    is_island = [signed_area_m2(outline.corners_m) < 0.0 for outline in outlines]
+    islands = iter(islands_in(list(compress(outlines, is_island)), returns))
+    for outline, is_one in zip(outlines, is_island, strict=True):
+        if is_one:
+            plan = next(islands).plan
+            kind = plan_kind(plan.sides_m, plan.area_m2, at_wall=False)
+            yield [(0, kind)] * len(outline.corners_m)
+        else:
+            yield _before_walls(outline)
+
+
+def _before_walls(outline: Outline) -> Sides:
+    sides: Sides = [(0, "wall")] * len(outline.corners_m)
     taken: set[int] = set()
-    for found in sorted(candidates_on(outline, returns, _LONGEST_M), key=lambda c: len(c.sides)):
+    for found in sorted(runs_on(outline, _LONGEST_M), key=lambda c: len(c.sides)):
         kind = plan_kind(found.plan.sides_m, found.plan.area_m2, at_wall=True)
         if kind == "wall" or taken.intersection(found.sides):
             continue
@@ -105,9 +117,12 @@ def side_obstacles(outline: Outline, returns: Returns) -> list[tuple[int, PlanKi
 def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: int) -> list[Strip]:
     """Return the strips, each as high as the median of what it may be."""
     found = list(strips)
-    for group in groups:
-        for number, median_m in zip(group.solids, np.median(group.levels_m, axis=0), strict=True):
-            strip = found[number - first]
-            solid = replace(strip.solid, height_m=float(median_m))
-            found[number - first] = replace(strip, solid=solid)
+    if not groups:
+        return found
+    numbers = [number for group in groups for number in group.solids]
+    medians_m = np.median(np.concatenate([group.levels_m for group in groups], axis=1), axis=0)
+    for number, median_m in zip(numbers, medians_m.tolist(), strict=True):
+        strip = found[number - first]
+        solid = Solid(strip.solid.name, strip.solid.corners_m, median_m)
+        found[number - first] = Strip(solid, strip.outline, strip.side)
     return found

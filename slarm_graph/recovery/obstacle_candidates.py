@@ -4,37 +4,31 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise, next_corners, signed_area_m2
 from slarm_graph.recovery.known_sizes import MeasuredPlan
+from slarm_graph.recovery.obstacle_runs import runs_before_walls
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 
-_LEAST_TURN = math.sin(math.radians(20.0))
-"""Corners of outlines of cells bend by rounding; what bends by 20 degrees and more is a corner of
-an obstacle."""
-_MOST_SIDES = 12
-"""Of a run that may be an obstacle: a round one at cells of 0.05 m has eight to twelve."""
 _BAND_M = 0.1
 """Returns this near to an island are its own: two cells of 0.05 m."""
+_AT_ONCE = 256
+"""Islands whose returns are looked for together. With as many as there are, 2,422 of a clinic, it
+takes as long and 40 MB more; one at a time takes twice as long."""
 _SAME_SHAPE = 0.9
 """A convex hull less than a ninth larger has the shape of the island; else the island is not
 convex."""
 _LEAST_SEEN = 0.5
 """Returns of less than half of the plan show one side only."""
-_FRONT_SHARE = 0.25
-"""Corners of the rectangle in the front quarter of its depth were seen into."""
-_ROUNDING_M = 1e-9
-"""Corners of the rectangle that are the run's own end are no farther behind it: coordinates of a
-hundred kilometres are rounded by a hundredth of this."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,22 +62,27 @@ def candidates_on(
     what is not free: there the outline leaves a wall, or another obstacle, and comes back.
     """
     corners = outline.corners_m
-    count = len(corners)
     if signed_area_m2(corners) < 0.0 and np.ptp(corners, axis=0).max() <= longest_m:
-        yield _island(outline, returns)
-    inward = _turns(corners) > _LEAST_TURN
-    most = min(_MOST_SIDES, count - 1)
-    around, ends = (np.concatenate([one, one[:most]]) for one in (corners, inward))
-    for first in np.flatnonzero(inward).tolist():
-        ahead = around[first : first + most + 1]
-        extent_m = np.maximum.accumulate(ahead) - np.minimum.accumulate(ahead)
-        fits = ends[first : first + most + 1] & (extent_m.max(axis=1) <= longest_m)
-        for length in (np.flatnonzero(fits[2:]) + 2).tolist():
-            sides = tuple((first + k) % count for k in range(length))
-            run = ahead[: length + 1]
-            box = _box(outline, sides, run) if signed_area_m2(run) < 0.0 else None
-            if box is not None:
-                yield _before_a_wall(sides, run, box)
+        yield from islands_in([outline], returns)
+    yield from runs_on(outline, longest_m)
+
+
+def runs_on(outline: Outline, longest_m: float) -> Iterator[ObstacleCandidate]:
+    """Yield the runs of sides of an outline that may be an obstacle before a wall."""
+    count = len(outline.corners_m)
+    for run in runs_before_walls(outline.corners_m, outline.fitted, longest_m):
+        sides = tuple((run.first + k) % count for k in range(run.length))
+        plan = MeasuredPlan(run.plan[:2], float(run.plan[2]), int(run.plan[3]), np.zeros(2))
+        yield ObstacleCandidate(sides, float(run.plan[4]), run.ring_m, run.box_m, plan)
+
+
+def islands_in(outlines: Sequence[Outline], returns: Returns) -> list[ObstacleCandidate]:
+    """Return the obstacles inside clockwise outlines."""
+    rings = [outline.corners_m[::-1].copy() for outline in outlines]
+    loose = [k for k, outline in enumerate(outlines) if not outline.fitted.all()]
+    for k, ring in zip(loose, _around_returns([rings[k] for k in loose], returns), strict=True):
+        rings[k] = ring
+    return [_island(outline, ring) for outline, ring in zip(outlines, rings, strict=True)]
 
 
 def convex_hull(points: Floats) -> Floats:
@@ -94,91 +93,47 @@ def convex_hull(points: Floats) -> Floats:
     return counter_clockwise(np.asarray(hull.exterior.coords)[:-1])
 
 
-def _turns(corners: Floats) -> Floats:
-    """Sine (K,) of the turn at every corner of an outline, positive to the left."""
-    step = next_corners(corners) - corners
-    step /= np.maximum(np.linalg.norm(step, axis=1, keepdims=True), 1e-12)
-    before = np.roll(step, 1, axis=0)
-    return np.asarray(before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0])
-
-
-def _island(outline: Outline, returns: Returns) -> ObstacleCandidate:
-    """The obstacle inside a clockwise outline."""
-    ring = outline.corners_m[::-1].copy()
-    if not outline.fitted.all():
-        ring = _around_returns(ring, returns)
+def _island(outline: Outline, ring: Floats) -> ObstacleCandidate:
+    """The obstacle inside a clockwise outline, of a ring as it was seen."""
     rectangle = cv2.minAreaRect(ring.astype(np.float32))
     box = counter_clockwise(np.asarray(cv2.boxPoints(rectangle), dtype=np.float64))
     plan = MeasuredPlan(np.array(rectangle[1]), signed_area_m2(ring), 4, np.zeros(2))
-    sides = tuple(range(len(outline.corners_m)))
+    corners = outline.corners_m
+    length_m = float(np.linalg.norm(next_corners(corners) - corners, axis=1).sum())
     return ObstacleCandidate(
-        sides, _length_m(outline.corners_m), ring, ring if len(ring) == 4 else box, plan
+        tuple(range(len(corners))), length_m, ring, ring if len(ring) == 4 else box, plan
     )
 
 
-def _around_returns(ring: Floats, returns: Returns) -> Floats:
-    """The convex ring around an island's returns; the island's own when that is another shape.
+def _around_returns(rings: Sequence[Floats], returns: Returns) -> Iterator[Floats]:
+    """Yield the convex rings around islands' returns; an island's own when that is another shape.
 
     Cells only tell the plan of a small or round obstacle to half a cell on every side.
     """
-    center = 0.5 * (ring.min(axis=0) + ring.max(axis=0))
-    radius_m = float(np.linalg.norm(ring - center, axis=1).max()) + _BAND_M
-    points, _ = returns.around(center, radius_m)
+    for begin in range(0, len(rings), _AT_ONCE):
+        yield from _some_around_returns(rings[begin : begin + _AT_ONCE], returns)
+
+
+def _some_around_returns(rings: Sequence[Floats], returns: Returns) -> Iterator[Floats]:
+    points, owner = _beside(rings, returns)
+    firsts = np.searchsorted(owner, np.arange(len(rings) + 1))
+    for ring, first, past in zip(rings, firsts[:-1], firsts[1:], strict=True):
+        hull = convex_hull(points[first:past]) if past - first >= 3 else ring
+        own_m2, hull_m2 = signed_area_m2(ring), signed_area_m2(hull)
+        yield hull if _LEAST_SEEN * own_m2 < hull_m2 < own_m2 / _SAME_SHAPE else ring
+
+
+def _beside(rings: Sequence[Floats], returns: Returns) -> tuple[Floats, NDArray[np.int64]]:
+    """Points (N, 2) that are near to rings, and whose (N,), which ascends."""
+    low, high = (np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max))
+    reach_m = 0.5 * np.hypot(*(high - low).T) + 2.0 * _BAND_M
+    near = list(returns.near_each(0.5 * (low + high), reach_m))
+    owner = np.repeat(np.arange(len(rings)), [len(one) for one in near])
+    points = returns.points[np.concatenate(near)]
     # What is farther from the box around the ring is not asked for: most of a long one's circle.
-    off_m = np.maximum(ring.min(axis=0) - points, points - ring.max(axis=0)).max(axis=1)
-    points = points[off_m < 2.0 * _BAND_M]
-    area = shapely.Polygon(ring)
-    shapely.prepare(area)
-    points = points[shapely.dwithin(area, shapely.points(points), _BAND_M)]
-    if len(points) < 3:
-        return ring
-    hull = convex_hull(points)
-    own_m2, hull_m2 = signed_area_m2(ring), signed_area_m2(hull)
-    return hull if _LEAST_SEEN * own_m2 < hull_m2 < own_m2 / _SAME_SHAPE else ring
-
-
-def _box(outline: Outline, sides: tuple[int, ...], run: Floats) -> Floats | None:
-    """The smallest rectangle around a run along a fitted line, its own or one that it meets."""
-    corners, count = outline.corners_m, len(outline.corners_m)
-    boxes = []
-    for side in ((sides[0] - 1) % count, *sides, (sides[-1] + 1) % count):
-        if not outline.fitted[side]:
-            continue
-        step = corners[(side + 1) % count] - corners[side]
-        length = float(np.linalg.norm(step))
-        if length > 1e-9:
-            boxes.append(_box_around(run, step / length))
-    if not boxes or np.linalg.norm(run[0] - run[-1]) < 1e-9:
-        return None
-    return np.asarray(min(boxes, key=signed_area_m2))
-
-
-def _before_a_wall(sides: tuple[int, ...], run: Floats, box: Floats) -> ObstacleCandidate:
-    """The obstacle behind a run of sides, filled up to its rectangle behind the run's two ends."""
-    chord = run[0] - run[-1]
-    behind_m = _left_m(run[-1], chord, box)
-    hidden = box[behind_m > _ROUNDING_M]
-    hidden = hidden[np.argsort((hidden - run[-1]) @ chord)]
-    ring = np.concatenate([hidden, run])[::-1].copy()
-    seen = int(np.sum(behind_m < _FRONT_SHARE * behind_m.min()))
-    sides_m = np.array([np.linalg.norm(box[1] - box[0]), np.linalg.norm(box[2] - box[1])])
-    plan = MeasuredPlan(sides_m, signed_area_m2(ring), min(seen, 3), np.zeros(2))
-    return ObstacleCandidate(sides, _length_m(run) - float(np.linalg.norm(chord)), ring, box, plan)
-
-
-def _length_m(ring: Floats) -> float:
-    """Length of a closed outline [m]."""
-    return float(np.linalg.norm(next_corners(ring) - ring, axis=1).sum())
-
-
-def _box_around(points: Floats, along: Floats) -> Floats:
-    """Rectangle (4, 2) around points with a side along a direction, counter-clockwise."""
-    axes = np.array([along, [-along[1], along[0]]])
-    low, high = (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
-    return np.asarray(np.array([low, [high[0], low[1]], high, [low[0], high[1]]]) @ axes)
-
-
-def _left_m(start: Floats, step: Floats, points: Floats) -> Floats:
-    """How far points (N, 2) lie to the left of a line [m]."""
-    rel = points - start
-    return np.asarray((step[0] * rel[:, 1] - step[1] * rel[:, 0]) / np.linalg.norm(step))
+    off_m = np.maximum(low[owner] - points, points - high[owner]).max(axis=1)
+    points, owner = points[off_m < 2.0 * _BAND_M], owner[off_m < 2.0 * _BAND_M]
+    areas = np.array([shapely.Polygon(ring) for ring in rings])
+    shapely.prepare(areas)
+    own = shapely.dwithin(areas[owner], shapely.points(points), _BAND_M)
+    return points[own], owner[own]

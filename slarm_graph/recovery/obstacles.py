@@ -12,7 +12,7 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.polygons import is_simple
+from slarm_graph.polygons import is_simple, next_corners
 from slarm_graph.recovery.known_sizes import Match, Size, match
 from slarm_graph.recovery.obstacle_candidates import ObstacleCandidate, candidates_on, convex_hull
 from slarm_graph.recovery.returns import Returns
@@ -106,7 +106,7 @@ def wall_strips(
     taken = {(block.outline, side) for block in blocks for side in block.sides}
     sides = [(n, k) for n, outline in enumerate(outlines) for k in range(len(outline.corners_m))]
     starts = np.concatenate([outline.corners_m for outline in outlines])
-    ends = np.concatenate([np.roll(outline.corners_m, -1, axis=0) for outline in outlines])
+    ends = np.concatenate([next_corners(outline.corners_m) for outline in outlines])
     fitted = np.concatenate([outline.fitted for outline in outlines])
     length = np.linalg.norm(ends - starts, axis=1)
     wanted = (length >= 1e-9) & np.array([side not in taken for side in sides])

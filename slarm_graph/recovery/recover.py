@@ -21,6 +21,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGro
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
+from slarm_graph.polygons import next_corners
 from slarm_graph.raster.bands import by_windows, put, side_by_side, windows
 from slarm_graph.raster.distance import within
 from slarm_graph.raster.fill import Polygons
@@ -116,7 +117,7 @@ def recover(
     put(states, cut_off(states, visited, where), CellState.ENCLOSED, where)
     heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config), where)
     source = height_source(blocks, strips, config)
-    footprint = footprint_cells(target, trajectory, config.robot_radius_m, tiles)
+    footprint = footprint_cells(target, trajectory, config.robot_radius_m)
     for part in windows(where):
         footprint[part.cells] &= states[part.cells] != CellState.OBSTACLE
     seen = grid.on(target)
@@ -241,8 +242,14 @@ def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> 
     region = look_up(clean.reached, target, outside=False)
     if not shape.outlines:
         return by_windows(where, 0, lambda window: region[window] | visited[window])
-    mine = laid if target == clean.geometry else _Laid.on(clean.geometry, shape)
-    thin = by_windows(clean.where, _THIN_HALO, lambda window: _thin_walls(clean, mine, window))
+    if target == clean.geometry:
+        return by_windows(
+            where,
+            _THIN_HALO,
+            lambda w: _without_thin(clean, laid, w)[0] | clean.passable[w] | visited[w],
+        )
+    mine = _Laid.on(clean.geometry, shape)
+    thin = by_windows(clean.where, _THIN_HALO, lambda w: _without_thin(clean, mine, w)[1])
     near = by_windows(clean.where, _NEAR_HALO, lambda window: _near_border(clean, window))
     near, thin = look_up(near, target, outside=True), look_up(thin, target, outside=False)
     passable = look_up(clean.passable, target, outside=False)
@@ -269,12 +276,16 @@ def _near_border(clean: CleanGrid, window: Window) -> Mask:
     return near
 
 
-def _thin_walls(clean: CleanGrid, laid: _Laid, window: Window) -> Mask:
-    """Occupied cells, of a window, with nothing left near them, as both faces met in one line."""
+def _without_thin(clean: CleanGrid, laid: _Laid, window: Window) -> tuple[Mask, Mask]:
+    """Free cells, of a window, as straightened; and those of walls whose faces met in one line.
+
+    These are occupied cells with nothing left near them, and not among the free ones.
+    """
     occupied, cell_m = clean.occupied[window], clean.geometry.resolution_m
     free = np.where(_near_border(clean, window), laid.free(window), clean.reached[window])
     blocked = ~free & (occupied | laid.solids.any(window))
-    return occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
+    thin = occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
+    return free & ~thin, thin
 
 
 def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
@@ -288,7 +299,7 @@ def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
     if not rings:
         return np.zeros((0, 4, 2)), np.zeros((0, 4, 2))
     starts = np.concatenate(rings)
-    ends = np.concatenate([np.roll(ring, -1, axis=0) for ring in rings])
+    ends = np.concatenate([next_corners(ring) for ring in rings])
     step = ends - starts
     length = np.hypot(step[:, 0], step[:, 1])
     real = length > 0.0
@@ -306,13 +317,16 @@ def _states(
     clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid, where: Where
 ) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
-    occupied = clean.geometry.resample(clean.occupied, target, outside=False)
-    kept_out = by_windows(clean.where, 0, lambda w: clean.free[w] & ~clean.reached[w])
-    free = clean.geometry.resample(kept_out, target, outside=False)
+    occupied, free, reached = (
+        clean.geometry.resample(layer, target, outside=False)
+        for layer in (clean.occupied, clean.free, clean.reached)
+    )
     states = np.zeros(target.shape, dtype=np.uint8)  # all CellState.UNKNOWN
-    for part in windows(where):
-        here, window = states[part.cells], part.cells
-        here[free[window]] = CellState.ENCLOSED
-        here[occupied[window] | laid.solids.any(window)] = CellState.OBSTACLE
+    for window, *_ in windows(where):
+        kept_out, obstacle = free[window] & ~reached[window], laid.solids.any(window)
+        obstacle |= occupied[window]
+        here = states[window]
+        here[kept_out] = CellState.ENCLOSED
+        here[obstacle] = CellState.OBSTACLE
         here[region[window]] = CellState.ACCESSIBLE
     return states

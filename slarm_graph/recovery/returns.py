@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,10 +38,10 @@ class Returns:
         """Index returns by place."""
         return Returns(points, weights, cKDTree(points))
 
-    def around(self, center: Floats, radius_m: float) -> tuple[Floats, Floats]:
-        """Points (K, 2) and weights (K,) within a radius of a place."""
-        near = self.tree.query_ball_point(center, radius_m, return_sorted=True)
-        return self.points[near], self.weights[near]
+    def near_each(self, centers: Floats, radii_m: Floats) -> Iterator[NDArray[np.int64]]:
+        """Yield which points (K,) lie within a radius of each place (N, 2), in order."""
+        for found in self.tree.query_ball_point(centers, radii_m, return_sorted=True):
+            yield np.array(found, dtype=np.int64)
 
 
 NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))

@@ -19,23 +19,12 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 from slarm_graph.polygons import next_corners
 from slarm_graph.raster.outlines import simplified_m
-from slarm_graph.recovery.returns import NO_RETURNS, Returns
+from slarm_graph.recovery.returns import Returns
+from slarm_graph.recovery.wall_lines import SHORTEST_M, Wall, wall_between, walls_between
 
 _SIMPLIFY_CELLS = 1.5
 """Outlines of cells have stairs of one cell; this is the least tolerance that takes all of them
 off."""
-_BAND_CELLS = 2.0
-"""A wall's returns lie within a cell of its outline, and its far face beyond two."""
-_END_CELLS = 1.5
-"""Returns next to a corner may be the other wall's: a cell, and half for the corner's own error."""
-_SHORTEST_M = 0.3
-"""Six cells of 0.05 m, the fewest with a direction; shorter stretches stay as cells have them."""
-_INLIER_M = (0.015, 0.04)
-"""From the noise of a good laser (0.015 m) to that of a cheap one (0.04 m). In the paper's room
-with exact wheels half of it makes gains 0.03 dB wrong, double changes nothing."""
-_COVERED_SHARE = 0.5
-"""A wall is seen along half of its length at least; else its line may be another's. In the paper's
-room with exact wheels half changes nothing, double takes the accuracy from 1 to 0.983."""
 _MAIN_RAD = math.radians(4.0)
 """Walls that differ by less from the building's direction are meant to be parallel to it: cells of
 0.05 m cannot tell over a metre."""
@@ -59,37 +48,6 @@ _LEAST_MAIN_M = 1.0
 
 
 @dataclass(frozen=True, slots=True)
-class Wall:
-    """A stretch of outline with the free region on its left.
-
-    Parameters
-    ----------
-    start, end : (2,) float64
-        Where the outline's corners were [m].
-    anchor, direction : (2,) float64
-        A point on the line [m], and a unit vector along it.
-    fitted : bool
-        Whether returns support the line.
-    """
-
-    start: Floats
-    end: Floats
-    anchor: Floats
-    direction: Floats
-    fitted: bool
-
-    @property
-    def length_m(self) -> float:
-        """Distance between the corners [m]."""
-        return float(np.linalg.norm(self.end - self.start))
-
-    def off_m(self, points: Floats) -> Floats:
-        """Signed distance of points (..., 2) to the line, positive on the free side [m]."""
-        rel = points - self.anchor
-        return np.asarray(self.direction[0] * rel[..., 1] - self.direction[1] * rel[..., 0])
-
-
-@dataclass(frozen=True, slots=True)
 class Outline:
     """A closed outline of the free region, which lies on its left.
 
@@ -108,15 +66,23 @@ def straightened(
     outlines_m: Sequence[Floats], returns: Returns, resolution_m: float
 ) -> list[Outline]:
     """Straighten all outlines (K, 2) of a free region [m]."""
-    rings = []
-    for outline in outlines_m:
-        corners = simplified_m(outline, _SIMPLIFY_CELLS * resolution_m)
-        ends = next_corners(corners)
-        # Nothing is fitted to what is smaller than the shortest wall.
-        near = returns if np.ptp(corners, axis=0).max() >= _SHORTEST_M else NO_RETURNS
-        rings.append([_fit(a, b, near, resolution_m) for a, b in zip(corners, ends, strict=True)])
+    corners = [simplified_m(outline, _SIMPLIFY_CELLS * resolution_m) for outline in outlines_m]
+    rings = [_walls(ring, returns, resolution_m) for ring in corners]
     main_rad = main_direction_rad([wall for ring in rings for wall in ring])
-    return [_closed(_joined(ring, returns, resolution_m), main_rad, resolution_m) for ring in rings]
+    return [
+        _closed(_joined(walls, returns, resolution_m), main_rad, resolution_m)
+        if walls
+        else Outline(ring, np.zeros(len(ring), dtype=np.bool_))
+        for ring, walls in zip(corners, rings, strict=True)
+    ]
+
+
+def _walls(corners: Floats, returns: Returns, resolution_m: float) -> list[Wall]:
+    """Fit lines to the sides of an outline; none where it is small, or no side has one."""
+    if np.ptp(corners, axis=0).max() < SHORTEST_M:
+        return []
+    walls = list(walls_between(corners, next_corners(corners), returns, resolution_m))
+    return walls if any(wall.fitted for wall in walls) else []
 
 
 def main_direction_rad(walls: Sequence[Wall]) -> float | None:
@@ -134,56 +100,6 @@ def main_direction_rad(walls: Sequence[Wall]) -> float | None:
     weights = lengths[near]
     mean = np.sum(weights * np.exp(1j * fourfold[near]))
     return float(np.mod(np.angle(mean) / 4.0, np.pi / 2))
-
-
-def _fit(start: Floats, end: Floats, returns: Returns, resolution_m: float) -> Wall:
-    """Fit the line of the returns beside a stretch of outline."""
-    step = end - start
-    length = math.sqrt(step.dot(step))
-    along = step / max(length, 1e-12)
-    wall = Wall(start, end, start, along, fitted=False)
-    if length < max(_SHORTEST_M, 3 * resolution_m):
-        return wall
-    trim = min(_END_CELLS * resolution_m, 0.25 * length)
-    band_m = _BAND_CELLS * resolution_m
-    points, weights = returns.around(0.5 * (start + end), math.hypot(0.5 * length, band_m))
-    s = (points - start) @ along
-    near = (s > trim) & (s < length - trim) & (np.abs(wall.off_m(points)) <= band_m)
-    points, weights = points[near], weights[near]
-    covered = np.count_nonzero(np.bincount((s[near] / resolution_m).astype(np.int64)))
-    if covered < max(3.0, _COVERED_SHARE * (length - 2 * trim) / resolution_m):
-        return wall
-    for _ in range(3):
-        inliers = _inliers(wall.off_m(points), weights)
-        wall = _least_squares(start, end, points[inliers], weights[inliers])
-        if inliers.sum() < 3:
-            return Wall(start, end, start, along, fitted=False)
-    return wall
-
-
-def _inliers(off_m: Floats, weights: Floats) -> Mask:
-    """Points near the weighted median, within a few of their own spreads."""
-    middle = _weighted_median(off_m, weights)
-    spread = 1.4826 * _weighted_median(np.abs(off_m - middle), weights)
-    return np.asarray(np.abs(off_m - middle) <= np.clip(2.5 * spread, *_INLIER_M))
-
-
-def _weighted_median(values: Floats, weights: Floats) -> float:
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order[total.searchsorted(0.5 * total[-1])]])
-
-
-def _least_squares(start: Floats, end: Floats, points: Floats, weights: Floats) -> Wall:
-    """Total least squares line, directed from start to end."""
-    anchor = (points * weights[:, None]).sum(axis=0) / weights.sum()
-    x, y = (points - anchor).T
-    xx, yy, xy = (float((weights * a * b).sum()) for a, b in ((x, x), (y, y), (x, y)))
-    angle = 0.5 * math.atan2(2 * xy, xx - yy)
-    direction = np.array([math.cos(angle), math.sin(angle)])
-    if direction @ (end - start) < 0.0:
-        direction = -direction
-    return Wall(start, end, anchor, direction, fitted=True)
 
 
 def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wall]:
@@ -219,7 +135,7 @@ def _taken_in(
         start, end = (wall.start, far) if step > 0 else (far, wall.end)
         if np.linalg.norm(end - start) < wall.length_m + 0.5 * resolution_m:
             continue
-        both = _fit(start, end, returns, resolution_m)
+        both = wall_between(start, end, returns, resolution_m)
         if both.fitted and _same_line(wall, both, resolution_m):
             return both, count
     return None
