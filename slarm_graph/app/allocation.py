@@ -9,21 +9,25 @@ import gc
 import os
 import sys
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
 _LINUX: Final = sys.platform == "linux"
 _MMAP_THRESHOLD: Final = -3
 """M_MMAP_THRESHOLD of the GNU C library's malloc.h."""
-_LARGE_BYTES: Final = 1 << 22
-"""Blocks from here on are mapped one by one. The library raises its own threshold with what is
-freed, to 32 MB, so that what lies between smaller blocks never goes back. Below lies a layer of a
-band of rows (2 MB): its pages, mapped anew for every layer, were half of the system's time after
-SLAM, 4.9 s of a clinic and 2.5 s here. With four times as much 2.1 s, and 60 MB more."""
 _TRIM_THRESHOLD: Final = -1
 """M_TRIM_THRESHOLD of the same."""
+_LARGE_BYTES: Final = 1 << 17
+"""Blocks from here on are mapped one by one: the library's own threshold, which it raises with what
+is freed, to 32 MB, so that what lies between smaller blocks never goes back. With half or double of
+this a whole run takes the same memory and time."""
+_LAYER_BYTES: Final = 1 << 22
+"""The same where layers of a band of rows (2 MB) are made one after the other: their pages, mapped
+anew for each, were half of the system's time after SLAM, 4.9 s of a clinic and 2.5 s here. With
+four times as much 2.1 s, and 60 MB more; over a whole run 20 MB more of a small recording."""
 _KEPT_BYTES: Final = 1 << 24
-"""Free memory at the end of the heap that stays for what comes next: some layers of a band. With
+"""Free memory at the end of the heap that meanwhile stays for what comes next: some layers. With
 four times as much a clinic takes 30 MB more, and no less time."""
 _THP_DISABLE: Final = 41
 """PR_SET_THP_DISABLE of the kernel's prctl.h. Layers of large sites are mostly zeros that nobody
@@ -78,11 +82,30 @@ def spare_memory() -> None:
     if not _LINUX:
         return
     library = ctypes.CDLL(None)
-    if hasattr(library, "mallopt"):
-        library.mallopt(_MMAP_THRESHOLD, _LARGE_BYTES)
-        library.mallopt(_TRIM_THRESHOLD, _KEPT_BYTES)
+    _map_from(_LARGE_BYTES, _LARGE_BYTES)
     if hasattr(library, "prctl"):
         library.prctl(_THP_DISABLE, 1, 0, 0, 0)
+
+
+@contextmanager
+def layers_kept() -> Iterator[None]:
+    """Keep the pages of layers that are freed for those made next; GNU libraries only."""
+    _map_from(_LAYER_BYTES, _KEPT_BYTES)
+    try:
+        yield
+    finally:
+        _map_from(_LARGE_BYTES, _LARGE_BYTES)
+
+
+def _map_from(least: int, kept: int) -> None:
+    """Map blocks one by one from a size on, and give back from so much at the heap's end [byte]."""
+    if not _LINUX:
+        return
+    library = ctypes.CDLL(None)
+    if hasattr(library, "mallopt"):
+        library.mallopt(_MMAP_THRESHOLD, least)
+        library.mallopt(_TRIM_THRESHOLD, kept)
+        library.malloc_trim(0)
 
 
 def spare_collecting() -> None:

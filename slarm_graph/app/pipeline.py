@@ -11,7 +11,7 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.allocation import spare_collecting
+from slarm_graph.app.allocation import layers_kept, spare_collecting
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
@@ -99,7 +99,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # trajectory -> does it contradict itself
     verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
-    with folder.stage("recovery", progress):
+    with folder.stage("recovery", progress), layers_kept():
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
         geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic, config.mapping.large_image)
