@@ -9,9 +9,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slarm_graph.backends import variance_components
+from slarm_graph.backends.graph_building import GraphBuilder
+from slarm_graph.backends.graph_constraints import closure_constraint
 from slarm_graph.backends.pose_graph_optimizer import optimize
-from slarm_graph.backends.variance_components import calibrated
+from slarm_graph.backends.variance_components import adjusted, calibrated
+from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
+from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.submaps import Keyframe
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Floats, Pose2, between
 
 ODOMETRY, WHEELS, CLOSURE = (
@@ -86,3 +95,58 @@ def test_a_chain_tells_nothing_of_its_errors() -> None:
 def test_graphs_without_constraints_or_of_a_single_pose_are_handed_back() -> None:
     alone = PoseGraph(np.zeros((1, 3)))
     assert calibrated(alone) is alone
+
+
+def test_poses_follow_what_closures_turned_out_to_be_worth() -> None:
+    """The same draws under their true covariances say where poses belong."""
+    graph, right = laps({ODOMETRY: 1.0, WHEELS: 1.0, CLOSURE: 25.0}), laps(dict.fromkeys(TRUE, 1.0))
+    found = adjusted(graph)
+    before, after = (np.abs(g.poses - right.poses)[:, :2].max() for g in (graph, found))
+    assert after < 0.3 * before
+    assert found.constraints == graph.constraints
+
+
+def test_odometry_was_learned_before() -> None:
+    """Its claims stay; of the others poses follow what was learned from them twice."""
+    graph = laps({ODOMETRY: 4.0, WHEELS: 9.0, CLOSURE: 4.0})
+    expected, others = graph, (ODOMETRY, CLOSURE)
+    for _ in range(2):
+        learned = calibrated(expected, others)
+        assert factors(learned, WHEELS) == pytest.approx(9.0)
+        assert factors(learned, CLOSURE).max() < 2.0
+        expected = replace(expected, poses=optimize(learned).poses)
+    np.testing.assert_allclose(adjusted(graph).poses, expected.poses)
+    of_all = optimize(calibrated(expected)).poses
+    assert np.abs(of_all - expected.poses).max() > 1e-4
+
+
+def test_of_a_closure_the_match_is_shared_and_the_rest_a_floor() -> None:
+    """Seen from the anchor, half a metre on; two fifths of a cell are no match's."""
+    here, there = (
+        Keyframe(k, np.zeros((0, 2)), Pose2(0.5 * k), np.eye(3), np.zeros(2)) for k in range(2)
+    )
+    information = np.diag([1.0 / 0.03**2 - 1.0, 1.0 / 0.01**2 - 1.0, 1.0 / 0.02**2 - 10.0])
+    closure = Closure(0, 0, np.array([1.0, 2.0, 0.0]), information, 0.9, False)
+    told = closure_constraint(closure, 3, here, there)
+    assert told.shared is not None
+    arm = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.5], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(told.shared, arm @ np.diag([0.03, 0.01, 0.02]) ** 2 @ arm.T)
+    floor = arm @ np.diag([0.02, 0.02, 0.006]) ** 2 @ arm.T
+    np.testing.assert_allclose(told.covariance - told.shared, floor, atol=1e-12)
+
+
+def test_a_closed_path_runs_through_the_nodes_as_adjusted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variance_components, "_FEWEST", 1.0)
+    tracker = ScanTracker(FrontendConfig())
+    builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
+    ways = np.array([[-3.0, -2.8], [4.4, -2.0], [4.4, 2.0], [4.4, -2.0], [-3.0, -2.8]])
+    ways = np.concatenate([ways, ways[1:3]])
+    room = load_world("paper_room")
+    for reading in SourceFromWorld(room, SimulationConfig(), seed=0, script=waypoints(ways)):
+        builder.take(tracker.track(reading))
+    closed = builder.closed()
+    assert any(c.kind is CLOSURE for c in closed.graph.constraints)
+    np.testing.assert_allclose(closed.poses[closed.scans], closed.graph.poses, atol=1e-9)
+    by_claims = optimize(closed.graph).poses
+    assert np.abs(adjusted(closed.graph).poses - closed.graph.poses)[:, :2].max() < 2e-4
+    assert np.abs(by_claims - closed.graph.poses)[:, :2].max() > 5e-4
