@@ -23,6 +23,7 @@ from slarm_graph.geometry import Floats, adjoints, between
 
 _ROUNDS = 5
 """After which factors of rooms move by less than 1 %, but those on their way to `_LEAST`."""
+_BY_MATCHES = (ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE)
 _ADJUSTMENTS = 2
 """Times that poses follow what was learned from them: a third moves no building by 1 %."""
 _FEWEST = 10.0
@@ -32,10 +33,11 @@ _LEAST = 1e-3
 
 
 def adjusted(graph: PoseGraph, heartbeat: Heartbeat = silent) -> PoseGraph:
-    """Return a graph at the optimum by what the floors of its constraints turned out to be.
+    """Return a graph at the optimum by what the floors of matches and closures turned out to be.
 
+    Errors that many closures share leave no residual, either: what their matches claim stays here.
     How sure odometry is was learned along the way already, of far more steps: learned again from
-    nodes it makes fifteen buildings 2 % worse, the floors of matches and closures 6 % better.
+    nodes it makes fifteen buildings 2 % worse, the floors 6 % better.
 
     Parameters
     ----------
@@ -44,32 +46,35 @@ def adjusted(graph: PoseGraph, heartbeat: Heartbeat = silent) -> PoseGraph:
     heartbeat : Heartbeat
     """
     for _ in range(_ADJUSTMENTS):
-        learned = calibrated(graph, (ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE))
+        learned = _learned(graph, _BY_MATCHES, _BY_MATCHES)
         graph = replace(graph, poses=optimize(learned, heartbeat=heartbeat).poses)
     return graph
 
 
-def calibrated(
-    graph: PoseGraph, kinds: Container[ConstraintKind] = tuple(ConstraintKind)
-) -> PoseGraph:
+def calibrated(graph: PoseGraph) -> PoseGraph:
     """Return a graph with covariances as large as its constraints need; poses are left alone.
 
-    Errors that neighbouring matches share leave no residual. So the part of a step or a closure
-    that is claimed by matches stays as it is (`Constraint.shared`), and the rest is learned; of
+    Errors that neighbouring matches share leave no residual. So the part of a step that is claimed
+    by matches stays as it is (`Constraint.shared`), and the rest is learned; of closures and of
     odometry, whose errors have nothing to hide behind, all is.
 
     Parameters
     ----------
     graph : PoseGraph
         At its optimum.
-    kinds : container of ConstraintKind
-        Of which it is learned.
 
     Returns
     -------
     PoseGraph
         The same one where it is empty, singular or too large for covariances.
     """
+    return _learned(graph, tuple(ConstraintKind), (ConstraintKind.ODOMETRY,))
+
+
+def _learned(
+    graph: PoseGraph, kinds: Container[ConstraintKind], keeping: Container[ConstraintKind]
+) -> PoseGraph:
+    """Scale covariances of kinds to what they need, of some all but the part that is shared."""
     if not graph.constraints:
         return graph
     of_each = [c.kind for c in graph.constraints]
@@ -85,7 +90,7 @@ def calibrated(
             if left[of].sum() >= _FEWEST:
                 grown = factors[kind] * float(squares[of].sum() / left[of].sum())
                 factors[kind] = max(grown, _LEAST)
-        scaled = (_scaled(c, factors[c.kind]) for c in graph.constraints)
+        scaled = (_scaled(c, factors[c.kind], c.kind in keeping) for c in graph.constraints)
         found = replace(graph, constraints=tuple(scaled))
     return found
 
@@ -108,6 +113,7 @@ def redundancies(graph: PoseGraph) -> Floats | None:
     return np.asarray(3.0 - np.trace(np.linalg.solve(claimed, told), axis1=1, axis2=2))
 
 
-def _scaled(constraint: Constraint, factor: float) -> Constraint:
-    shared = np.zeros((3, 3)) if constraint.shared is None else constraint.shared
+def _scaled(constraint: Constraint, factor: float, keeps_shared: bool) -> Constraint:
+    kept = constraint.shared if keeps_shared else None
+    shared = np.zeros((3, 3)) if kept is None else kept
     return replace(constraint, covariance=shared + factor * (constraint.covariance - shared))
