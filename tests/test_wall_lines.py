@@ -15,7 +15,6 @@ from slarm_graph.recovery.wall_lines import (
     Wall,
     _inliers,
     _least_squares,
-    _sum,
     _weighted_median,
     wall_between,
 )
@@ -77,12 +76,6 @@ def test_a_line_is_the_weighted_points_principal_axis(seed: int) -> None:
     axis = np.linalg.eigh(np.cov(points.T, aweights=weights))[1][:, -1]
     np.testing.assert_allclose(found[2:], axis * np.sign(axis @ ahead))
     np.testing.assert_allclose(found[:2], np.average(points, axis=0, weights=weights))
-
-
-@pytest.mark.parametrize("count", [1, 7, 8, 15, 128, 129, 1000, 4321])
-def test_a_sum_is_numpys_to_the_last_digit(count: int) -> None:
-    values = np.random.default_rng(count).normal(size=count)
-    assert _sum(values) == values.sum()
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -29,11 +29,7 @@ _COVERED_SHARE = 0.5
 room with exact wheels half changes nothing, double takes the accuracy from 1 to 0.983."""
 _LEAST_CELLS = 3
 """A line has a direction from three cells, or returns, on."""
-
-
 _NO_LINE = np.full(4, np.nan)
-_MOST_IN_STRANDS = 128
-"""numpy halves what is longer (its pairwise summation)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,49 +182,14 @@ def _least_squares(points: Floats, weights: Floats, ahead: Floats) -> Floats:
         y += weights[k] * points[k, 1]
         mass += weights[k]
     x, y = x / mass, y / mass
-    a, b = points[:, 0] - x, points[:, 1] - y
-    xx, yy, xy = _sum(weights * a * a), _sum(weights * b * b), _sum(weights * a * b)
+    xx = yy = xy = 0.0
+    for k in range(len(points)):
+        a, b = points[k, 0] - x, points[k, 1] - y
+        xx += weights[k] * a * a
+        yy += weights[k] * b * b
+        xy += weights[k] * a * b
     angle = 0.5 * math.atan2(2 * xy, xx - yy)
     to_x, to_y = math.cos(angle), math.sin(angle)
     if to_x * ahead[0] + to_y * ahead[1] < 0.0:
         to_x, to_y = -to_x, -to_y
     return np.array([x, y, to_x, to_y])
-
-
-@kernel
-def _sum(values: Floats) -> float:
-    """Sum by halves, in numpy's order and so to its last digit."""
-    todo, sums = np.zeros((256, 2), dtype=np.int64), np.zeros(128)
-    todo[0, 1] = len(values)
-    size, held = 1, 0
-    while size > 0:
-        size -= 1
-        start, count = todo[size, 0], todo[size, 1]
-        if count < 0:
-            held -= 1
-            sums[held - 1] += sums[held]
-        elif count > _MOST_IN_STRANDS:
-            half = count // 2 - count // 2 % 8
-            todo[size, 1] = -1
-            todo[size + 1, 0], todo[size + 1, 1] = start + half, count - half
-            todo[size + 2, 0], todo[size + 2, 1] = start, half
-            size += 3
-        else:
-            sums[held] = _sum_in_strands(values[start : start + count])
-            held += 1
-    return float(sums[0])
-
-
-@kernel
-def _sum_in_strands(values: Floats) -> float:
-    """Sum in eight strands, two and two of which are added, then what is left over."""
-    strands, whole = np.zeros(8), len(values) - len(values) % 8
-    for k in range(whole):
-        strands[k % 8] += values[k]
-    for step in (1, 2, 4):
-        for k in range(0, 8, 2 * step):
-            strands[k] += strands[k + step]
-    total = strands[0]
-    for k in range(whole, len(values)):
-        total += values[k]
-    return float(total)
