@@ -115,20 +115,23 @@ def test_a_keyframe_is_due_by_what_was_done_last(monkeypatch: pytest.MonkeyPatch
 
 
 @pytest.mark.parametrize(
-    ("sigma_m", "behind", "reason"),
+    ("score", "sigma_m", "behind", "reason"),
     [
-        (0.15, 0.5, ""),
-        (0.16, 0.0, "slides along a wall"),
-        (0.1, 0.51, "sees the other side of its walls"),
-        (0.2, 0.9, "slides along a wall"),
+        (0.5, 0.15, 0.5, ""),
+        (0.49, 0.1, 0.0, "score 0.49"),
+        (0.6, 0.16, 0.0, "slides along a wall"),
+        (0.6, 0.1, 0.51, "sees the other side of its walls"),
+        (0.4, 0.2, 0.9, "score 0.40"),
     ],
 )
-def test_what_is_wrong_with_a_match(sigma_m: float, behind: float, reason: str) -> None:
+def test_what_is_wrong_with_a_match(
+    score: float, sigma_m: float, behind: float, reason: str
+) -> None:
     """The least sure direction decides, whichever it is; a heading says nothing of it."""
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     information = np.full((3, 3), 0.1)
     information[:2, :2] = turn @ np.diag([1.0001 / sigma_m**2, 900.0]) @ turn.T
-    assert doubt(information, behind, LoopClosureConfig()) == reason
+    assert doubt(score, information, behind, LoopClosureConfig()) == reason
 
 
 def test_the_latest_keyframes_are_searched_for_together() -> None:

@@ -188,7 +188,7 @@ def test_a_match_along_one_wall_slides_whichever_way_the_wall_runs(heading: floa
         information = np.eye(3)
         information[:2, :2] = of_along * np.outer(along, along)
         information[:2, :2] += of_across * np.outer(across, across)
-        return loop_closure.doubt(information, 0.0, config)
+        return loop_closure.doubt(1.0, information, 0.0, config)
 
     assert reason(strong, strong) == ""
     assert reason(weak, strong) == reason(strong, weak) == "slides along a wall"

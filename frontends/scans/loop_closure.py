@@ -224,9 +224,7 @@ class LoopCloser:
         found, _ = aligned_by_faces(align, sides, [points], np.zeros((1, 3)), start, least)
         behind = share_from_behind(sides, points, found.pose)
         score = mean_likelihood(grid, points, found.pose)
-        reason = doubt(found.information, behind, self._config)
-        if score < self._config.min_score:
-            reason = f"score {score:.2f}"
+        reason = doubt(score, found.information, behind, self._config)
         return Closure(submap, k, found.pose, found.over_reach, score, False, reason)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
@@ -242,16 +240,19 @@ class LoopCloser:
         return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
-def doubt(information: Floats, behind: float, config: LoopClosureConfig) -> str:
-    """Say what is wrong with a match by its geometry; empty when nothing is.
+def doubt(score: float, information: Floats, behind: float, config: LoopClosureConfig) -> str:
+    """Say what is wrong with a match on its own; empty when nothing is.
 
     Parameters
     ----------
+    score : float
     information : (3, 3) float64
     behind : float
         Share of the walls matched that are seen from their unknown side.
     config : LoopClosureConfig
     """
+    if score < config.min_score:
+        return f"score {score:.2f}"
     if np.linalg.eigvalsh(information[:2, :2])[0] < 1.0 / config.max_sigma_m**2:
         return "slides along a wall"
     return "sees the other side of its walls" if behind > _MOST_FROM_BEHIND else ""

@@ -140,6 +140,9 @@ class LoopClosureConfig(Stage):
     """Standard deviation up to which the predicted heading needs no search."""
     min_score: float = Field(default=0.5, ge=0, le=1)
     """Agreement a refined match must reach."""
+    min_submap_score: float = Field(default=0.35, ge=0, le=1)
+    """The same of a whole submap, which its free space must speak for, too: what a tracked scan
+    must reach. 0.5 hides half of the true returns of edmonton, which hardly any false one joins."""
     max_sigma_m: float = Field(default=0.15, gt=0)
     """A match less certain than this in any direction closes no loop."""
     confirm_m: float = Field(default=1.0, ge=0)
