@@ -32,7 +32,7 @@ def test_kernels_are_not_compiled_for_single_values() -> None:
     for caller, kernel in (
         (gauss_newton.refine, gauss_newton._normal_equations),
         (wall_tangents.wall_tangents, wall_tangents._along),
-        (wall_sides._surfaces, wall_sides._end),
+        (wall_sides.own_surfaces, wall_sides._end),
         (correlative._roots, correlative._admit),
     ):
         caller.recompile()  # one from the cache does not tell what it calls

@@ -28,6 +28,7 @@ def aligned_by_faces(
     align: Align,
     sides: WallSides,
     scans: Sequence[Floats],
+    surfaces: Sequence[Floats],
     poses: Floats,
     start: Floats,
     least: int,
@@ -39,8 +40,10 @@ def aligned_by_faces(
     align : callable
     sides : WallSides
         Of the place.
-    scans, poses : sequence of M (K, 2), and (M, 3) float64
-        Returns in beam order [m], and where each scan lies in the frame that is aligned.
+    scans, surfaces : sequences of M (K, 2) and M (S, 4) float64
+        Returns in beam order [m], and what each scan sees, by `own_surfaces`.
+    poses : (M, 3) float64
+        Where each scan lies in the frame that is aligned.
     start : (3,) float64
         Of that frame in the place's.
     least : int
@@ -54,7 +57,7 @@ def aligned_by_faces(
     """
     found, kept = align(scans, start), scans
     for _ in range(_ROUNDS):
-        facing = _facing(sides, scans, compose(found.pose, poses))
+        facing = _facing(sides, scans, surfaces, compose(found.pose, poses))
         counts = [len(scan) for scan in facing]
         if counts == [len(scan) for scan in kept] or sum(counts) < least:
             break
@@ -63,9 +66,11 @@ def aligned_by_faces(
     return found, kept
 
 
-def _facing(sides: WallSides, scans: Sequence[Floats], poses: Floats) -> list[Floats]:
+def _facing(
+    sides: WallSides, scans: Sequence[Floats], surfaces: Sequence[Floats], poses: Floats
+) -> list[Floats]:
     """Leave out of scans, each (K, 2), what lies on walls known from their other side only."""
     return [
-        np.ascontiguousarray(scan[~seen_from_behind(sides, scan, pose)])
-        for scan, pose in zip(scans, poses, strict=True)
+        np.ascontiguousarray(scan[~seen_from_behind(sides, len(scan), seen, pose)])
+        for scan, seen, pose in zip(scans, surfaces, poses, strict=True)
     ]
