@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from slarm_graph.geometry import Floats, compose, one_per_cell, wrap_angles
+from slarm_graph.kernels import kernel
 
 _REACH_M = 20.0
 """Walls drawn around the middle of a place: what a lidar of 30 m shows of most buildings. With 14 m
@@ -112,36 +113,52 @@ class PlaceIndex:
         own = self._appearances[query]
         product = np.einsum("rh,arh->ah", np.conj(own.rings), self._rings[among])
         by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
+        turned = cache(partial(_turned, own.walls_m))
         found = []
         for a in np.argsort(-by_turn.max(axis=1))[:most]:
             turn = np.pi * float(np.argmax(by_turn[a])) / _ANGLES
             other = self._appearances[int(among[a])]
-            found += [_shifted(int(among[a]), own, other, turn + half) for half in _HALF_TURNS]
+            for to in (turn + half for half in _HALF_TURNS):
+                found.append(_shifted(int(among[a]), own, other, to, *turned(to)))
         return sorted(found, key=lambda f: -f.likeness)
 
 
-def _shifted(place: int, query: Appearance, other: Appearance, turn_rad: float) -> Alike:
-    """Find the shift at which a turned place looks most like another."""
+def _turned(walls: Floats, turn_rad: float) -> tuple[Complexes, float]:
+    """Conjugate transform of the picture of walls (M, 2) [m] that are turned, and its energy."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
-    turned = query.walls_m @ np.array([[c, s], [-s, c]])
-    picture = _draw(turned, _SHIFT_CELL_M, _SHIFT_SIDE)
+    picture = _draw(walls @ np.array([[c, s], [-s, c]]), _SHIFT_CELL_M, _SHIFT_SIDE)
+    return np.conj(rfft2(picture)), max(float(np.linalg.norm(picture)), 1e-12)
+
+
+def _shifted(
+    place: int, query: Appearance, other: Appearance, turn_rad: float, own: Complexes, energy: float
+) -> Alike:
+    """Find the shift at which a turned place, by `_turned`, looks most like another."""
     shape = (_SHIFT_SIDE, _SHIFT_SIDE)
-    correlation = irfft2(other.picture * np.conj(rfft2(picture)), s=shape)
+    correlation = irfft2(other.picture * own, s=shape)
     peak = int(np.argmax(correlation))
     half = _SHIFT_SIDE // 2
     row, col = ((k + half) % _SHIFT_SIDE - half for k in divmod(peak, _SHIFT_SIDE))
     middle = other.middle_m + np.array([col, row]) * _SHIFT_CELL_M
     pose = compose(np.array([*middle, wrap_angles(turn_rad)]), np.array([*-query.middle_m, 0.0]))
-    energy = max(float(np.linalg.norm(picture)), 1e-12)
     return Alike(place, pose, float(correlation.flat[peak]) / energy)
 
 
 def _draw(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
-    cells = np.floor(walls / cell_m).astype(np.int64) + side // 2
-    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
-    picture = np.zeros((side, side), dtype=np.float32)
-    picture[cells[:, 1], cells[:, 0]] = 1.0
+    picture = _marked(walls, cell_m, side)
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_CELLS), dtype=np.float32)
+
+
+@kernel
+def _marked(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
+    """Picture (side, side) around walls (M, 2) [m]: 1 where there are some."""
+    picture = np.zeros((side, side), dtype=np.float32)
+    for k in range(len(walls)):
+        col = math.floor(walls[k, 0] / cell_m) + side // 2
+        row = math.floor(walls[k, 1] / cell_m) + side // 2
+        if 0 <= col < side and 0 <= row < side:
+            picture[row, col] = 1.0
+    return picture
 
 
 def _spectrum_on_rings(walls: Floats) -> Complexes:
