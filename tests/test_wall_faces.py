@@ -19,8 +19,8 @@ from slarm_graph.frontends.scans.likelihood_grid import (
 from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
 from slarm_graph.frontends.scans.wall_sides import (
     WallSides,
+    facing,
     own_surfaces,
-    seen_from_behind,
     share_from_behind,
     wall_sides,
 )
@@ -112,11 +112,10 @@ def test_where_too_little_is_left_all_count(place: tuple[LikelihoodGrid, WallSid
 def test_what_is_seen_from_its_own_side_stays(place: tuple[LikelihoodGrid, WallSides]) -> None:
     _, sides = place
     here, turned = seen_here(), np.array([0.0, 0.0, 0.05])
-    assert not seen_from_behind(sides, len(here), own_surfaces(here), np.zeros(3)).any()
-    behind = seen_from_behind(
-        sides, len(seen_beyond()), own_surfaces(seen_beyond()), BEYOND - [0.0, THICK_M, 0.0]
-    )
-    np.testing.assert_array_equal(behind, seen_beyond()[:, 1] < 2.0)
-    share = share_from_behind(sides, own_surfaces(seen_beyond()), BEYOND - [0.0, THICK_M, 0.0])
+    np.testing.assert_array_equal(facing(sides, here, own_surfaces(here), np.zeros(3)), here)
+    beyond = seen_beyond()
+    look = own_surfaces(beyond), BEYOND - [0.0, THICK_M, 0.0]
+    np.testing.assert_array_equal(facing(sides, beyond, *look), beyond[beyond[:, 1] >= 2.0])
+    share = share_from_behind(sides, *look)
     assert share > 0.8
     assert share_from_behind(sides, own_surfaces(here), turned) == 0.0

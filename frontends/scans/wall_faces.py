@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from slarm_graph.frontends.scans.along_walls import SlidMatch
-from slarm_graph.frontends.scans.wall_sides import WallSides, seen_from_behind
+from slarm_graph.frontends.scans.wall_sides import WallSides, facing
 from slarm_graph.geometry import Floats, compose
 
 _ROUNDS = 2
@@ -57,20 +55,11 @@ def aligned_by_faces(
     """
     found, kept = align(scans, start), scans
     for _ in range(_ROUNDS):
-        facing = _facing(sides, scans, surfaces, compose(found.pose, poses))
-        counts = [len(scan) for scan in facing]
+        looks = zip(scans, surfaces, compose(found.pose, poses), strict=True)
+        seen = [facing(sides, *look) for look in looks]
+        counts = [len(scan) for scan in seen]
         if counts == [len(scan) for scan in kept] or sum(counts) < least:
             break
-        kept = facing
+        kept = seen
         found = align(kept, start)
     return found, kept
-
-
-def _facing(
-    sides: WallSides, scans: Sequence[Floats], surfaces: Sequence[Floats], poses: Floats
-) -> list[Floats]:
-    """Leave out of scans, each (K, 2), what lies on walls known from their other side only."""
-    return [
-        np.ascontiguousarray(scan[~seen_from_behind(sides, len(scan), seen, pose)])
-        for scan, seen, pose in zip(scans, surfaces, poses, strict=True)
-    ]

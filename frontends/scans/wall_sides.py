@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.wall_tangents import BACK, ON
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Mask
 from slarm_graph.kernels import kernel
 
 _CELL_M, _REACH_CELLS = 0.05, 2
@@ -81,27 +80,21 @@ def share_from_behind(sides: WallSides, surfaces: Floats, pose: Floats) -> float
     float
         0 where it sees no known wall.
     """
-    same, behind = _compare(sides.octants, _origin(sides), _placed(surfaces, pose))
+    same, behind = _compare(sides.octants, _origin(sides), surfaces, pose)
     return behind / max(same + behind, 1)
 
 
-def seen_from_behind(sides: WallSides, count: int, surfaces: Floats, pose: Floats) -> Mask:
-    """Which of a scan's points lie on walls that are known from their other side only.
+def facing(sides: WallSides, points: Floats, surfaces: Floats, pose: Floats) -> Floats:
+    """Return a scan's points (L, 2) but those on walls that are known from their other side only.
 
     Parameters
     ----------
     sides, surfaces, pose
         As of `share_from_behind`.
-    count : int
-        Of the scan's points, K.
-
-    Returns
-    -------
-    (K,) bool
+    points : (K, 2) float64
+        Of the scan [m].
     """
-    behind = np.zeros(count, dtype=np.bool_)
-    _tell_behind(sides.octants, _origin(sides), _placed(surfaces, pose), behind)
-    return behind
+    return np.asarray(_facing(sides.octants, _origin(sides), points, surfaces, pose))
 
 
 def _origin(sides: WallSides) -> Floats:
@@ -183,23 +176,34 @@ def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
 
 
 @kernel
-def _compare(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> tuple[int, int]:
+def _compare(
+    octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, pose: Floats
+) -> tuple[int, int]:
     """Count the surfaces that a known one beside them faces like, and those only seen behind."""
     same = behind = 0
-    for k in range(len(surfaces)):
-        told = _told(octants, origin, surfaces[k])
+    placed = _placed(surfaces, pose)
+    for k in range(len(placed)):
+        told = _told(octants, origin, placed[k])
         same += told > 0
         behind += told < 0
     return same, behind
 
 
 @kernel
-def _tell_behind(
-    octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, behind: Mask
-) -> None:
-    """Mark the points (K,) whose surfaces are only known from their other side."""
-    for k in range(len(surfaces)):
-        behind[int(surfaces[k, 3])] = _told(octants, origin, surfaces[k]) < 0
+def _facing(
+    octants: NDArray[np.uint8], origin: Floats, points: Floats, surfaces: Floats, pose: Floats
+) -> Floats:
+    """Leave out the points (K, 2) whose surfaces are only known from their other side."""
+    placed = _placed(surfaces, pose)
+    kept = np.empty((len(points), 2))
+    count, k = 0, 0
+    for i in range(len(points)):
+        is_surface = k < len(placed) and placed[k, 3] == i
+        if not (is_surface and _told(octants, origin, placed[k]) < 0):
+            kept[count, 0], kept[count, 1] = points[i, 0], points[i, 1]
+            count += 1
+        k += is_surface
+    return kept[:count]
 
 
 @kernel
