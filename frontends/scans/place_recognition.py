@@ -113,13 +113,11 @@ class PlaceIndex:
         own = self._appearances[query]
         product = np.einsum("rh,arh->ah", np.conj(own.rings), self._rings[among])
         by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
-        turned = cache(partial(_turned, own.walls_m))
-        found = []
-        for a in np.argsort(-by_turn.max(axis=1))[:most]:
-            turn = np.pi * float(np.argmax(by_turn[a])) / _ANGLES
-            other = self._appearances[int(among[a])]
-            for to in (turn + half for half in _HALF_TURNS):
-                found.append(_shifted(int(among[a]), own, other, to, *turned(to)))
+        likeliest = np.argsort(-by_turn.max(axis=1))[:most]
+        turns = np.pi * np.argmax(by_turn[likeliest], axis=1) / _ANGLES
+        places = np.repeat(among[likeliest], len(_HALF_TURNS)).tolist()
+        ways = zip(places, np.add.outer(turns, _HALF_TURNS).ravel().tolist(), strict=True)
+        found = _shifted(own, [(place, self._appearances[place], turn) for place, turn in ways])
         return sorted(found, key=lambda f: -f.likeness)
 
 
@@ -130,18 +128,24 @@ def _turned(walls: Floats, turn_rad: float) -> tuple[Complexes, float]:
     return np.conj(rfft2(picture)), max(float(np.linalg.norm(picture)), 1e-12)
 
 
-def _shifted(
-    place: int, query: Appearance, other: Appearance, turn_rad: float, own: Complexes, energy: float
-) -> Alike:
-    """Find the shift at which a turned place, by `_turned`, looks most like another."""
-    shape = (_SHIFT_SIDE, _SHIFT_SIDE)
-    correlation = irfft2(other.picture * own, s=shape)
-    peak = int(np.argmax(correlation))
+def _shifted(query: Appearance, ways: Sequence[tuple[int, Appearance, float]]) -> list[Alike]:
+    """Find the shifts at which a place, turned by angles [rad], looks most like others."""
+    turned = cache(partial(_turned, query.walls_m))
+    products = np.array([other.picture * turned(turn_rad)[0] for _, other, turn_rad in ways])
+    correlations = irfft2(products, s=(_SHIFT_SIDE, _SHIFT_SIDE)).reshape(len(ways), -1)
+    peaks = np.argmax(correlations, axis=1)
     half = _SHIFT_SIDE // 2
-    row, col = ((k + half) % _SHIFT_SIDE - half for k in divmod(peak, _SHIFT_SIDE))
-    middle = other.middle_m + np.array([col, row]) * _SHIFT_CELL_M
-    pose = compose(np.array([*middle, wrap_angles(turn_rad)]), np.array([*-query.middle_m, 0.0]))
-    return Alike(place, pose, float(correlation.flat[peak]) / energy)
+    row, col = ((k + half) % _SHIFT_SIDE - half for k in np.divmod(peaks, _SHIFT_SIDE))
+    middles = np.array([other.middle_m for _, other, _ in ways])
+    shifted = middles + np.column_stack([col, row]) * _SHIFT_CELL_M
+    headings = wrap_angles([turn_rad for *_, turn_rad in ways])
+    poses = compose(np.column_stack([shifted, headings]), np.array([*-query.middle_m, 0.0]))
+    return [
+        Alike(place, pose, float(best) / turned(turn_rad)[1])
+        for (place, _, turn_rad), pose, best in zip(
+            ways, poses, correlations[np.arange(len(ways)), peaks], strict=True
+        )
+    ]
 
 
 def _draw(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
