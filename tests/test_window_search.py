@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -188,11 +187,3 @@ def test_of_submaps_the_latest_used_are_kept() -> None:
     cache.clear()
     assert cache.of(submaps[1], way) == 5
     assert math.isclose(made[4][1, 2], 0.0, abs_tol=1e-12)
-
-
-def test_what_reaches_farther_around_the_same_keyframe_is_prepared_apart() -> None:
-    way = keyframes(8)
-    cache = SubmapCache(2, lambda points, _: len(points))
-    alone = make_submap(way, 2, 5, 3)
-    assert cache.of(replace(alone, first=0, last=8), way) == 8
-    assert cache.of(alone, way) == 3

@@ -63,9 +63,8 @@ within 2 %; with -40 a ward is 0.052 m in place of 0.045, a hall 0.135 in place 
 _MOST_GRIDS = 24
 """Regions kept prepared: the neighbours of a place are asked for one after the other. Half of these
 are prepared again in a tenth more cases, double in a quarter fewer."""
-_MOST_VIEWS = 512
-"""What was seen from submaps and regions, of 40 to 90 kB each, is kept for more of them. With half
-fr-clinic.bag draws 1,370 views, with these and more the 795 that there are."""
+_MOST_VIEWS = 256
+"""What was seen from regions, of a tenth of a megabyte each, is kept for more of them."""
 
 
 class SubmapMatcher:
