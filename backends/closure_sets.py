@@ -66,7 +66,8 @@ def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closur
     parts = [set(part) for part in nx.connected_components(links)]
     while parts:
         part = parts.pop()
-        story = _largest_set(links.subgraph(part), found, graph)
+        # A copy: a view looks through all finds at every look-up.
+        story = _largest_set(links.subgraph(part).copy(), found, graph)
         if story:
             believed |= story
             # Others tell of other ways; what mostly disagrees with this story goes with it.

@@ -80,9 +80,9 @@ def beside_each_other(graph: SubmapGraph, matcher: SubmapMatcher) -> Floats:
     for j in range(len(submaps)):
         away_m = np.hypot(*(centers[:j] - centers[j]).T)
         nearest = np.argsort(away_m)[:_COMPARED]
-        for i in nearest[away_m[nearest] < SIDEWAYS_M].tolist():
-            nat = matcher.evidence_against(j, i, between(nodes[i], nodes[j]))
-            found.append((i, j, nat))
+        near = nearest[away_m[nearest] < SIDEWAYS_M]
+        for i, lies in zip(near.tolist(), between(nodes[near], nodes[j]), strict=True):
+            found.append((i, j, matcher.evidence_against(j, i, lies)))
     return np.array(found, dtype=np.float64).reshape(-1, 3)
 
 

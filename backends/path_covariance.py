@@ -23,8 +23,9 @@ from slarm_graph.geometry import Floats, adjoints, between
 _MOST_NODES = 1000
 """The time grows with the square of the nodes: 400 take 0.3 s, 3000 half a minute. Larger graphs
 are left without covariances."""
-_AT_ONCE = 100
-"""Nodes solved for in one go; bounds the memory at 1000 nodes to some 10 MB."""
+_AT_ONCE = 20
+"""Nodes solved for in one go: what stays in a core's cache. A hundred take half as long again, and
+how many there are moves the last digit."""
 
 
 @dataclass(frozen=True, slots=True)

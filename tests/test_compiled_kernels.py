@@ -27,12 +27,12 @@ def test_kernels_are_not_compiled_for_single_values() -> None:
     gauss_newton.refine_near(grid, points, np.zeros(3), np.eye(3), 1.0, 5)
     pyramid = build_pyramid(grid, levels=3, max_radius_m=5.0)
     correlative.search(pyramid, points, Pose2(), reach_m=0.2, reach_rad=0.1)
-    wall_sides.wall_sides([points], np.zeros((1, 3)))
+    wall_sides.own_surfaces(points)
     wall_tangents.wall_tangents(points)
     for caller, kernel in (
         (gauss_newton.refine, gauss_newton._normal_equations),
         (wall_tangents.wall_tangents, wall_tangents._along),
-        (wall_sides._surfaces, wall_sides._end),
+        (wall_sides.own_surfaces, wall_sides._end),
         (correlative._roots, correlative._admit),
     ):
         caller.recompile()  # one from the cache does not tell what it calls

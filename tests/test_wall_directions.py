@@ -10,7 +10,12 @@ import numpy as np
 import pytest
 
 from slarm_graph.frontends.scans.icp import line_normals
-from slarm_graph.frontends.scans.wall_sides import _surfaces, share_from_behind, wall_sides
+from slarm_graph.frontends.scans.wall_sides import (
+    _surfaces,
+    own_surfaces,
+    share_from_behind,
+    wall_sides,
+)
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, Pose2, wrap_angles
 
@@ -70,8 +75,8 @@ def test_sides_are_known_a_tenth_of_a_metre_about_a_return() -> None:
     beyond = back - [0.0, 4.0]
     for off_m, share in [(-0.17, 0.0), (-0.08, 1.0), (0.0, 1.0), (0.08, 1.0), (0.17, 0.0)]:
         pose = np.array([0.0, 4.0 + off_m, 0.0])
-        assert share_from_behind(sides, beyond, pose) == share
-        assert share_from_behind(sides, wall, np.array([0.0, off_m, 0.0])) == 0.0
+        assert share_from_behind(sides, own_surfaces(beyond), pose) == share
+        assert share_from_behind(sides, own_surfaces(wall), np.array([0.0, off_m, 0.0])) == 0.0
 
 
 def bits(surface: Floats, low: Floats) -> tuple[int, int, int]:
@@ -105,7 +110,9 @@ def test_sides_are_those_of_a_table_of_cells(seed: int) -> None:
                 near = [(octant + d) % 8 for d in (-2, -1, 0, 1, 2)]
                 is_same = any(known[row, col] >> k & 1 for k in near)
                 same, behind = same + is_same, behind + (not is_same)
-        assert share_from_behind(sides, scans[2], pose) == behind / max(same + behind, 1)
+        assert share_from_behind(sides, own_surfaces(scans[2]), pose) == behind / max(
+            same + behind, 1
+        )
 
 
 @pytest.mark.parametrize("order", [1, -1])

@@ -19,7 +19,8 @@ from slarm_graph.frontends.scans.likelihood_grid import (
 from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
 from slarm_graph.frontends.scans.wall_sides import (
     WallSides,
-    seen_from_behind,
+    facing,
+    own_surfaces,
     share_from_behind,
     wall_sides,
 )
@@ -82,7 +83,8 @@ def found(
         return aligned(grid, np.concatenate(some), near, loosely, 1.0, 20, 0.3)
 
     poses = np.zeros((len(scans), 3))
-    return aligned_by_faces(align, sides, scans, poses, START, least)
+    seen = [own_surfaces(scan) for scan in scans]
+    return aligned_by_faces(align, sides, scans, seen, poses, START, least)
 
 
 def test_the_far_face_of_a_partition_does_not_drag_a_match_along(
@@ -110,9 +112,10 @@ def test_where_too_little_is_left_all_count(place: tuple[LikelihoodGrid, WallSid
 def test_what_is_seen_from_its_own_side_stays(place: tuple[LikelihoodGrid, WallSides]) -> None:
     _, sides = place
     here, turned = seen_here(), np.array([0.0, 0.0, 0.05])
-    assert not seen_from_behind(sides, here, np.zeros(3)).any()
-    behind = seen_from_behind(sides, seen_beyond(), BEYOND - [0.0, THICK_M, 0.0])
-    np.testing.assert_array_equal(behind, seen_beyond()[:, 1] < 2.0)
-    share = share_from_behind(sides, seen_beyond(), BEYOND - [0.0, THICK_M, 0.0])
+    np.testing.assert_array_equal(facing(sides, here, own_surfaces(here), np.zeros(3)), here)
+    beyond = seen_beyond()
+    look = own_surfaces(beyond), BEYOND - [0.0, THICK_M, 0.0]
+    np.testing.assert_array_equal(facing(sides, beyond, *look), beyond[beyond[:, 1] >= 2.0])
+    share = share_from_behind(sides, *look)
     assert share > 0.8
-    assert share_from_behind(sides, here, turned) == 0.0
+    assert share_from_behind(sides, own_surfaces(here), turned) == 0.0

@@ -13,7 +13,7 @@ from slarm_graph.config import FrontendConfig, LoopClosureConfig
 from slarm_graph.frontends.scans.closures import Expectations
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
-from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
+from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, transform_points
 
 WALL_M = 0.15
@@ -59,14 +59,14 @@ def order(request: pytest.FixtureRequest) -> int:
 def test_the_same_room_is_seen_from_the_same_side(order: int) -> None:
     sides = wall_sides([seen(ROOM, p)[::order] for p in INSIDE], INSIDE)
     again = np.array([-0.2, -2.0, 2.5])
-    assert share_from_behind(sides, seen(ROOM, again)[::order], again) == 0.0
+    assert share_from_behind(sides, own_surfaces(seen(ROOM, again)[::order]), again) == 0.0
 
 
 def test_the_far_face_of_a_wall_is_seen_from_behind(order: int) -> None:
     sides = wall_sides([seen(ROOM, p)[::order] for p in INSIDE], INSIDE)
     wall_only = seen(NEXT_ROOM, BEYOND)
     wall_only = wall_only[transform_points(BEYOND, wall_only)[:, 1] < WALL_M + 0.01][::order]
-    assert share_from_behind(sides, wall_only, _shifted(BEYOND, -WALL_M)) > 0.95
+    assert share_from_behind(sides, own_surfaces(wall_only), _shifted(BEYOND, -WALL_M)) > 0.95
 
 
 def test_sides_do_not_depend_on_the_frame() -> None:
@@ -76,8 +76,10 @@ def test_sides_do_not_depend_on_the_frame() -> None:
     moved = np.array([(turn @ Pose2.from_array(p)).as_array() for p in INSIDE])
     beyond = (turn @ Pose2.from_array(_shifted(BEYOND, -WALL_M))).as_array()
     points = seen(NEXT_ROOM, BEYOND)
-    plain = share_from_behind(wall_sides(scans, INSIDE), points, _shifted(BEYOND, -WALL_M))
-    turned = share_from_behind(wall_sides(scans, moved), points, beyond)
+    plain = share_from_behind(
+        wall_sides(scans, INSIDE), own_surfaces(points), _shifted(BEYOND, -WALL_M)
+    )
+    turned = share_from_behind(wall_sides(scans, moved), own_surfaces(points), beyond)
     assert turned == pytest.approx(plain, abs=0.03)
 
 
@@ -86,7 +88,7 @@ def test_noise_as_of_a_lidar_turns_no_wall_round() -> None:
     scans = [_noisy(seen(ROOM, p), rng) for p in INSIDE]
     again = np.array([-0.2, -2.0, 2.5])
     sides = wall_sides(scans, INSIDE)
-    assert share_from_behind(sides, _noisy(seen(ROOM, again), rng), again) < 0.05
+    assert share_from_behind(sides, own_surfaces(_noisy(seen(ROOM, again), rng)), again) < 0.05
 
 
 def _noisy(points: Floats, rng: np.random.Generator) -> Floats:
@@ -96,7 +98,7 @@ def _noisy(points: Floats, rng: np.random.Generator) -> Floats:
 
 def test_nothing_seen_is_seen_from_nowhere() -> None:
     sides = wall_sides([np.zeros((0, 2))], np.zeros((1, 3)))
-    assert share_from_behind(sides, seen(ROOM, INSIDE[0]), INSIDE[0]) == 0.0
+    assert share_from_behind(sides, own_surfaces(seen(ROOM, INSIDE[0])), INSIDE[0]) == 0.0
 
 
 def test_the_next_room_closes_no_loop_a_wall_too_near() -> None:

@@ -27,7 +27,7 @@ from slarm_graph.frontends.scans.likelihood_grid import mean_likelihood
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
 from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
-from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
+from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
 
 POINT_INFORMATION = 0.3
@@ -220,9 +220,9 @@ class LoopCloser:
             how = _LOOSE_INFORMATION, POINT_INFORMATION, tries, reach_m
             return aligned(grid, scans[0], near, *how)
 
-        least = self._matching.min_points
-        found, _ = aligned_by_faces(align, sides, [points], np.zeros((1, 3)), start, least)
-        behind = share_from_behind(sides, points, found.pose)
+        seen, least = own_surfaces(points), self._matching.min_points
+        found, _ = aligned_by_faces(align, sides, [points], [seen], np.zeros((1, 3)), start, least)
+        behind = share_from_behind(sides, seen, found.pose)
         score = mean_likelihood(grid, points, found.pose)
         reason = doubt(score, found.information, behind, self._config)
         return Closure(submap, k, found.pose, found.over_reach, score, False, reason)

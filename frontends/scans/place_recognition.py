@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 
 import cv2
 import numpy as np
@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft2, rfft2
 
 from slarm_graph.geometry import Floats, compose, one_per_cell, wrap_angles
+from slarm_graph.kernels import kernel
 
 _REACH_M = 20.0
 """Walls drawn around the middle of a place: what a lidar of 30 m shows of most buildings. With 14 m
@@ -112,36 +113,56 @@ class PlaceIndex:
         own = self._appearances[query]
         product = np.einsum("rh,arh->ah", np.conj(own.rings), self._rings[among])
         by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
-        found = []
-        for a in np.argsort(-by_turn.max(axis=1))[:most]:
-            turn = np.pi * float(np.argmax(by_turn[a])) / _ANGLES
-            other = self._appearances[int(among[a])]
-            found += [_shifted(int(among[a]), own, other, turn + half) for half in _HALF_TURNS]
+        likeliest = np.argsort(-by_turn.max(axis=1))[:most]
+        turns = np.pi * np.argmax(by_turn[likeliest], axis=1) / _ANGLES
+        places = np.repeat(among[likeliest], len(_HALF_TURNS)).tolist()
+        ways = zip(places, np.add.outer(turns, _HALF_TURNS).ravel().tolist(), strict=True)
+        found = _shifted(own, [(place, self._appearances[place], turn) for place, turn in ways])
         return sorted(found, key=lambda f: -f.likeness)
 
 
-def _shifted(place: int, query: Appearance, other: Appearance, turn_rad: float) -> Alike:
-    """Find the shift at which a turned place looks most like another."""
+def _turned(walls: Floats, turn_rad: float) -> tuple[Complexes, float]:
+    """Conjugate transform of the picture of walls (M, 2) [m] that are turned, and its energy."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
-    turned = query.walls_m @ np.array([[c, s], [-s, c]])
-    picture = _draw(turned, _SHIFT_CELL_M, _SHIFT_SIDE)
-    shape = (_SHIFT_SIDE, _SHIFT_SIDE)
-    correlation = irfft2(other.picture * np.conj(rfft2(picture)), s=shape)
-    peak = int(np.argmax(correlation))
+    picture = _draw(walls @ np.array([[c, s], [-s, c]]), _SHIFT_CELL_M, _SHIFT_SIDE)
+    return np.conj(rfft2(picture)), max(float(np.linalg.norm(picture)), 1e-12)
+
+
+def _shifted(query: Appearance, ways: Sequence[tuple[int, Appearance, float]]) -> list[Alike]:
+    """Find the shifts at which a place, turned by angles [rad], looks most like others."""
+    turned = cache(partial(_turned, query.walls_m))
+    products = np.array([other.picture * turned(turn_rad)[0] for _, other, turn_rad in ways])
+    correlations = irfft2(products, s=(_SHIFT_SIDE, _SHIFT_SIDE)).reshape(len(ways), -1)
+    peaks = np.argmax(correlations, axis=1)
     half = _SHIFT_SIDE // 2
-    row, col = ((k + half) % _SHIFT_SIDE - half for k in divmod(peak, _SHIFT_SIDE))
-    middle = other.middle_m + np.array([col, row]) * _SHIFT_CELL_M
-    pose = compose(np.array([*middle, wrap_angles(turn_rad)]), np.array([*-query.middle_m, 0.0]))
-    energy = max(float(np.linalg.norm(picture)), 1e-12)
-    return Alike(place, pose, float(correlation.flat[peak]) / energy)
+    row, col = ((k + half) % _SHIFT_SIDE - half for k in np.divmod(peaks, _SHIFT_SIDE))
+    middles = np.array([other.middle_m for _, other, _ in ways])
+    shifted = middles + np.column_stack([col, row]) * _SHIFT_CELL_M
+    headings = wrap_angles([turn_rad for *_, turn_rad in ways])
+    poses = compose(np.column_stack([shifted, headings]), np.array([*-query.middle_m, 0.0]))
+    return [
+        Alike(place, pose, float(best) / turned(turn_rad)[1])
+        for (place, _, turn_rad), pose, best in zip(
+            ways, poses, correlations[np.arange(len(ways)), peaks], strict=True
+        )
+    ]
 
 
 def _draw(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
-    cells = np.floor(walls / cell_m).astype(np.int64) + side // 2
-    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
-    picture = np.zeros((side, side), dtype=np.float32)
-    picture[cells[:, 1], cells[:, 0]] = 1.0
+    picture = _marked(walls, cell_m, side)
     return np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_CELLS), dtype=np.float32)
+
+
+@kernel
+def _marked(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
+    """Picture (side, side) around walls (M, 2) [m]: 1 where there are some."""
+    picture = np.zeros((side, side), dtype=np.float32)
+    for k in range(len(walls)):
+        col = math.floor(walls[k, 0] / cell_m) + side // 2
+        row = math.floor(walls[k, 1] / cell_m) + side // 2
+        if 0 <= col < side and 0 <= row < side:
+            picture[row, col] = 1.0
+    return picture
 
 
 def _spectrum_on_rings(walls: Floats) -> Complexes:

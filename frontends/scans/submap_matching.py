@@ -9,7 +9,6 @@ ahead; twelve scans share something with twelve metres of the way, from whicheve
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -32,7 +31,7 @@ from slarm_graph.frontends.scans.submaps import (
     likelihood_of,
 )
 from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
-from slarm_graph.frontends.scans.wall_sides import share_from_behind, wall_sides
+from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, between, compose, one_per_cell
 
 _NEIGHBOURS = 2
@@ -101,11 +100,12 @@ class SubmapMatcher:
 
     def region(self, submap: int, neighbours: int = _NEIGHBOURS) -> Submap:
         """Return the run of keyframes of a submap and its neighbours, in its frame."""
-        last = len(self._submaps) - 1
-        return replace(
-            self._submaps[submap],
-            first=self._submaps[max(submap - neighbours, 0)].first,
-            last=self._submaps[min(submap + neighbours, last)].last,
+        own, last = self._submaps[submap], len(self._submaps) - 1
+        return Submap(
+            self._submaps[max(submap - neighbours, 0)].first,
+            self._submaps[min(submap + neighbours, last)].last,
+            own.anchor,
+            own.center_m,
         )
 
     def points_of(self, submap: Submap) -> Floats:
@@ -137,20 +137,24 @@ class SubmapMatcher:
             self._sides.of(region, self._keyframes),
         )
         wide = self._wide.of(region, self._keyframes)
-        roughly, *_ = refine_near(wide, _thinned(scans, poses), start, *loosely, tries)
+        every, seen = _thinned(scans, poses), [own_surfaces(scan) for scan in scans]
+        roughly, *_ = refine_near(wide, every, start, *loosely, tries)
 
         def align(some: Sequence[Floats], near: Floats) -> SlidMatch:
             """Align them with the region."""
-            return aligned(grid, _thinned(some, poses), near, *loosely, tries, reach_m)
+            points = every if some is scans else _thinned(some, poses)
+            return aligned(grid, points, near, *loosely, tries, reach_m)
 
         least = self._matching.min_points
-        found, kept = aligned_by_faces(align, sides, scans, poses, roughly, least)
+        found, kept = aligned_by_faces(align, sides, scans, seen, poses, roughly, least)
         pose = found.pose
         certain = of_misfit(self._fits(grid, joined_returns(kept, poses), target, pose), _MISFIT)
-        placed = list(zip(compose(pose, poses), scans, strict=True))
+        at = compose(pose, poses)
         # Of all returns: a wall's other face, left out of aligning, is no sign of the place either.
-        score = float(np.median([mean_likelihood(grid, s, p) for p, s in placed]))
-        behind = float(np.median([share_from_behind(sides, s, p) for p, s in placed]))
+        placed = zip(scans, at, strict=True)
+        score = float(np.median([mean_likelihood(grid, *scan) for scan in placed]))
+        looks = zip(seen, at, strict=True)
+        behind = float(np.median([share_from_behind(sides, *look) for look in looks]))
         reason = doubt(score, certain * found.information, behind, self._loops)
         reason = reason or self._contradiction(query, target, pose)
         over_reach = certain * found.over_reach

@@ -10,10 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from slarm_graph.frontends.scans.along_walls import SlidMatch
-from slarm_graph.frontends.scans.wall_sides import WallSides, seen_from_behind
+from slarm_graph.frontends.scans.wall_sides import WallSides, facing
 from slarm_graph.geometry import Floats, compose
 
 _ROUNDS = 2
@@ -28,6 +26,7 @@ def aligned_by_faces(
     align: Align,
     sides: WallSides,
     scans: Sequence[Floats],
+    surfaces: Sequence[Floats],
     poses: Floats,
     start: Floats,
     least: int,
@@ -39,8 +38,10 @@ def aligned_by_faces(
     align : callable
     sides : WallSides
         Of the place.
-    scans, poses : sequence of M (K, 2), and (M, 3) float64
-        Returns in beam order [m], and where each scan lies in the frame that is aligned.
+    scans, surfaces : sequences of M (K, 2) and M (S, 4) float64
+        Returns in beam order [m], and what each scan sees, by `own_surfaces`.
+    poses : (M, 3) float64
+        Where each scan lies in the frame that is aligned.
     start : (3,) float64
         Of that frame in the place's.
     least : int
@@ -54,18 +55,11 @@ def aligned_by_faces(
     """
     found, kept = align(scans, start), scans
     for _ in range(_ROUNDS):
-        facing = _facing(sides, scans, compose(found.pose, poses))
-        counts = [len(scan) for scan in facing]
+        looks = zip(scans, surfaces, compose(found.pose, poses), strict=True)
+        seen = [facing(sides, *look) for look in looks]
+        counts = [len(scan) for scan in seen]
         if counts == [len(scan) for scan in kept] or sum(counts) < least:
             break
-        kept = facing
+        kept = seen
         found = align(kept, start)
     return found, kept
-
-
-def _facing(sides: WallSides, scans: Sequence[Floats], poses: Floats) -> list[Floats]:
-    """Leave out of scans, each (K, 2), what lies on walls known from their other side only."""
-    return [
-        np.ascontiguousarray(scan[~seen_from_behind(sides, scan, pose)])
-        for scan, pose in zip(scans, poses, strict=True)
-    ]

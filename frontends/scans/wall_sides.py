@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.wall_tangents import BACK, ON
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Mask
 from slarm_graph.kernels import kernel
 
 _CELL_M, _REACH_CELLS = 0.05, 2
@@ -65,50 +64,70 @@ def wall_sides(scans: Sequence[Floats], poses: Floats) -> WallSides:
     return WallSides(float(low[0]), float(low[1]), octants)
 
 
-def share_from_behind(sides: WallSides, points: Floats, pose: Floats) -> float:
-    """Share of a scan's points on known walls which sees these from their unknown side.
+def share_from_behind(sides: WallSides, surfaces: Floats, pose: Floats) -> float:
+    """Share of what a scan sees on known walls that it sees from their unknown side.
 
     Parameters
     ----------
     sides : WallSides
-    points : (K, 2) float64
-        Of the scan, in its own frame, in beam order [m].
+    surfaces : (S, 4) float64
+        What the scan sees, by `own_surfaces`.
     pose : (3,) float64
         Of the scan in the frame of the sides.
 
     Returns
     -------
     float
-        0 where no point lies on a known wall.
+        0 where it sees no known wall.
     """
-    origin = np.array([sides.origin_x_m, sides.origin_y_m])
-    same, behind = _compare(sides.octants, origin, _surfaces(points, pose))
+    same, behind = _compare(sides.octants, _origin(sides), surfaces, pose)
     return behind / max(same + behind, 1)
 
 
-def seen_from_behind(sides: WallSides, points: Floats, pose: Floats) -> Mask:
-    """Which of a scan's points (K, 2) lie on walls that are known from their other side only.
+def facing(sides: WallSides, points: Floats, surfaces: Floats, pose: Floats) -> Floats:
+    """Return a scan's points (L, 2) but those on walls that are known from their other side only.
 
     Parameters
     ----------
-    sides, points, pose
+    sides, surfaces, pose
         As of `share_from_behind`.
+    points : (K, 2) float64
+        Of the scan [m].
     """
-    origin = np.array([sides.origin_x_m, sides.origin_y_m])
-    surfaces = _surfaces(points, pose)
-    behind = np.zeros(len(points), dtype=np.bool_)
-    _tell_behind(sides.octants, origin, surfaces, behind)
-    return behind
+    return np.asarray(_facing(sides.octants, _origin(sides), points, surfaces, pose))
+
+
+def _origin(sides: WallSides) -> Floats:
+    return np.array([sides.origin_x_m, sides.origin_y_m])
 
 
 @kernel
 def _surfaces(points: Floats, pose: Floats) -> Floats:
+    """What a scan at a pose (3,) sees well enough: its own surfaces (S, 4), placed."""
+    return _placed(own_surfaces(points), pose)
+
+
+@kernel
+def _placed(surfaces: Floats, pose: Floats) -> Floats:
+    """Surfaces (S, 4) of a scan in the frame that its pose (3,) is of."""
+    out = np.empty_like(surfaces)
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    for k in range(len(surfaces)):
+        x, y = surfaces[k, 0], surfaces[k, 1]
+        out[k, 0] = pose[0] + c * x - s * y
+        out[k, 1] = pose[1] + s * x + c * y
+        out[k, 2] = surfaces[k, 2] + pose[2]
+        out[k, 3] = surfaces[k, 3]
+    return out
+
+
+@kernel
+def own_surfaces(points: Floats) -> Floats:
     """Place and direction of the normal (S, 4) [m, m, rad] of what a scan sees well enough.
 
-    And which of its points each is.
+    And which of its points (K, 2) each is; in the scan's own frame.
     """
     out = np.empty((len(points), 4))
-    c, s = math.cos(pose[2]), math.sin(pose[2])
     count = 0
     for i in range(len(points)):
         x, y = points[i, 0], points[i, 1]
@@ -119,9 +138,8 @@ def _surfaces(points: Floats, pose: Floats) -> Floats:
         if abs(area) <= _LEAST_SLANT * math.hypot(dx, dy) * math.hypot(x, y):
             continue
         turn = 0.5 * math.pi if area > 0.0 else -0.5 * math.pi
-        out[count, 0] = pose[0] + c * x - s * y
-        out[count, 1] = pose[1] + s * x + c * y
-        out[count, 2] = math.atan2(dy, dx) + turn + pose[2]
+        out[count, 0], out[count, 1] = x, y
+        out[count, 2] = math.atan2(dy, dx) + turn
         out[count, 3] = i
         count += 1
     return out[:count].copy()
@@ -158,23 +176,34 @@ def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
 
 
 @kernel
-def _compare(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> tuple[int, int]:
+def _compare(
+    octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, pose: Floats
+) -> tuple[int, int]:
     """Count the surfaces that a known one beside them faces like, and those only seen behind."""
     same = behind = 0
-    for k in range(len(surfaces)):
-        told = _told(octants, origin, surfaces[k])
+    placed = _placed(surfaces, pose)
+    for k in range(len(placed)):
+        told = _told(octants, origin, placed[k])
         same += told > 0
         behind += told < 0
     return same, behind
 
 
 @kernel
-def _tell_behind(
-    octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, behind: Mask
-) -> None:
-    """Mark the points (K,) whose surfaces are only known from their other side."""
-    for k in range(len(surfaces)):
-        behind[int(surfaces[k, 3])] = _told(octants, origin, surfaces[k]) < 0
+def _facing(
+    octants: NDArray[np.uint8], origin: Floats, points: Floats, surfaces: Floats, pose: Floats
+) -> Floats:
+    """Leave out the points (K, 2) whose surfaces are only known from their other side."""
+    placed = _placed(surfaces, pose)
+    kept = np.empty((len(points), 2))
+    count, k = 0, 0
+    for i in range(len(points)):
+        is_surface = k < len(placed) and placed[k, 3] == i
+        if not (is_surface and _told(octants, origin, placed[k]) < 0):
+            kept[count, 0], kept[count, 1] = points[i, 0], points[i, 1]
+            count += 1
+        k += is_surface
+    return kept[:count]
 
 
 @kernel

@@ -60,14 +60,12 @@ def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
     lasers : (S, 2) float64
         Where each was taken [m].
     """
-    beams = np.concatenate(
-        [np.zeros((0, 5)), *(_beams(r, at) for r, at in zip(returns, lasers, strict=True))]
-    )
+    ends = np.cumsum([0, *(len(scan) for scan in returns)])
+    beams, low, high = _all_beams(np.concatenate([np.zeros((0, 2)), *returns]), ends, lasers)
     if not len(beams):
         return View(np.zeros((0, 2)), np.zeros((0, 0), dtype=np.uint8), np.zeros(2))
-    corners = beams[:, :4].reshape(-1, 2)
-    low = corners.min(axis=0) - CELL_M
-    cols, rows = np.ceil((corners.max(axis=0) - low) / CELL_M).astype(int) + 1
+    low -= CELL_M
+    cols, rows = np.ceil((high - low) / CELL_M).astype(int) + 1
     hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
     count_beams(hits, passes, low, beams)
     states, cells = judge_cells(hits, passes)
@@ -104,10 +102,31 @@ def count_known(
 
 
 @kernel
-def _beams(returns: Floats, laser: Floats) -> Floats:
-    """Start x, y, end x, y of returns (K, 2) and the length that they look through (M, 5) [m]."""
+def _all_beams(
+    returns: Floats, ends: NDArray[np.int64], lasers: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Beams (M, 5) of all scans, and the lowest and highest x, y (2,) that they reach [m].
+
+    Scan k has the returns (K, 2) from ends[k] to ends[k + 1].
+    """
     beams = np.empty((len(returns), 5))
+    low, high = np.full(2, np.inf), np.full(2, -np.inf)
     count = 0
+    for k in range(len(lasers)):
+        count = _add_beams(beams, count, returns[ends[k] : ends[k + 1]], lasers[k])
+    for b in range(count):
+        for axis in range(4):
+            low[axis % 2] = min(low[axis % 2], beams[b, axis])
+            high[axis % 2] = max(high[axis % 2], beams[b, axis])
+    return beams[:count], low, high
+
+
+@kernel
+def _add_beams(beams: Floats, count: int, returns: Floats, laser: Floats) -> int:
+    """Append start x, y, end x, y of returns (K, 2) and the length that they look through [m].
+
+    Returns how many beams there are now.
+    """
     gap_before = np.inf
     for i in range(len(returns)):
         gap_after = _gap(returns, i) if i + 1 < len(returns) else np.inf
@@ -126,7 +145,7 @@ def _beams(returns: Floats, laser: Floats) -> Floats:
             beams[count, 4] = length - max(BEYOND_M, hidden)
             count += 1
         gap_before = gap_after
-    return beams[:count].copy()
+    return count
 
 
 @kernel
