@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from slarm_graph.consistency.views import _beams
+from slarm_graph.consistency.views import _all_beams
 from slarm_graph.frontends.scans import likelihood_grid
 from slarm_graph.frontends.scans.likelihood_grid import Lattice
 from slarm_graph.frontends.scans.quantiles import median, quantile
@@ -137,8 +137,27 @@ def test_cells_are_found_among_others() -> None:
 
 def test_beams_look_through_less_where_walls_are_grazed() -> None:
     returns = np.stack([np.linspace(0.5, 20.0, 60), np.full(60, 2.0)], axis=1)
-    beams, laser = _beams(returns, np.zeros(2)), np.zeros(2)
+    laser, ends = np.zeros(2), np.array([0, len(returns)])
+    beams, low, high = _all_beams(returns, ends, laser[None])
     lengths = np.hypot(*beams[:, 2:4].T)
     np.testing.assert_array_equal(beams[:, 2:4], returns[np.hypot(*returns.T) < 15.0])
     assert (beams[:, :2] == laser).all()
     assert (np.diff(lengths - beams[:, 4]) >= -1e-12).all()
+    np.testing.assert_array_equal(low, laser)
+    np.testing.assert_array_equal(high, beams[:, 2:4].max(axis=0))
+
+
+def test_beams_of_several_scans_are_those_of_each() -> None:
+    """Also of one without returns; a gap at the end of one scan is none of the next."""
+    rng = np.random.default_rng(2)
+    scans = [rng.uniform(-9.0, 9.0, (count, 2)) for count in (5, 0, 7)]
+    lasers = rng.uniform(-1.0, 1.0, (3, 2))
+    alone = [
+        _all_beams(scan, np.array([0, len(scan)]), laser[None])[0]
+        for scan, laser in zip(scans, lasers, strict=True)
+    ]
+    ends = np.cumsum([0, *map(len, scans)])
+    beams, low, high = _all_beams(np.concatenate(scans), ends, lasers)
+    np.testing.assert_array_equal(beams, np.concatenate(alone))
+    corners = beams[:, :4].reshape(-1, 2)
+    np.testing.assert_array_equal([low, high], [corners.min(axis=0), corners.max(axis=0)])
