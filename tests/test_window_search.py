@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -184,6 +185,9 @@ def test_of_submaps_the_latest_used_are_kept() -> None:
     anchor, members = way[1].local_from_robot.as_array(), way[:3]
     expected = [between(anchor, m.local_from_robot.as_array()) for m in members]
     np.testing.assert_allclose(made[0], expected, atol=1e-12)
+    wider = replace(submaps[0], last=5)
+    assert [cache.of(s, way) for s in (submaps[0], wider, submaps[0])] == [1, 5, 1]
+    assert len(made[4]) == 5
     cache.clear()
-    assert cache.of(submaps[1], way) == 5
-    assert math.isclose(made[4][1, 2], 0.0, abs_tol=1e-12)
+    assert cache.of(submaps[1], way) == 6
+    assert math.isclose(made[5][1, 2], 0.0, abs_tol=1e-12)

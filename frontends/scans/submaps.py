@@ -136,7 +136,7 @@ class SubmapCache(Generic[Prepared]):
     ) -> None:
         self._capacity = capacity
         self._prepare = prepare
-        self._kept: OrderedDict[int, Prepared] = OrderedDict()
+        self._kept: OrderedDict[tuple[int, int, int], Prepared] = OrderedDict()
 
     def kept_state(self) -> dict[str, object]:
         """Leave out what can be prepared again."""
@@ -148,13 +148,14 @@ class SubmapCache(Generic[Prepared]):
 
     def of(self, submap: Submap, keyframes: Sequence[Keyframe]) -> Prepared:
         """Return the prepared submap, in its anchor's frame."""
-        prepared = self._kept.pop(submap.anchor, None)
+        key = (submap.first, submap.last, submap.anchor)
+        prepared = self._kept.pop(key, None)
         if prepared is None:
             members = keyframes[submap.first : submap.last]
             anchor = keyframes[submap.anchor].local_from_robot.as_array()
             poses = between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
             prepared = self._prepare([m.points_m for m in members], poses)
-        self._kept[submap.anchor] = prepared
+        self._kept[key] = prepared
         while len(self._kept) > self._capacity:
             self._kept.popitem(last=False)
         return prepared
