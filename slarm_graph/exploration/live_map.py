@@ -18,9 +18,9 @@ from slarm_graph.exploration.coverage_grid import CoverageGrid, coverage_grid, d
 from slarm_graph.exploration.moves import clearance_m
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.kernels import kernel
 from slarm_graph.mapping import GridMapper, Rendering
 from slarm_graph.polygons import contains
+from slarm_graph.raster.discs import mark_discs
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
@@ -188,7 +188,7 @@ class LiveMap:
 
 def mark_swept(swept: Mask, path: Floats, radius: float) -> None:
     """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
-    _sweep(swept, _densely(path, 0.5), radius)
+    mark_discs(swept, _densely(path, 0.5), radius)
 
 
 def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
@@ -227,20 +227,3 @@ def _densely(points: Floats, step_m: float) -> Floats:
     knots = np.concatenate([[0], np.cumsum(pieces)])
     at = np.arange(knots[-1] + 1)
     return np.stack([np.interp(at, knots, points[:, k]) for k in (0, 1)], axis=-1)
-
-
-@kernel
-def _sweep(swept: Mask, path: Floats, radius: float) -> None:
-    """Mark the cells whose centre lies under a disc on the path; all in cells."""
-    rows, cols = swept.shape
-    for i in range(len(path)):
-        x, y = path[i, 0], path[i, 1]
-        for row in range(max(0, math.floor(y - radius)), min(rows, math.ceil(y + radius) + 1)):
-            dy = row + 0.5 - y
-            left = radius * radius - dy * dy
-            if left < 0.0:
-                continue
-            half = math.sqrt(left)
-            first = max(0, math.ceil(x - half - 0.5))
-            for col in range(first, min(cols, math.floor(x + half - 0.5) + 1)):
-                swept[row, col] = True

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +11,8 @@ import numpy as np
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.kernels import kernel
 from slarm_graph.raster.bands import by_windows
+from slarm_graph.raster.discs import mark_discs
 from slarm_graph.tiles import TILE_CELLS, Where, Window
 from slarm_graph.trajectory import Trajectory
 
@@ -73,17 +72,5 @@ def footprint_cells(geometry: GridGeometry, trajectory: Trajectory, radius_m: fl
         cell_m = geometry.resolution_m
         path = path_points_m(trajectory, 0.1 * min(cell_m, radius_m))
         origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
-        _pass_over(over, (path - origin) / cell_m - 0.5, (radius_m + _ROUNDING_M) / cell_m)
+        mark_discs(over, (path - origin) / cell_m, (radius_m + _ROUNDING_M) / cell_m)
     return over
-
-
-@kernel
-def _pass_over(over: Mask, centers: Floats, radius: float) -> None:
-    """Mark the cells that discs cover, whose centres (N, 2) are x, y in cells."""
-    rows, cols = over.shape
-    for k in range(len(centers)):
-        x, y = centers[k, 0], centers[k, 1]
-        for row in range(max(0, math.ceil(y - radius)), min(rows, math.floor(y + radius) + 1)):
-            half = math.sqrt(radius * radius - (row - y) ** 2)
-            for col in range(max(0, math.ceil(x - half)), min(cols, math.floor(x + half) + 1)):
-                over[row, col] = True

@@ -30,6 +30,7 @@ room with exact wheels half changes nothing, double takes the accuracy from 1 to
 _LEAST_CELLS = 3
 """A line has a direction from three cells, or returns, on."""
 _NO_LINE = np.full(4, np.nan)
+"""What `_line` returns, too, where no line fits."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -252,15 +252,16 @@ def _searched(
     centre = np.log([*_TYPICAL[:4], *[_TYPICAL[4]] * len(hyper.noise_sd_db)])
     doubt = np.array([*_DOUBT[:4], *[_DOUBT[4]] * len(hyper.noise_sd_db)])
 
-    def of(vector: Floats) -> tuple[Precision, Floats]:
+    def precisions(vector: Floats) -> tuple[Precision, Floats]:
+        """Precision of the prior, and of every reading (N,) [1/dB^2]."""
         tried = hyper.moved(vector)
         return problem.prior(tried), weights / problem.noise_variance(tried)
 
     def cost(vector: Floats) -> tuple[float, Floats]:
         """Negative logarithm of likelihood and prior of the hyperparameters, and its slopes."""
-        conditioned = problem.conditioned(*of(vector))
+        conditioned = problem.conditioned(*precisions(vector))
         done = conditioned.on(problem.design, problem.coefficients, values)
-        near = [of(vector + step) for step in _STEP * np.eye(len(vector))]
+        near = [precisions(vector + step) for step in _STEP * np.eye(len(vector))]
         gains = conditioned.gains(done, problem.design, values, near)
         off = (vector - centre) / doubt
         return 0.5 * float(off @ off) - done.log_evidence, off / doubt - gains / _STEP
