@@ -20,7 +20,7 @@ from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Quiet
 from slarm_graph.app.run_folder import RunFolder, create_run_folder
 from slarm_graph.backends.odometry import OdometryBackend
-from slarm_graph.config import FrontendConfig, LimitsConfig, RunConfig, Stage
+from slarm_graph.config import CheckpointConfig, FrontendConfig, LimitsConfig, RunConfig, Stage
 from slarm_graph.errors import BadInput
 from slarm_graph.files.states import SavedStates
 from slarm_graph.files.trajectories import tum_text
@@ -66,11 +66,13 @@ def fed(
     folder: RunFolder,
     *,
     every_s: float = 1e9,
+    keep: bool = False,
     had_before: int = 0,
     limits: LimitsConfig | None = None,
 ) -> ReadingLog:
     log = ReadingLog()
-    checkpoint = Checkpoint(folder, every_s, lambda: SavedStates({"backend": to.snapshot()}, {}))
+    rule = CheckpointConfig(every_s=every_s, keep=keep)
+    checkpoint = Checkpoint(folder, rule, lambda: SavedStates({"backend": to.snapshot()}, {}))
     stop = Stop(limits or LimitsConfig())
     feed(source, to, log, checkpoint, Quiet(), stop, had_before=had_before)
     return log
@@ -125,8 +127,20 @@ def test_checkpoints_are_written_when_due(
 ) -> None:
     written: list[int] = []
     monkeypatch.setattr(Checkpoint, "write", lambda _self: written.append(1))
-    fed(Circle(5), backend(), folder, every_s=0.0)
+    fed(Circle(5), backend(), folder, every_s=1e-9)
     assert len(written) == 6
+
+
+@pytest.mark.parametrize(
+    ("event", "keep", "count"), [("", False, 0), ("", True, 1), ("interrupt", False, 1)]
+)
+def test_the_last_checkpoint_is_written_to_go_on_from_or_to_keep(
+    folder: RunFolder, monkeypatch: pytest.MonkeyPatch, event: str, keep: bool, count: int
+) -> None:
+    written: list[int] = []
+    monkeypatch.setattr(Checkpoint, "write", lambda _self: written.append(1))
+    fed(Circle(at=3, event=event), backend(), folder, keep=keep)
+    assert len(written) == count
 
 
 def test_a_checkpoint_that_cannot_be_written_is_told_and_the_run_goes_on(
@@ -137,7 +151,7 @@ def test_a_checkpoint_that_cannot_be_written_is_told_and_the_run_goes_on(
 
     monkeypatch.setattr("slarm_graph.app.checkpoint.write_states", full)
     with caplog.at_level("WARNING"):
-        log = fed(Circle(), backend(), folder)
+        log = fed(Circle(), backend(), folder, keep=True)
     assert len(log) == 40
     assert not log.problem
     assert "could not be written (No space left on device); the run goes on" in caplog.text

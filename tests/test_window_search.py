@@ -26,7 +26,7 @@ from slarm_graph.frontends.scans.submaps import (
     make_submap,
     view_center,
 )
-from slarm_graph.frontends.scans.window_search import best_in_window, far_m, levels_of
+from slarm_graph.frontends.scans.window_search import best_in_window, far_m
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
 BASE, MOTION = np.array([0.2, -0.1, 0.3]), np.array([0.3, 0.1, -0.2])
@@ -39,7 +39,7 @@ def found(off: tuple[float, float, float], sigmas: Floats, beams: int = 180) -> 
     prediction = Prediction(MOTION, np.diag(sigmas) ** 2)
     points = room_points(truth, beams=beams)
     grid = room_grid()
-    best = best_in_window(points, grid, BASE, prediction, levels_of(grid))
+    best = best_in_window(points, grid, BASE, prediction, lambda: build_pyramid(grid))
     return between(truth.as_array(), best)
 
 

@@ -16,6 +16,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.kernels import kernel
@@ -24,6 +25,8 @@ _MARGIN_M = 4.0
 """Room around the local map for keyframes to come, so that it is seldom allocated anew."""
 _SEEN_M = 0.2
 """Blocks in which is kept what was looked at: a beam's width at 10 m and 1 degree."""
+_LEVELS = 5
+"""Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
 
 
 class LocalMap:
@@ -39,6 +42,7 @@ class LocalMap:
         self._segments: list[Floats] = []
         self._sights: list[tuple[Floats, Floats]] = []
         self._last_pose: Floats | None = None
+        self._levels: SearchPyramid | None = None
         self.grid: LikelihoodGrid | None = None
         self.seen: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
         """Blocks of `seen_step` x `seen_step` cells that a beam has passed."""
@@ -56,15 +60,27 @@ class LocalMap:
         latest = self._sights[-keyframes:]
         return np.concatenate([transform_points(pose, points) for points, pose in latest])
 
+    def levels(self) -> SearchPyramid:
+        """Return the grid prepared for searches of windows; it is kept until the grid changes."""
+        assert self.grid is not None
+        if self._levels is None:
+            self._levels = build_pyramid(self.grid, levels=_LEVELS)
+        return self._levels
+
+    def kept_state(self) -> dict[str, object]:
+        """Leave out what can be prepared again."""
+        return {**self.__dict__, "_levels": None}
+
     def clear(self) -> None:
         """Forget everything."""
         self._segments, self._sights = [], []
         self._last_pose = None
-        self.grid = None
+        self.grid = self._levels = None
 
     def add(self, points: Floats, local_from_robot: Pose2) -> None:
         """Draw a keyframe's points (K, 2) [m] of the robot's frame."""
-        self._last_pose = pose = local_from_robot.as_array()
+        self._last_pose, self._levels = local_from_robot.as_array(), None
+        pose = self._last_pose
         segments = scan_segments(points, pose, self._matching.max_gap_m)
         self._segments.append(segments)
         self._sights.append((points, pose))

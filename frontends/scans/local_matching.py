@@ -41,7 +41,6 @@ from slarm_graph.frontends.scans.window_search import (
     LOST_REACH_M,
     best_in_window,
     far_m,
-    levels_of,
 )
 from slarm_graph.geometry import Floats, Pose2
 
@@ -120,7 +119,7 @@ class LocalMatcher:
             return [place]
         few = points[:: max(1, len(points) // _SEARCH_POINTS)]
         start = best_in_window(
-            few, grid, outlook.base, prediction, levels_of(grid), least=(0.0, 0.0)
+            few, grid, outlook.base, prediction, local_map.levels, least=(0.0, 0.0)
         )
         other = self._refine(points, local_map, outlook, loose, start)
         if are_same(place.pose, other.pose):
@@ -174,9 +173,9 @@ class LocalMatcher:
             np.array_equal(best.pose, place.pose) for place in near
         ):
             return distinct(places)
-        found, levels = [], levels_of(grid)
+        found = []
         for some, prediction in product(_samples(points), predictions):
-            start = best_in_window(some, grid, base, prediction, levels)
+            start = best_in_window(some, grid, base, prediction, local_map.levels)
             loose = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
             found.append(self._refine(points, local_map, outlook, loose, start))
             below = min(below, self._below(found[-1], points, local_map))

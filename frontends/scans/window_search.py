@@ -7,7 +7,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.quantiles import quantile
-from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
+from slarm_graph.frontends.scans.search_pyramid import SearchPyramid
 from slarm_graph.frontends.scans.search_window import search_every_pose, window_of
 from slarm_graph.frontends.scans.small_pose import compose3
 from slarm_graph.geometry import Floats, Pose2
@@ -27,15 +26,8 @@ _LEAST_WINDOW = (0.3, 0.2)
 """Of a scan that fits worse than usual [m, rad]."""
 _MOST = 0.75
 """Share of the returns that is most of them."""
-_LEVELS = 5
-"""Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
 LOST_REACH_M = 3.0
 """Window of a lost scan: what a robot drives in the seconds until it is noticed."""
-
-
-def levels_of(grid: LikelihoodGrid) -> Callable[[], SearchPyramid]:
-    """Prepare a grid for searches of windows once the first of them asks for it."""
-    return cache(lambda: build_pyramid(grid, levels=_LEVELS))
 
 
 @kernel

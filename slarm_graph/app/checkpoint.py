@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Final
 
 from slarm_graph.app.run_folder import CHECKPOINT, RunFolder
+from slarm_graph.config import CheckpointConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.states import SavedStates, read_states, write_states
 from slarm_graph.snapshots import BadState
@@ -28,20 +29,28 @@ class Checkpoint:
     Parameters
     ----------
     folder : RunFolder
-    every_s : float
-        Least wall time between two times of writing [s].
+    rule : CheckpointConfig
     take : callable
         Returns what to write.
     """
 
-    def __init__(self, folder: RunFolder, every_s: float, take: Callable[[], SavedStates]) -> None:
-        self._folder, self._every_s, self._take = folder, every_s, take
+    def __init__(
+        self, folder: RunFolder, rule: CheckpointConfig, take: Callable[[], SavedStates]
+    ) -> None:
+        self._folder, self._rule, self._take = folder, rule, take
         self._written_s = time.monotonic()
 
     def maybe(self) -> None:
         """Write when it is due."""
-        if time.monotonic() - self._written_s >= self._every_s:
+        if time.monotonic() - self._written_s >= self._rule.every_s:
             self.write()
+
+    def last(self, *, ended_early: bool) -> None:
+        """Write for good where it is to be gone on from or kept; else when it is due."""
+        if ended_early or self._rule.keep:
+            self.write()
+        else:
+            self.maybe()
 
     def write(self) -> None:
         """Write at once; where that fails it is told, and the run goes on."""

@@ -198,7 +198,7 @@ def _drive(
         if saved is not None:
             loop.restore(saved.states)
     checkpoint = Checkpoint(
-        folder, config.checkpoint.every_s, lambda: SavedStates(loop.snapshot(), {})
+        folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {})
     )
     live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
     stop = Stop(config.limits)
@@ -211,7 +211,7 @@ def _drive(
                 if why := stop.why():
                     log.stop(why, by_user=stop.by_user)
                     break
-            checkpoint.write()
+            checkpoint.last(ended_early=bool(log.problem))
         finally:
             live.write()
     return loop.outcome()

@@ -69,7 +69,7 @@ def feed(
             if why := stop.why():
                 log.stop(why, by_user=stop.by_user)
                 break
-        checkpoint.write()
+        checkpoint.last(ended_early=bool(log.problem))
     log.take_statuses(source)
 
 

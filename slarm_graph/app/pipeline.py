@@ -145,7 +145,7 @@ def _fed(
         had_before = _restored(backend, folder)
         checkpoint = Checkpoint(
             folder,
-            config.checkpoint.every_s,
+            config.checkpoint,
             lambda: SavedStates({"backend": backend.snapshot()}, {"readings": len(log)}),
         )
         feed(source, backend, log, checkpoint, progress, stop, had_before=had_before)
