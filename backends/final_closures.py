@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
 from slarm_graph.backends.misfits import reconciled
+from slarm_graph.backends.step_chains import is_contradicted_twice
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
@@ -56,7 +57,8 @@ def close_finally(
     graph : SubmapGraph
         To go on with.
     rivals : int
-        Finds that agree with each other and not with the graph: what it turned down.
+        Finds that agree with each other and not with the graph, which turned them down, and that
+        matches or odometry alone would allow.
     """
     if len(graph.submaps) < 3:
         return graph, 0
@@ -82,7 +84,9 @@ def close_finally(
         )
         graph = reopened(graph, open_again, heartbeat)
     graph = reconciled(graph, matcher, heartbeat)
-    return graph, len(consistent_sets(graph.far_off(), graph))
+    steps = graph.pose_graph().constraints
+    agreeing = consistent_sets(graph.far_off(), graph)
+    return graph, sum(not is_contradicted_twice(graph.edge(c), steps) for c in agreeing)
 
 
 def reopened(

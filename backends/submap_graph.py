@@ -86,7 +86,7 @@ class SubmapGraph:
         other = copy.copy(self)
         other.closures, other._nodes, other._settled = list(closures), list(self._nodes), None
         other._edges = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
-        other._edges += [self._edge(c) for c in closures if not c.reason]
+        other._edges += [self.edge(c) for c in closures if not c.reason]
         other._reach = GraphReach((*self._steps, *other._believed()))
         return other
 
@@ -174,7 +174,7 @@ class SubmapGraph:
 
     def miss(self, closure: Closure) -> tuple[Floats, Floats]:
         """How far (3,) a closure is from what the graph has, and the covariance (3, 3) of that."""
-        edge = self._edge(closure)
+        edge = self.edge(closure)
         miss = between(between(self._nodes[edge.i], self._nodes[edge.j]), edge.i_from_j.as_array())
         reach = self._reach.covariances(self.poses(), edge.j)[edge.i]
         return miss, reach + edge.covariance
@@ -236,7 +236,7 @@ class SubmapGraph:
             self._settled = None
             if closure.reason:
                 continue
-            edge = self._edge(closure)
+            edge = self.edge(closure)
             self._edges.append(edge)
             self._reach.add(edge)
             self._pending += 1
@@ -251,7 +251,7 @@ class SubmapGraph:
         """Move the nodes to where these closures have them, whichever steps give way to that."""
         steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         found = optimizer.optimize(
-            PoseGraph(np.array(self._nodes), (*steps, *map(self._edge, believed))),
+            PoseGraph(np.array(self._nodes), (*steps, *map(self.edge, believed))),
             kernel=optimizer.Kernel.HUBER,
             slip_sigmas=_SLIP_SIGMAS,
             heartbeat=heartbeat,
@@ -316,9 +316,9 @@ class SubmapGraph:
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._firsts[node]]
 
-    def _edge(self, closure: Closure) -> Constraint:
-        node = self.node_of(closure.keyframe)
-        keyframe = self.keyframes[closure.keyframe]
+    def edge(self, closure: Closure) -> Constraint:
+        """Return a closure as a constraint between two nodes."""
+        node, keyframe = self.node_of(closure.keyframe), self.keyframes[closure.keyframe]
         return closure_constraint(closure, node, keyframe, self._anchor(node))
 
     def _optimize(self, heartbeat: Heartbeat) -> None:

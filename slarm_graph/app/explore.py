@@ -197,9 +197,7 @@ def _drive(
     with saved_states(folder.path) as saved:
         if saved is not None:
             loop.restore(saved.states)
-    checkpoint = Checkpoint(
-        folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {})
-    )
+    checkpoint = Checkpoint(folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {}))
     live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
     stop = Stop(config.limits)
     with stop.on_signals(), early_end_logged(log):
