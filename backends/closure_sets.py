@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds of old places that tell the same story, and those that contradict what is believed.
+"""Pairwise-consistent sets of loop closures, and accepted closures that rejected ones contest.
 
 Pairwise consistency: Mangelson, Dominic, Eustice and Vasudevan, "Pairwise Consistent Measurement
 Set Maximization for Robust Multi-robot Map Merging", ICRA 2018.
@@ -15,177 +15,209 @@ import networkx as nx
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
+from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
 from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
 from slarm_graph.geometry import Floats, adjoints, between, compose, invert
 
-_LEAST_SET = 3
-"""Finds that must agree: two may by chance where a corridor repeats itself."""
-_SPAN_M = 2.0
-"""Way that a set must span; from one place all finds may err alike."""
-_LEAST_FOLLOWED, _SPAN_FOLLOWED_M = 4, 6.0
-"""Finds that must agree, and the way that they must span, where most only follow from others: one
-more and three times as far, as they begin where they are expected."""
-_CLOSURE = np.diag([0.05, 0.05, 0.02]) ** 2
-"""What one find may be off by [m, m, rad]: a cell, and what a cell is at 2.5 m."""
+_MIN_SET = 3
+"""Closures that must agree: two may by chance where a corridor repeats itself."""
+_MIN_SPAN_M = 2.0
+"""Path length that a set must span; from one place all closures may err alike."""
+_MIN_PROPAGATED_SET, _MIN_PROPAGATED_SPAN_M = 4, 6.0
+"""Size and span of a set most of which was propagated from other closures (see
+`final_closures.propagated`): one more and three times as far, as they start where expected."""
+_CLOSURE_COVARIANCE = np.diag([0.05, 0.05, 0.02]) ** 2
+"""Of one closure [m, m, rad]: a cell, and what a cell subtends at 2.5 m."""
 _NEIGHBOURS_M = 40.0
-"""Way between two finds up to which drift leaves the comparison of them sharp."""
-GRAPH_SPEAKS_NAT = 5.0
-"""Evidence from which the graph itself counts as one of them: the odds of 150 to 1 that a find
-needs. Without that one of six draws of edmonton is 0.99 m in place of 0.76, one ward 0.027 in place
-of 0.020, one hall 0.066 in place of 0.077; a dozen others stay."""
-SIDEWAYS_M = 10.0
-"""Distance from which two submaps may still show the same."""
+"""Path length between two closures up to which drift leaves the test of them sharp."""
+DECISIVE_NAT = 5.0
+"""Log-odds from which the graph itself counts as one closure more: the odds of 150 to 1 that a
+closure needs. Without it one of six draws of edmonton is 0.99 m in place of 0.76, one ward 0.027 in
+place of 0.020, one hall 0.066 in place of 0.077; a dozen others stay."""
+MAX_COVISIBLE_M = 10.0
+"""Distance up to which two submaps may show the same walls."""
 
 Pairs = NDArray[np.int64]
-"""Indices (P, 2) of two finds each."""
+"""Indices (P, 2) of two closures each."""
 
 
-def consistent_sets(found: Sequence[Closure], graph: SubmapGraph) -> list[Closure]:
-    """Return the finds that tell the same story as others.
+def consistent_sets(closures: Sequence[Closure], graph: SubmapGraph) -> list[Closure]:
+    """Return the closures that belong to a pairwise-consistent set.
 
     Parameters
     ----------
-    found : sequence of Closure
+    closures : sequence of Closure
     graph : SubmapGraph
 
     Returns
     -------
     list of Closure
-        Members of sets of at least three that agree pair by pair over the ways between them.
+        Members of sets of at least three, consistent pair by pair given the odometry between them.
     """
-    near, links = nx.Graph(), nx.Graph()
-    pairs = _neighbours(found, graph)
-    near.add_edges_from(pairs.tolist())
-    # The library weighs in whole numbers.
-    links.add_nodes_from((k, {"permille": round(1000 * c.score)}) for k, c in enumerate(found))
-    links.add_edges_from(pairs[agreeing(found, pairs, graph)].tolist())
-    believed: set[int] = set()
-    parts = [set(part) for part in nx.connected_components(links)]
-    while parts:
-        part = parts.pop()
-        # A copy: a view looks through all finds at every look-up.
-        story = _largest_set(links.subgraph(part).copy(), found, graph)
-        if story:
-            believed |= story
-            # Others tell of other ways; what mostly disagrees with this story goes with it.
-            others = {k for k in part - story if not _disagrees(k, story, near, links)}
-            parts += [set(p) for p in nx.connected_components(links.subgraph(others))]
-    return [found[k] for k in sorted(believed)]
+    neighbourhood, consistency = nx.Graph(), nx.Graph()
+    pairs = _neighbour_pairs(closures, graph)
+    neighbourhood.add_edges_from(pairs.tolist())
+    # networkx takes integer weights only.
+    consistency.add_nodes_from(
+        (k, {"permille": round(1000 * c.score)}) for k, c in enumerate(closures)
+    )
+    consistency.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
+    accepted: set[int] = set()
+    components = [set(part) for part in nx.connected_components(consistency)]
+    while components:
+        component = components.pop()
+        # A copy: a view looks through all closures at every look-up.
+        inliers = _largest_set(consistency.subgraph(component).copy(), closures, graph)
+        if inliers:
+            accepted |= inliers
+            # The rest may hold further sets, less what mostly contradicts this one.
+            rest = {
+                k
+                for k in component - inliers
+                if not _disagrees(k, inliers, neighbourhood, consistency)
+            }
+            components += [set(p) for p in nx.connected_components(consistency.subgraph(rest))]
+    return [closures[k] for k in sorted(accepted)]
 
 
-def stories(found: Sequence[Closure], graph: SubmapGraph) -> list[list[Closure]]:
-    """Part finds into those that hang together by agreeing, pair by pair."""
-    links, pairs = nx.Graph(), _neighbours(found, graph)
-    links.add_nodes_from(range(len(found)))
-    links.add_edges_from(pairs[agreeing(found, pairs, graph)].tolist())
-    return [[found[k] for k in sorted(part)] for part in nx.connected_components(links)]
+def agreeing_groups(closures: Sequence[Closure], graph: SubmapGraph) -> list[list[Closure]]:
+    """Partition closures into the connected components of their pairwise consistency."""
+    consistency, pairs = nx.Graph(), _neighbour_pairs(closures, graph)
+    consistency.add_nodes_from(range(len(closures)))
+    consistency.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
+    return [[closures[k] for k in sorted(part)] for part in nx.connected_components(consistency)]
 
 
-def disputed(graph: SubmapGraph) -> list[Closure]:
-    """Return the believed closures that some find disagrees with which was turned down."""
-    met = [c for c in graph.closures if not c.reason or c.reason == FAR_OFF]
-    is_held = np.array([not c.reason for c in met], dtype=np.bool_)
-    pairs = _neighbours(met, graph)
-    contests = pairs[is_held[pairs[:, 0]] != is_held[pairs[:, 1]]]
-    against = contests[~agreeing(met, contests, graph)]
-    return [met[k] for k in np.unique(against).tolist() if is_held[k]]
+def contested_closures(graph: SubmapGraph) -> list[Closure]:
+    """Return the accepted closures that are inconsistent with one the chi-square gate rejected."""
+    candidates = [c for c in graph.closures if not c.reason or c.reason == GATED]
+    is_accepted = np.array([not c.reason for c in candidates], dtype=np.bool_)
+    pairs = _neighbour_pairs(candidates, graph)
+    mixed = pairs[is_accepted[pairs[:, 0]] != is_accepted[pairs[:, 1]]]
+    inconsistent = mixed[~pairwise_consistent(candidates, mixed, graph)]
+    return [candidates[k] for k in np.unique(inconsistent).tolist() if is_accepted[k]]
 
 
-def _disagrees(k: int, story: set[int], near: nx.Graph, links: nx.Graph) -> bool:
-    """Whether a find agrees with fewer than half of those finds of a story that lie near it."""
-    return 2 * len(story.intersection(links[k])) < len(story.intersection(near[k]))
-
-
-def _neighbours(found: Sequence[Closure], graph: SubmapGraph) -> Pairs:
-    """Return the pairs (P, 2) of finds near each other along both ways, the later one first."""
-    ways = np.array([(graph.way_of_submap(c.submap), graph.way_of(c.keyframe)) for c in found])
-    near = [
-        np.flatnonzero((np.abs(ways[:a] - ways[a]) <= _NEIGHBOURS_M).all(axis=1))
-        for a in range(len(found))
-    ]
-    later = np.repeat(np.arange(len(found)), [len(earlier) for earlier in near])
-    return np.column_stack([later, np.concatenate([*near, np.zeros(0, dtype=np.int64)])])
-
-
-def _largest_set(links: nx.Graph, found: Sequence[Closure], graph: SubmapGraph) -> set[int]:
-    """Return all that agree with the best core that agrees in itself and spans a way."""
-    core = nx.max_weight_clique(links, "permille")[0] if len(links) <= 60 else _greedy(links)
-    ways = [graph.way_of(found[k].keyframe) for k in core]
-    # Where the graph is sure, it tells the same story as one find more.
-    told = any(speaks_for_nat(graph, found[k], SIDEWAYS_M) > GRAPH_SPEAKS_NAT for k in core)
-    independent = told + sum(found[k].searched for k in core) >= _LEAST_SET
-    least, span_m = (_LEAST_SET, _SPAN_M) if independent else (_LEAST_FOLLOWED, _SPAN_FOLLOWED_M)
-    if told + len(core) < least or max(ways) - min(ways) < span_m:
-        return set()
-    return {k for k in links if sum(links.has_edge(k, c) for c in core) >= 0.5 * len(core)} | set(
-        core
+def _disagrees(k: int, inliers: set[int], neighbourhood: nx.Graph, consistency: nx.Graph) -> bool:
+    """Whether a closure is consistent with fewer than half of the members of a set near it."""
+    return 2 * len(inliers.intersection(consistency[k])) < len(
+        inliers.intersection(neighbourhood[k])
     )
 
 
-def _greedy(links: nx.Graph) -> list[int]:
-    """Grow a set from the find that agrees with most others: for many finds."""
+def _neighbour_pairs(closures: Sequence[Closure], graph: SubmapGraph) -> Pairs:
+    """Return the pairs (P, 2) of closures near each other along the path at both ends.
+
+    The later one comes first.
+    """
+    lengths_m = np.array(
+        [
+            (graph.path_length_at_submap(c.submap), graph.path_length_at(c.keyframe))
+            for c in closures
+        ]
+    )
+    near = [
+        np.flatnonzero((np.abs(lengths_m[:a] - lengths_m[a]) <= _NEIGHBOURS_M).all(axis=1))
+        for a in range(len(closures))
+    ]
+    later = np.repeat(np.arange(len(closures)), [len(earlier) for earlier in near])
+    return np.column_stack([later, np.concatenate([*near, np.zeros(0, dtype=np.int64)])])
+
+
+def _largest_set(
+    consistency: nx.Graph, closures: Sequence[Closure], graph: SubmapGraph
+) -> set[int]:
+    """Return the best clique and all that agree with half of it; empty when it is too small."""
+    core = (
+        nx.max_weight_clique(consistency, "permille")[0]
+        if len(consistency) <= 60
+        else _greedy_clique(consistency)
+    )
+    lengths_m = [graph.path_length_at(closures[k].keyframe) for k in core]
+    # Where the graph itself is certain, it counts as one more member.
+    graph_agrees = any(
+        log_odds_nat(graph, closures[k], MAX_COVISIBLE_M) > DECISIVE_NAT for k in core
+    )
+    is_independent = graph_agrees + sum(closures[k].searched for k in core) >= _MIN_SET
+    least, span_m = (
+        (_MIN_SET, _MIN_SPAN_M) if is_independent else (_MIN_PROPAGATED_SET, _MIN_PROPAGATED_SPAN_M)
+    )
+    if graph_agrees + len(core) < least or max(lengths_m) - min(lengths_m) < span_m:
+        return set()
+    return {
+        k for k in consistency if sum(consistency.has_edge(k, c) for c in core) >= 0.5 * len(core)
+    } | set(core)
+
+
+def _greedy_clique(consistency: nx.Graph) -> list[int]:
+    """Grow a clique in the order of node degree: for many closures."""
     core: list[int] = []
-    for k in sorted(links, key=lambda n: -links.degree(n)):
-        if all(links.has_edge(k, c) for c in core):
+    for k in sorted(consistency, key=lambda n: -consistency.degree(n)):
+        if all(consistency.has_edge(k, c) for c in core):
             core.append(k)
     return core
 
 
-def speaks_for_nat(graph: SubmapGraph, closure: Closure, within_m: float) -> float:
-    """Log-likelihood ratio that a closure is where the graph has it, over anywhere near.
+def log_odds_nat(graph: SubmapGraph, closure: Closure, within_m: float) -> float:
+    """Log-likelihood ratio [nat] of a closure under the graph's estimate over a uniform pose.
 
     Parameters
     ----------
     graph : SubmapGraph
     closure : Closure
     within_m : float
-        Radius of the disc in which a false one would lie, turned by anything.
+        Radius of the disc over which a false one would be uniform, its heading over the circle.
     """
-    miss, covariance = graph.miss(closure)
-    anywhere = math.log(2.0 * math.pi**2 * within_m**2)
-    return anywhere - 0.5 * (squared_sigmas(miss, covariance) + log_volume(covariance))
+    residual, covariance = graph.residual(closure)
+    log_area = math.log(2.0 * math.pi**2 * within_m**2)
+    return log_area - 0.5 * (squared_sigmas(residual, covariance) + log_volume(covariance))
 
 
-def agreeing(found: Sequence[Closure], pairs: Pairs, graph: SubmapGraph) -> NDArray[np.bool_]:
-    """Whether two finds close a small loop: along the old way, across, back along the new way.
+def pairwise_consistent(
+    closures: Sequence[Closure], pairs: Pairs, graph: SubmapGraph
+) -> NDArray[np.bool_]:
+    """Chi-square test of the loop that two closures and the odometry between them make.
 
     Parameters
     ----------
-    found : sequence of Closure
+    closures : sequence of Closure
     pairs : (P, 2) int64
-        Indices of two finds each.
+        Indices of two closures each.
     graph : SubmapGraph
 
     Returns
     -------
     (P,) bool
-        Two of one keyframe do not: a scan cannot confirm itself.
+        False for two of one keyframe: a scan cannot confirm itself.
     """
     keyframes, submaps = graph.keyframes, graph.submaps
-    at = np.array([c.keyframe for c in found], dtype=np.int64)[pairs.T]
-    old, new, across = (
+    keyframe = np.array([c.keyframe for c in closures], dtype=np.int64)[pairs.T]
+    old, new, measured = (
         np.array(poses).reshape(-1, 3)[pairs.T]
         for poses in (
-            [keyframes[submaps[c.submap].anchor].local_from_robot.as_array() for c in found],
-            [keyframes[c.keyframe].local_from_robot.as_array() for c in found],
-            [c.submap_from_keyframe for c in found],
+            [keyframes[submaps[c.submap].anchor].local_from_robot.as_array() for c in closures],
+            [keyframes[c.keyframe].local_from_robot.as_array() for c in closures],
+            [c.submap_from_keyframe for c in closures],
         )
     )
-    one, other = compose(across[0], between(*new)), compose(between(*old), across[1])
-    spread = _CLOSURE + _carried(_CLOSURE, between(new[1], new[0]))
-    nodes = np.array([graph.node_of(c.keyframe) for c in found], dtype=np.int64)[pairs.T]
-    spread = spread + graph.drifts(*nodes)
-    targets = np.array([c.submap for c in found], dtype=np.int64)[pairs.T]
-    spread = spread + _carried(graph.drifts(*targets), invert(across[1]))
-    miss = between(one, other)
-    squared = np.einsum("pi,pi->p", miss, np.linalg.solve(spread, miss[..., None])[..., 0])
-    return np.asarray((squared < CHI2_1_PERCENT) & (at[0] != at[1]))
+    one, other = compose(measured[0], between(*new)), compose(between(*old), measured[1])
+    covariance = _CLOSURE_COVARIANCE + _transformed(_CLOSURE_COVARIANCE, between(new[1], new[0]))
+    nodes = np.array([graph.node_of(c.keyframe) for c in closures], dtype=np.int64)[pairs.T]
+    covariance = covariance + graph.dead_reckoning_covariances(*nodes)
+    targets = np.array([c.submap for c in closures], dtype=np.int64)[pairs.T]
+    covariance = covariance + _transformed(
+        graph.dead_reckoning_covariances(*targets), invert(measured[1])
+    )
+    residual = between(one, other)
+    squared = np.einsum(
+        "pi,pi->p", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
+    )
+    return np.asarray((squared < CHI2_1_PERCENT) & (keyframe[0] != keyframe[1]))
 
 
-def _carried(covariances: Floats, poses: Floats) -> Floats:
-    """Covariances (P, 3, 3), or one, in the frames that poses (P, 3) lead from."""
-    carry = adjoints(poses)
-    return np.asarray(carry @ covariances @ carry.transpose(0, 2, 1))
+def _transformed(covariances: Floats, poses: Floats) -> Floats:
+    """Covariances (P, 3, 3), or one, by the adjoint in the frames that poses (P, 3) lead from."""
+    adjoint = adjoints(poses)
+    return np.asarray(adjoint @ covariances @ adjoint.transpose(0, 2, 1))

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Loop closures over a whole recording: found by how places look, believed as consistent sets.
+"""Offline loop closure over a whole recording: place recognition, alignment, consistent sets.
 
-While driving, old places are looked for where the robot is believed to be. Once the recording has
-ended, every node is compared with those that look like it, wherever they are; what is found is
-believed where several finds tell the same story, and again with the corrected poses until nothing
+While driving, loop closures are searched for near the estimated pose. Once the recording has ended,
+every node is compared with those of similar appearance, wherever they are. Aligned candidates are
+accepted in pairwise-consistent sets, and the search repeats with the corrected poses until nothing
 new is found.
 """
 
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, silent
-from slarm_graph.backends.closure_sets import SIDEWAYS_M, consistent_sets, disputed
-from slarm_graph.backends.misfits import reconciled
-from slarm_graph.backends.step_chains import is_contradicted_twice
+from slarm_graph.backends.chain_consistency import contradicts_both_chains
+from slarm_graph.backends.closure_sets import MAX_COVISIBLE_M, consistent_sets, contested_closures
+from slarm_graph.backends.closure_verification import verify_closures
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.closures import SIGMAS, Closure
@@ -30,192 +30,194 @@ from slarm_graph.geometry import Floats, between, compose, transform_points
 
 _ROUNDS = 3
 """Most passes over the recording: each needs the corrections of the one before."""
-_ALIKE, _ALIGNED = 10, 5
-"""Submaps whose pictures are compared with a node's, and ways to lie on one that are then aligned:
-of revisits two in three are among the ten most alike; twice as many find no more."""
-_FOLLOWED = 4
-"""Nodes that a find is followed by to either side, 10 m, and submaps beside its own that these may
-lie on."""
-_APART_M = 15.0
-"""Way from which a return is a revisit: the local map has forgotten what lies behind."""
-_SURE_M, _SURE_RAD = 0.5, 0.15
-"""Uncertainty up to which matching from the expected pose finds the place without a search."""
-_SEEN_TOGETHER_M = 3.0
-"""Distance of submaps that show the same."""
+_RETRIEVED, _ALIGNED = 10, 5
+"""Submaps retrieved by appearance for a node, and relative poses of these that are then aligned:
+of revisits two in three are among the ten most similar; twice as many find no more."""
+_PROPAGATED = 4
+"""Nodes that a closure is propagated to on either side, 10 m, and submaps beside its own that these
+may match."""
+_REVISIT_M = 15.0
+"""Path length from which a return is a revisit: the local map has dropped what lies behind."""
+_MAX_SIGMA_M, _MAX_SIGMA_RAD = 0.5, 0.15
+"""Uncertainty up to which matching from the predicted pose finds the place without a search."""
+_COVISIBLE_M = 3.0
+"""Distance of submaps that show the same walls."""
 
-_Question = tuple[int, int, Floats]
-"""Whether one submap lies in another at a pose (3,) [m, m, rad]."""
+_Candidate = tuple[int, int, Floats]
+"""Query submap, target submap, and initial guess (3,) of the first in the second [m, m, rad]."""
 
 
-def close_finally(
+def close_loops_offline(
     graph: SubmapGraph, matcher: SubmapMatcher, heartbeat: Heartbeat
 ) -> tuple[SubmapGraph, int]:
-    """Find what was missed while driving, until nothing new is found.
+    """Find the loop closures missed while driving, and verify all of them.
 
     Returns
     -------
     graph : SubmapGraph
-        To go on with.
-    rivals : int
-        Finds that agree with each other and not with the graph, which turned them down, and that
-        matches or odometry alone would allow.
+        The one to use from here on.
+    rejected : int
+        Pairwise-consistent closures that the gate rejected, and that the chain of matches or of
+        odometry alone would allow.
     """
     if len(graph.submaps) < 3:
         return graph, 0
     index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
     tried: set[tuple[int, int]] = set()
-    far_off: list[Closure] = []
+    gated: list[Closure] = []
     for round_number in range(_ROUNDS):
-        graph.settle(heartbeat)
+        graph.optimize_robustly(heartbeat)
         heartbeat(f"looking for old places, round {round_number + 1}")
-        asked = [*_near(graph, tried), *_alike(graph, index, tried)]
-        found = _aligned(matcher, asked)
-        judged = graph.judged([*found, *followed(found, graph, matcher)])
-        believed = consistent_sets([c for c in judged if not c.reason], graph)
-        far_off += [c for c in judged if c.reason]
-        if not believed:
+        candidates = [*_near_candidates(graph, tried), *_similar_candidates(graph, index, tried)]
+        aligned = _aligned(matcher, candidates)
+        tested = graph.apply_gate([*aligned, *propagated(aligned, graph, matcher)])
+        accepted = consistent_sets([c for c in tested if not c.reason], graph)
+        gated += [c for c in tested if c.reason]
+        if not accepted:
             break
-        graph.close(believed, heartbeat)
-    graph.close(far_off, heartbeat)
-    open_again = disputed(graph)
-    if open_again:
+        graph.add_closures(accepted, heartbeat)
+    graph.add_closures(gated, heartbeat)
+    contested = contested_closures(graph)
+    if contested:
         heartbeat(
-            f"weighing {count_of(len(open_again), 'closure')} against what they had turned down"
+            f"weighing {count_of(len(contested), 'closure')} against what they had turned down"
         )
-        graph = reopened(graph, open_again, heartbeat)
-    graph = reconciled(graph, matcher, heartbeat)
+        graph = reassess_closures(graph, contested, heartbeat)
+    graph = verify_closures(graph, matcher, heartbeat)
     steps = graph.pose_graph().constraints
-    agreeing = consistent_sets(graph.far_off(), graph)
-    return graph, sum(not is_contradicted_twice(graph.edge(c), steps) for c in agreeing)
+    rejected = consistent_sets(graph.gated(), graph)
+    return graph, sum(not contradicts_both_chains(graph.edge(c), steps) for c in rejected)
 
 
-def reopened(
+def reassess_closures(
     graph: SubmapGraph, contested: Sequence[Closure], heartbeat: Heartbeat = silent
 ) -> SubmapGraph:
-    """Return a graph that judges closures anew with all that the given one has turned down.
+    """Gate contested and rejected closures anew, against a graph without either.
 
-    All are held against a graph of what is undisputed: what came first has no right of its own.
+    So the outcome does not depend on which were accepted first.
 
     Parameters
     ----------
     graph : SubmapGraph
     contested : sequence of Closure
-        Believed so far.
+        Accepted so far.
     heartbeat : Heartbeat
     """
-    open_again = {id(c) for c in (*contested, *graph.far_off())}
-    other = graph.with_closures([c for c in graph.closures if id(c) not in open_again])
-    other.settle(heartbeat)
-    anew = [replace(c, reason="") for c in graph.closures if id(c) in open_again]
-    other.close(other.judged(anew), heartbeat)
+    reassessed = {id(c) for c in (*contested, *graph.gated())}
+    other = graph.with_closures([c for c in graph.closures if id(c) not in reassessed])
+    other.optimize_robustly(heartbeat)
+    readmitted = [replace(c, reason="") for c in graph.closures if id(c) in reassessed]
+    other.add_closures(other.apply_gate(readmitted), heartbeat)
     return other
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
-    """Describe a submap with its neighbours, around the middle of its own returns."""
+    """Appearance descriptor of a submap with its neighbours, about the median of its returns."""
     middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
     return appearance_of(matcher.points_of(matcher.region(submap)), middle)
 
 
-def _aligned(matcher: SubmapMatcher, asked: Sequence[_Question]) -> list[Closure]:
-    """Return what aligns, in the order asked; each target's questions follow on each other.
+def _aligned(matcher: SubmapMatcher, candidates: Sequence[_Candidate]) -> list[Closure]:
+    """Align candidates and return the successful ones, in the order given.
 
-    So a target is prepared once, however few are kept.
+    They are aligned target by target, so that each is prepared once, however small the cache.
     """
-    by_target = sorted(range(len(asked)), key=lambda k: asked[k][1])
-    found = {k: matcher.align(*asked[k]) for k in by_target}
-    return [found[k] for k in range(len(asked)) if not found[k].reason]
+    by_target = sorted(range(len(candidates)), key=lambda k: candidates[k][1])
+    aligned = {k: matcher.align(*candidates[k]) for k in by_target}
+    return [aligned[k] for k in range(len(candidates)) if not aligned[k].reason]
 
 
-def _near(graph: SubmapGraph, tried: set[tuple[int, int]]) -> Iterator[_Question]:
-    """Ask for nodes in old submaps that the graph is sure they are near."""
+def _near_candidates(graph: SubmapGraph, tried: set[tuple[int, int]]) -> Iterator[_Candidate]:
+    """Yield nodes that lie near an old submap with little uncertainty, at the predicted pose."""
     nodes = graph.poses()
     centers = np.array(
         [transform_points(nodes[i], s.center_m) for i, s in enumerate(graph.submaps)]
     )
-    for j, old in _unlinked(graph):
-        away = np.hypot(*(centers[old] - centers[j]).T)
-        i = int(old[np.argmin(away)])
-        if away.min() > _SEEN_TOGETHER_M or (i, j) in tried:
+    for j, old in _without_closure(graph):
+        distance_m = np.hypot(*(centers[old] - centers[j]).T)
+        i = int(old[np.argmin(distance_m)])
+        if distance_m.min() > _COVISIBLE_M or (i, j) in tried:
             continue
         sigma_m, sigma_rad = graph.sigmas_between(i, j)
-        if sigma_m > _SURE_M or sigma_rad > _SURE_RAD:
+        if sigma_m > _MAX_SIGMA_M or sigma_rad > _MAX_SIGMA_RAD:
             continue
         tried.add((i, j))
         yield j, i, between(nodes[i], nodes[j])
 
 
-def _alike(
+def _similar_candidates(
     graph: SubmapGraph, index: PlaceIndex, tried: set[tuple[int, int]]
-) -> Iterator[_Question]:
-    """Ask for nodes in the submaps that look most like their own, as they then lie."""
+) -> Iterator[_Candidate]:
+    """Yield nodes and the old submaps of most similar appearance, at the relative pose it gives."""
     nodes = graph.poses()
-    for j, old in _unlinked(graph):
+    for j, old in _without_closure(graph):
         sigmas_m, _ = graph.sigmas_from(j)
-        reach_m = SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
-        possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + SIDEWAYS_M]
+        reach_m = SIGMAS * sigmas_m[old] + _COVISIBLE_M
+        possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + MAX_COVISIBLE_M]
         fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
         if not len(fresh):
             continue
-        for alike in index.alike(j, fresh, _ALIKE)[:_ALIGNED]:
-            i = alike.place
+        for match in index.alike(j, fresh, _RETRIEVED)[:_ALIGNED]:
+            i = match.place
             tried.add((i, j))
-            shift = between(between(nodes[i], nodes[j]), alike.place_from_query)
-            if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
+            shift = between(between(nodes[i], nodes[j]), match.place_from_query)
+            if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _COVISIBLE_M:
                 continue
-            yield j, i, alike.place_from_query
+            yield j, i, match.place_from_query
 
 
-def followed(
-    found: Sequence[Closure], graph: SubmapGraph, matcher: SubmapMatcher
+def propagated(
+    closures: Sequence[Closure], graph: SubmapGraph, matcher: SubmapMatcher
 ) -> Iterator[Closure]:
-    """Go on from every find along both ways, as far as the places beside it match as well.
+    """Propagate closures to the nodes before and after, as long as these align as well.
 
-    What is the same place stays so a few steps further; what only looks like it does not.
+    A true revisit goes on for a few nodes; an aliased place does not.
     """
-    met = {(c.submap, graph.node_of(c.keyframe)) for c in found}
-    linked = graph.linked()
-    for c in found:
+    met = {(c.submap, graph.node_of(c.keyframe)) for c in closures}
+    closed = graph.nodes_with_closure()
+    for c in closures:
         for direction in (-1, 1):
-            yield from _beside(c, direction, graph, matcher, met, linked)
+            yield from _propagated_one_way(c, direction, graph, matcher, met, closed)
 
 
-def _beside(
-    find: Closure,
+def _propagated_one_way(
+    closure: Closure,
     direction: int,
     graph: SubmapGraph,
     matcher: SubmapMatcher,
     met: set[tuple[int, int]],
-    linked: set[int],
+    closed: set[int],
 ) -> Iterator[Closure]:
-    """Align the unlinked nodes beside a find's with the submaps where it puts them, once each."""
-    nodes, ways, here = graph.poses()[: len(graph.submaps)], graph.ways_m(), find
-    for _ in range(_FOLLOWED):
-        j = graph.node_of(here.keyframe)
-        then = j + direction
-        if not 0 <= then < len(nodes) or then in linked:
+    """Align nodes without a closure next to a closure's, at the pose it predicts, once each."""
+    nodes, lengths_m, current = graph.poses()[: len(graph.submaps)], graph.path_lengths_m(), closure
+    for _ in range(_PROPAGATED):
+        j = graph.node_of(current.keyframe)
+        query = j + direction
+        if not 0 <= query < len(nodes) or query in closed:
             return
-        there = compose(here.submap_from_keyframe, between(nodes[j], nodes[then]))
-        near = np.arange(max(here.submap - _FOLLOWED, 0), min(here.submap + _FOLLOWED + 1, then))
-        near = near[ways[near] < ways[then] - _APART_M]
-        if not len(near):
+        predicted = compose(current.submap_from_keyframe, between(nodes[j], nodes[query]))
+        targets = np.arange(
+            max(current.submap - _PROPAGATED, 0), min(current.submap + _PROPAGATED + 1, query)
+        )
+        targets = targets[lengths_m[targets] < lengths_m[query] - _REVISIT_M]
+        if not len(targets):
             return
-        old = between(nodes[here.submap], nodes[near])
-        k = int(np.argmin(np.hypot(*(old - there)[:, :2].T)))
-        i = int(near[k])
-        if (i, then) in met:
+        old = between(nodes[current.submap], nodes[targets])
+        k = int(np.argmin(np.hypot(*(old - predicted)[:, :2].T)))
+        i = int(targets[k])
+        if (i, query) in met:
             return
-        here = matcher.align(then, i, between(old[k], there))
-        if here.reason:
+        current = matcher.align(query, i, between(old[k], predicted))
+        if current.reason:
             return
-        met.add((i, then))
-        yield replace(here, searched=False)
+        met.add((i, query))
+        yield replace(current, searched=False)
 
 
-def _unlinked(graph: SubmapGraph) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """Yield nodes that no closure ties to an older one, with the submaps left far behind."""
-    ways, linked = graph.ways_m(), graph.linked()
+def _without_closure(graph: SubmapGraph) -> Iterator[tuple[int, NDArray[np.int64]]]:
+    """Yield nodes that no closure ties to an older one, with the submaps a revisit may match."""
+    lengths_m, closed = graph.path_lengths_m(), graph.nodes_with_closure()
     for j in range(len(graph.submaps)):
-        old = np.flatnonzero(ways[: len(graph.submaps)] < ways[j] - _APART_M)
-        if len(old) and j not in linked:
+        old = np.flatnonzero(lengths_m[: len(graph.submaps)] < lengths_m[j] - _REVISIT_M)
+        if len(old) and j not in closed:
             yield j, old

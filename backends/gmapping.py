@@ -24,7 +24,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, path_table, silent
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
-from slarm_graph.backends.graph_constraints import limits_of
+from slarm_graph.backends.graph_constraints import clamping_factors
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.backends.particle_matching import point_normals
@@ -35,17 +35,17 @@ from slarm_graph.backends.particle_tables import (
 )
 from slarm_graph.backends.path_covariance import (
     covariance_notices,
-    fill_covariances,
-    spread_covariances,
+    interpolate_covariances,
+    sample_covariances,
 )
-from slarm_graph.backends.path_filling import spread, step_variance
+from slarm_graph.backends.path_interpolation import interpolate_corrections, step_variance
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.second_pass import (
-    MISSED,
-    closure_misses,
-    covariances_about,
+    MISSED_SIGMAS,
+    closure_mahalanobis,
     filter_along,
+    second_moments,
 )
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
@@ -101,7 +101,7 @@ class _State:
         """Poses (S, 3), with scans between updates where all that was seen has them."""
         if closed is None or len(self.closed_path):
             return self.told()
-        moved = closed.moved.copy()
+        moved = closed.relocations.copy()
         moved[self.updates] = 0.0
         return compose(self.told(), moved)
 
@@ -144,7 +144,7 @@ class GmappingBackend:
         state = self._state
         scan = state.tracker.track(reading)
         if state.places:
-            state.places.take(scan)
+            state.places.add_scan(scan)
         state.stamps_ns.append(reading.stamp_ns)
         state.revise(scan.revised)
         state.local.append(scan.local_from_robot.as_array())
@@ -186,9 +186,9 @@ class GmappingBackend:
             raise RunFailed("no scan was usable")
         if state.places is None or state.places.is_empty:
             return self._told(None)
-        closed = state.places.closed()
+        closed = state.places.close_loops()
         missed = self._misses(state.filter, state.told(), closed)
-        if np.any(missed > MISSED):
+        if np.any(missed > MISSED_SIGMAS):
             self._bring_back(closed, missed)
         return self._told(closed)
 
@@ -207,7 +207,7 @@ class GmappingBackend:
 
     def _misses(self, particles: MappingFilter, told: Floats, closed: ClosedGraph) -> Floats:
         path = self._filled(told, particles.best_path())
-        return closure_misses(closed, path.poses, self._config.maps.delta_m)
+        return closure_mahalanobis(closed, path.poses, self._config.maps.delta_m)
 
     def _told(self, closed: ClosedGraph | None) -> SlamResult:
         state, particles, told = self._state, self._state.filter, self._state.told_at_last(closed)
@@ -216,7 +216,7 @@ class GmappingBackend:
         stamps_ns = np.array(state.stamps_ns)[state.updates]
         tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
-        covariances = None if closed is None else covariances_about(path.poses, closed)
+        covariances = None if closed is None else second_moments(path.poses, closed)
         unknown = () if closed is None else covariance_notices(closed.graph, covariances)
         if covariances is None and not unknown:
             covariances = self._covariances(path.poses)
@@ -234,9 +234,9 @@ class GmappingBackend:
         cell = np.diag([1.0, 1.0, 0.0]) * self._config.maps.delta_m**2 / 12.0
         floor = motion_covariance(self._config.motion, 0.0, 0.0) + cell
         weights = normalised(known.log_weights)
-        spreads = spread_covariances(paths, paths[:, known.best()], weights, floor)
+        spreads = sample_covariances(paths, paths[:, known.best()], weights, floor)
         updates, variances = np.array(state.updates), np.array(state.variances)
-        return fill_covariances(spreads, updates, poses, variances) + np.array(state.lags)
+        return interpolate_covariances(spreads, updates, poses, variances) + np.array(state.lags)
 
     def snapshot(self) -> State:
         """Return the whole state once the filter's step is done, random numbers included."""
@@ -271,7 +271,7 @@ class GmappingBackend:
             unsure = scan.local_covariance
         else:
             unsure = state.unmatched.total_covariance()
-        state.doubt = np.zeros((3, 3)) if is_sure else unsure * limits_of(unsure)
+        state.doubt = np.zeros((3, 3)) if is_sure else unsure * clamping_factors(unsure)
         if scan.is_keyframe and not scan.match:
             state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
             state.unmatched = STOOD
@@ -316,7 +316,9 @@ class GmappingBackend:
     def _filled(self, told: Floats, path: Floats) -> Trajectory:
         """Give every scan a pose: the filter's at its updates, the motion told in between."""
         state = self._state
-        poses = spread(told, np.array(state.updates), path, np.array(state.variances))
+        poses = interpolate_corrections(
+            told, np.array(state.updates), path, np.array(state.variances)
+        )
         return Trajectory(np.array(state.stamps_ns), poses)
 
 

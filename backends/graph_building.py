@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From tracked scans to a graph that closes loops: what every backend that needs one shares."""
+"""From tracked scans to a pose graph with loop closures: shared by the backends that need one."""
 
 from __future__ import annotations
 
@@ -11,10 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, Table, silent
-from slarm_graph.backends.final_closures import close_finally
-from slarm_graph.backends.misfits import MISFITS
-from slarm_graph.backends.open_scans import moved_by_all, moved_notice
-from slarm_graph.backends.path_filling import bridged, odometry_variance, step_variance
+from slarm_graph.backends.ambiguous_scans import relocated_scans, relocation_notice
+from slarm_graph.backends.closure_verification import CONTRADICTED
+from slarm_graph.backends.final_closures import close_loops_offline
+from slarm_graph.backends.path_interpolation import (
+    bridged_by_odometry,
+    odometry_variance,
+    step_variance,
+)
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
@@ -44,26 +48,26 @@ _COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class ClosedGraph:
-    """A graph whose loops are closed, and the path that follows from it.
+    """The optimised graph of a recording, and the trajectory interpolated from it.
 
     Parameters
     ----------
     graph : PoseGraph
-        Nodes, with the constraints that were believed.
+        Nodes, with the constraints that were accepted.
     scans : (N,) int64
-        The scan that every node stands at.
+        Scan of every node.
     poses : (S, 3) float64
         `map_from_robot` at every scan.
     variances : (S,) float64
-        Of the step to every scan [m^2].
+        Position variance of the step to every scan [m^2].
     closures : Table
-        Every closure met, accepted or not, with the weight it ended with.
+        Every closure candidate, accepted or not, with its final weight.
     lag_covariances : (S, 3, 3) float64
-        Of every scan's pose at its stamp, seen from where the graph has it.
-    moved : (S, 3) float64
-        Where every scan belongs, seen from where the tracker had it; see `open_scans`.
+        Of every scan's pose at its stamp, relative to the graph's estimate.
+    relocations : (S, 3) float64
+        Pose of every scan relative to the tracker's estimate; see `ambiguous_scans`.
     notices : tuple of str
-        What could not be brought together.
+        Contradictions that are left.
     """
 
     graph: PoseGraph
@@ -72,19 +76,19 @@ class ClosedGraph:
     variances: Floats
     closures: Table
     lag_covariances: Floats
-    moved: Floats
+    relocations: Floats
     notices: tuple[str, ...] = ()
 
 
 class GraphBuilder:
-    """Makes keyframes of tracked scans, ties them into a graph and looks for old places.
+    """Incremental frontend of the graph: keyframes, constraints and loop closures of tracked scans.
 
     Parameters
     ----------
     settings : PoseGraphConfig
     frontend : FrontendConfig
     heartbeat : Heartbeat
-        Told what long steps are doing.
+        Called with what long steps are doing.
     """
 
     def __init__(
@@ -100,10 +104,10 @@ class GraphBuilder:
         self._has_odometry = False
         self._wheels: WheelMotion | None = None
         self._unmatched: list[WheelMotion] = []
-        self._open: dict[int, Floats] = {}
+        self._ambiguous: dict[int, Floats] = {}
 
-    def take(self, tracked: TrackedScan) -> None:
-        """Take a scan in; when it is a keyframe, extend the graph and look for old places."""
+    def add_scan(self, tracked: TrackedScan) -> None:
+        """Add a scan; when it is a keyframe, extend the graph and search for loop closures."""
         self._stamps_ns.append(tracked.stamp_ns)
         if tracked.revised:
             self._local[-len(tracked.revised) :] = map(Pose2.from_array, tracked.revised)
@@ -121,7 +125,7 @@ class GraphBuilder:
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
         elif tracked.is_open and tracked.match:
-            self._open[len(self._local) - 1] = tracked.points_m
+            self._ambiguous[len(self._local) - 1] = tracked.points_m
 
     @property
     def is_empty(self) -> bool:
@@ -136,13 +140,13 @@ class GraphBuilder:
         """Return the present pose by the graph as last optimised."""
         return self._graph.map_from_local() @ self._local[-1] if self._local else Pose2()
 
-    def unmatched(self) -> Trajectory:
-        """Return the path of a recording of which no scan could be matched: the odometry's.
+    def odometry_trajectory(self) -> Trajectory:
+        """Return the odometry as the trajectory of a recording of which no scan could be matched.
 
         Raises
         ------
         RunFailed
-            Without odometry there is nothing to go by.
+            When there is no odometry, either.
         """
         if not self._has_odometry:
             raise RunFailed(
@@ -151,39 +155,45 @@ class GraphBuilder:
         local = self._local_poses()
         return Trajectory(self.stamps_ns(), between(local[0], local))
 
-    def closed(self) -> ClosedGraph:
-        """Look for old places over the whole recording, and weigh all closures together."""
+    def close_loops(self) -> ClosedGraph:
+        """Search for loop closures over the whole recording, and optimise with all of them."""
         self._closer.forget_prepared()
         graph, frontend = self._graph, self._frontend
         matcher = SubmapMatcher(
             self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
         )
-        self._graph, rivals = close_finally(graph, matcher, self._heartbeat)
+        self._graph, gated = close_loops_offline(graph, matcher, self._heartbeat)
         graph = self._graph
-        settled, weights = graph.adjusted(self._heartbeat)
+        solution, weights = graph.reoptimized(self._heartbeat)
         local, variances = self._local_poses(), np.array(self._variances)
-        moved, unsure = moved_by_all(self._open, graph, matcher, local)
-        poses = graph.corrected(compose(local, moved), variances)
+        relocations, relocation_covariances = relocated_scans(
+            self._ambiguous, graph, matcher, local
+        )
+        poses = graph.correct_trajectory(compose(local, relocations), variances)
         table = self._table(weights)
-        told = (*graph.notices(), *_rival_notice(rivals), *_misfit_notice(graph.closures))
-        told += moved_notice(moved)
-        lags = np.array(self._lags) + unsure
+        notices = (
+            *graph.notices(),
+            *_gated_notice(gated),
+            *_contradicted_notice(graph.closures),
+        )
+        notices += relocation_notice(relocations)
+        lags = np.array(self._lags) + relocation_covariances
         scans = graph.node_scans()
-        return ClosedGraph(settled, scans, poses, variances, table, lags, moved, told)
+        return ClosedGraph(solution, scans, poses, variances, table, lags, relocations, notices)
 
     def _local_poses(self) -> Floats:
         """Return `local_from_robot` (S, 3) of all scans."""
         return np.array([pose.as_array() for pose in self._local])
 
     def _bridge(self, wheels: WheelMotion) -> None:
-        """Have the scans that odometry placed end where this one was matched."""
+        """Distribute the residual of a match over the unmatched scans before it."""
         steps = [*self._unmatched, wheels]
         first = len(self._local) - len(steps) - 1
         if first >= 0:
             start, end = (self._local[k].as_array() for k in (first, -1))
             motions = np.array([step.motion for step in steps])
-            unsure = [odometry_variance(step) for step in steps]
-            path = bridged(start, end, motions, np.array(unsure))
+            variances = [odometry_variance(step) for step in steps]
+            path = bridged_by_odometry(start, end, motions, np.array(variances))
             self._local[first + 1 : -1] = map(Pose2.from_array, path)
 
     def _add_keyframe(self, tracked: TrackedScan) -> None:
@@ -203,7 +213,7 @@ class GraphBuilder:
         closures = self._closer.confirm(keyframes, submaps)
         if self._closer.is_due(len(keyframes) - 1):
             closures += self._closer.examine(keyframes, submaps, self._graph.expectations())
-        self._graph.close(self._graph.judged(closures), self._heartbeat)
+        self._graph.add_closures(self._graph.apply_gate(closures), self._heartbeat)
 
     def _table(self, weights: Floats) -> Table:
         rows = [
@@ -230,20 +240,20 @@ class GraphBuilder:
         )
 
 
-def _rival_notice(rivals: int) -> tuple[str, ...]:
-    """Say that finds were turned down which agree with each other."""
-    if not rivals:
+def _gated_notice(gated: int) -> tuple[str, ...]:
+    """Report pairwise-consistent closures that the chi-square gate rejected."""
+    if not gated:
         return ()
     return (
-        f"{rivals} finds of old places agree with each other, but lie farther from where the graph"
+        f"{gated} finds of old places agree with each other, but lie farther from where the graph"
         " has them than both may err by, and were turned down: places look alike, or a stretch of"
         " the path is wrong; see loop_closures.csv",
     )
 
 
-def _misfit_notice(closures: Sequence[Closure]) -> tuple[str, ...]:
-    """Say that closures were left out by what the places beside them saw."""
-    count = sum(c.reason == MISFITS for c in closures)
+def _contradicted_notice(closures: Sequence[Closure]) -> tuple[str, ...]:
+    """Report closures rejected because the submaps that they overlay contradict each other."""
+    count = sum(c.reason == CONTRADICTED for c in closures)
     if not count:
         return ()
     return (

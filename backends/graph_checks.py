@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a pose graph must fulfil before it is optimised."""
+"""Validate a pose graph before optimisation: finite, symmetric, well-conditioned."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _EIGENVALUES = (1e-12, 1e6)
 
 
 def check_graph(graph: PoseGraph) -> None:
-    """Refuse graphs an optimiser would silently turn into NaN.
+    """Raise on graphs that an optimiser would silently turn into NaN.
 
     Raises
     ------
@@ -42,7 +42,7 @@ def check_graph(graph: PoseGraph) -> None:
 
 
 def check_covariance(covariance: Floats, what: str) -> None:
-    """Refuse what GTSAM would silently turn into NaN.
+    """Raise on a covariance that GTSAM would silently turn into NaN.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Constraints between nodes of the graph: what keyframes and closures say, and how surely."""
+"""Constraints between graph nodes with covariances: from matches, from odometry, from closures."""
 
 from __future__ import annotations
 
@@ -18,78 +18,78 @@ from slarm_graph.frontends.scans.wheel_motion import joined
 from slarm_graph.geometry import Floats, Pose2
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
-"""Of a keyframe's place on the local map, whatever its points say [m, m, rad]. Half of it, and of
-the closures' floor, has graduated non-convexity turn down every closure of the paper's room."""
-_ADDS_UP = 3.0
-"""Of a keyframe's variance, along a way: neighbours are matched to one local map and err alike;
+"""Least of a keyframe's match to the local map [m, m, rad]. With half of it, and of the closures',
+graduated non-convexity rejects every closure of the paper's room."""
+_CORRELATION_FACTOR = 3.0
+"""Inflation of a keyframe's variance along the path: neighbours are matched to one local map, and
 with a correlation of one half 1 + 2 (1/2 + 1/4 + ...) = 3 times as much adds up. With a tenth, true
-closures are voted down where matches are unsure; a third of it changes the plain recordings by 1 %
-at most."""
+closures are rejected where matches are uncertain; a third changes plain ones by at most 1 %."""
 _CLOSURE_FLOOR = np.diag([0.02, 0.02, 0.006]) ** 2
-"""Of a keyframe's place on an old submap [m, m, rad]: two fifths of a cell, as far as submaps bend.
-Half of it has graduated non-convexity vote down a quarter of the closures that a robot of a narrow
-view needs (0.047 m in place of 0.040, mean of three drives); plain recordings change by 1 %."""
-_NOTHING_KNOWN = np.array([300.0, 300.0, math.pi / math.sqrt(3.0)])
-"""Standard deviations of a step of which nothing is known [m, m, rad]: buildings are no larger, and
-of a heading that of any on the circle. What a silence of minutes adds up to is beyond reason."""
+"""Least of a keyframe's match to an old submap [m, m, rad]: two fifths of a cell, as far as these
+bend. With half of it graduated non-convexity rejects a quarter of the closures that a robot of a
+narrow view needs (0.047 m in place of 0.040, mean of three drives); plain recordings change by
+1 %."""
+_UNINFORMED = np.array([300.0, 300.0, math.pi / math.sqrt(3.0)])
+"""Standard deviations of an uninformed step [m, m, rad]: buildings are no larger, and a heading is
+uniform on the circle. What minutes without a match add up to is beyond reason."""
 _INFORMATION_FLOOR = np.diag([1.0, 1.0, 10.0])
-"""Of a closure, so that it can be inverted: a metre, and a third of a radian. Half and double
+"""Added to a closure's, so that it is invertible: a metre, and a third of a radian. Half and double
 change nothing (edmonton, mit-csail plain and with hard_1_of_2)."""
 
 
 def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
-    """Constraint to a node from the one before by the matches of the keyframes in between.
+    """Constraint from the previous node to a node by the scan matches of the keyframes in between.
 
     Parameters
     ----------
     node : int
     keyframes : sequence
-        From the node before to this one, both included.
+        From the previous node to this one, both included.
     """
     before, last = keyframes[0].local_from_robot, keyframes[-1].local_from_robot
     matches, floor = np.zeros((3, 3)), np.zeros((3, 3))
     for keyframe in keyframes[1:]:
-        onwards = keyframe.local_from_robot.between(last)
-        matches += _carried(_ADDS_UP * _of_match(keyframe), onwards)
-        floor += _carried(_ODOMETRY_FLOOR, onwards)
+        to_last = keyframe.local_from_robot.between(last)
+        matches += _transformed(_CORRELATION_FACTOR * _match_covariance(keyframe), to_last)
+        floor += _transformed(_ODOMETRY_FLOOR, to_last)
     total = matches + floor
-    within = limits_of(total)
-    covariance, shared = _symmetric(total * within), _symmetric(matches * within)
+    factors = clamping_factors(total)
+    covariance, shared = _symmetric(total * factors), _symmetric(matches * factors)
     step = before.between(last)
     return Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY, shared)
 
 
-def _of_match(keyframe: Keyframe) -> Floats:
-    """Covariance (3, 3) of what a keyframe's match says: nothing where odometry placed it.
+def _match_covariance(keyframe: Keyframe) -> Floats:
+    """Covariance (3, 3) of a keyframe's scan match: uninformed where odometry alone placed it.
 
-    That tells of its own, and counts once.
+    Odometry has a constraint of its own, and is counted once.
     """
     if keyframe.is_matched or keyframe.wheels is None:
         return keyframe.covariance
-    return np.diag(_NOTHING_KNOWN**2)
+    return np.diag(_UNINFORMED**2)
 
 
 def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
-    """Return the same by odometry alone; None where it was not known throughout.
+    """Return the same by odometry alone; None where it has gaps.
 
-    Odometry is read at a scan's stamp, a sweep is matched in its middle: at either end, and there
-    alone, the way between adds to what odometry is unsure of, and what reading it was off.
+    Odometry is read at a scan's stamp, a sweep is matched at its middle: the motion between the two
+    and the reading error add to the covariance at either end, and there alone.
     """
     wheels = functools.reduce(joined, [keyframe.wheels for keyframe in keyframes[1:]])
     if wheels is None:
         return None
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
-    readings = _ODOMETRY_FLOOR + _carried(first, motion) + last
-    told = (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
-    total, held = (_symmetric(covariance * limits_of(covariance)) for covariance in told)
-    return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=held)
+    readings = _ODOMETRY_FLOOR + _transformed(first, motion) + last
+    both = (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
+    total, nominal = (_symmetric(covariance * clamping_factors(covariance)) for covariance in both)
+    return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=nominal)
 
 
 def closure_constraint(
     closure: Closure, node: int, keyframe: Keyframe, anchor: Keyframe
 ) -> Constraint:
-    """Turn a keyframe found in a submap into a constraint between two nodes.
+    """Constraint between two nodes from a keyframe matched to an old submap.
 
     Parameters
     ----------
@@ -98,18 +98,18 @@ def closure_constraint(
         The keyframe's.
     keyframe : Keyframe
     anchor : Keyframe
-        That the node stands at.
+        The node's.
     """
     from_anchor = keyframe.local_from_robot.between(anchor.local_from_robot)
     measured = Pose2.from_array(closure.submap_from_keyframe) @ from_anchor
-    match = _carried(invert3(closure.information + _INFORMATION_FLOOR), from_anchor)
-    covariance = _symmetric(match + _carried(_CLOSURE_FLOOR, from_anchor))
+    match = _transformed(invert3(closure.information + _INFORMATION_FLOOR), from_anchor)
+    covariance = _symmetric(match + _transformed(_CLOSURE_FLOOR, from_anchor))
     kind = ConstraintKind.LOOP_CLOSURE
     return Constraint(closure.submap, node, measured, covariance, kind, _symmetric(match))
 
 
-def limits_of(covariance: Floats) -> Floats:
-    """Return the factors (3, 3) that leave of a covariance (3, 3) no more than nothing known.
+def clamping_factors(covariance: Floats) -> Floats:
+    """Return the factors (3, 3) that limit a covariance (3, 3) to that of an uninformed step.
 
     Parameters
     ----------
@@ -117,12 +117,12 @@ def limits_of(covariance: Floats) -> Floats:
         In the body frame [m^2, m rad, rad^2].
     """
     sigmas = np.sqrt(np.diag(covariance))
-    least = _NOTHING_KNOWN / np.maximum(sigmas, _NOTHING_KNOWN)
+    least = _UNINFORMED / np.maximum(sigmas, _UNINFORMED)
     return np.outer(least, least)
 
 
-def _carried(covariance: Floats, motion: Pose2) -> Floats:
-    """Covariance (3, 3) of a pose in its body frame, in the frame that a motion leads to."""
+def _transformed(covariance: Floats, motion: Pose2) -> Floats:
+    """Covariance (3, 3) of a pose, by the adjoint in the body frame that a motion leads to."""
     adjoint = motion.inverse().adjoint()
     return np.asarray(adjoint @ covariance @ adjoint.T)
 

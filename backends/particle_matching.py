@@ -132,7 +132,7 @@ def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
 
 
 @kernel
-def log_of_miss(kernel: int, resolution: float, sigma: float) -> float:
+def log_no_match(kernel: int, resolution: float, sigma: float) -> float:
     """Log likelihood of a return with nothing within reach: that of one at the edge of reach."""
     reach = (kernel + 0.5) * resolution
     return -math.log(1.0 + (reach / sigma) ** 2)

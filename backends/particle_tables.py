@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Table
 from slarm_graph.backends.particle_maps import memory_notice
 from slarm_graph.backends.rbpf import MappingFilter
-from slarm_graph.backends.second_pass import MISSED
+from slarm_graph.backends.second_pass import MISSED_SIGMAS
 from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats
 
@@ -69,7 +69,7 @@ def second_pass_notice(missed: Floats, still: Floats) -> str:
     missed, still : (C,) float64
         By how many standard deviations each is missed after the first and after the second pass.
     """
-    before, after = int((missed > MISSED).sum()), int((still > MISSED).sum())
+    before, after = int((missed > MISSED_SIGMAS).sum()), int((still > MISSED_SIGMAS).sum())
     if still.sum() < missed.sum():
         end = f"the filter went over the recording again, and misses {after}"
     else:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure a path is of every pose: covariances in the robot's own frame [m, m, rad].
+"""Covariances of every pose of a trajectory, in the robot's body frame [m, m, rad].
 
 Errors are tangents in the body frame of the pose they belong to, as in GTSAM: the true pose is
-`pose @ exp(error)`. What is known at frame a is carried to a frame b fixed to it by the adjoint of
+`pose @ exp(error)`. An error at frame a becomes one at a frame b fixed to it by the adjoint of
 `b_from_a`.
 """
 
@@ -16,30 +16,30 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_matrix
 from scipy.sparse.linalg import splu
 
-from slarm_graph.backends.path_filling import neighbours
+from slarm_graph.backends.path_interpolation import bracketing_anchors
 from slarm_graph.constraint import ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, adjoints, between
 
-_MOST_NODES = 1000
+_MAX_NODES = 1000
 """The time grows with the square of the nodes: 400 take 0.3 s, 3000 half a minute. Larger graphs
 are left without covariances."""
-_AT_ONCE = 20
-"""Nodes solved for in one go: what stays in a core's cache. A hundred take half as long again, and
-how many there are moves the last digit."""
+_BATCH_NODES = 20
+"""Nodes solved for at once: what fits a core's cache. A hundred take half as long again, and their
+number moves the last digit."""
 
 
 @dataclass(frozen=True, slots=True)
 class NodeCovariances:
-    """What a graph says of its nodes, pose 0 being certain.
+    """Marginal covariances of the nodes of a graph, pose 0 being fixed.
 
     Parameters
     ----------
     own : (N, 3, 3) float64
         Of every node, in its body frame.
     cross : (N - 1, 3, 3) float64
-        Of every node (rows) with the one after (columns), each in its own body frame.
+        Of every node (rows) with the next (columns), each in its own body frame.
     steps : (N - 1, 3, 3) float64
-        Of the measured step between them by itself, in the body frame of the node after.
+        Of the measured step between them alone, in the body frame of the next node.
     """
 
     own: Floats
@@ -50,25 +50,25 @@ class NodeCovariances:
 def path_covariances(
     graph: PoseGraph, scans: NDArray[np.int64], poses: Floats, variances: Floats
 ) -> Floats | None:
-    """Return the covariance of every scan's pose out of that of the graph's nodes.
+    """Interpolate the covariances of the graph's nodes to every scan.
 
-    Model: seen from the node after, the step of every scan between two nodes a and b adds a share
-    of the covariance Q of the step from a to b, by its own variance, independently. Given both
-    nodes, a scan that is a share s of the way has the error
+    Model: seen from b, the step of every scan between two nodes a and b adds a share of the
+    covariance Q of the step from a to b, by its own variance, independently. Given both nodes, a
+    scan at a share s of that variance has the error
 
         e = (1 - s) A e_a + s B e_b + w,   cov(w) = s (1 - s) B Q B^T
 
-    with A and B the adjoints that carry errors of a and b to the scan: a bridge pinned at both
-    ends. For this model it is exact to first order; nodes that loops have tied more
-    closely than the step between them have the scans in between less certain than themselves, by
-    Q / 4 at most. Scans after the last node go on with the last step's share.
+    with A and B the adjoints from a and b to the scan: a Brownian bridge. For this model it is
+    exact to first order; between nodes that loops have tied more closely than the step, scans are
+    less certain than the nodes, by Q / 4 at most. Scans after the last node go on with the last
+    step's share.
 
     Parameters
     ----------
     graph : PoseGraph
         At its optimum.
     scans : (N,) int64
-        The scan that every node stands at, ascending.
+        Scan of every node, ascending.
     poses : (S, 3) float64
         `map_from_robot` at every scan.
     variances : (S,) float64
@@ -82,66 +82,66 @@ def path_covariances(
     nodes = node_covariances(graph)
     if nodes is None:
         return None
-    before, after, share = neighbours(scans, variances)
+    before, after, share = bracketing_anchors(scans, variances)
     from_a = adjoints(between(poses, poses[scans[before]]))
     from_b = adjoints(between(poses, poses[scans[after]]))
     s = np.minimum(share, 1.0)[:, None, None]
-    mixed = carried(nodes.cross[before], from_a, from_b)
-    step = carried(nodes.steps[before], from_b)
+    cross = transformed(nodes.cross[before], from_a, from_b)
+    step = transformed(nodes.steps[before], from_b)
     total = (
-        (1.0 - s) ** 2 * carried(nodes.own[before], from_a)
-        + s**2 * carried(nodes.own[after], from_b)
-        + s * (1.0 - s) * (mixed + mixed.swapaxes(1, 2) + step)
+        (1.0 - s) ** 2 * transformed(nodes.own[before], from_a)
+        + s**2 * transformed(nodes.own[after], from_b)
+        + s * (1.0 - s) * (cross + cross.swapaxes(1, 2) + step)
         + np.maximum(share - 1.0, 0.0)[:, None, None] * step
     )
     return _symmetric(total)
 
 
-def covariance_notices(graph: PoseGraph, found: Floats | None) -> tuple[str, ...]:
-    """Say why there are no covariances, where the graph is too large for them."""
-    if found is not None or len(graph.poses) <= _MOST_NODES:
+def covariance_notices(graph: PoseGraph, covariances: Floats | None) -> tuple[str, ...]:
+    """Report that a graph is too large for covariances."""
+    if covariances is not None or len(graph.poses) <= _MAX_NODES:
         return ()
     return (
         f"no covariances of the poses: the graph has {len(graph.poses)} nodes, and more than"
-        f" {_MOST_NODES} take too long",
+        f" {_MAX_NODES} take too long",
     )
 
 
 def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
-    """Return what a graph says of each node, and of each with the next.
+    """Marginal covariances of each node, and of each with the next.
 
-    None for a graph of one node, of more than `_MOST_NODES`, with two nodes in a row that no
+    None for a graph of one node, of more than `_MAX_NODES`, with two nodes in a row that no
     measured step joins, or with information that is singular in double precision.
     """
     steps = _steps(graph)
     every = np.arange(len(graph.poses))
     pairs = np.concatenate([every, every[:-1]]), np.concatenate([every, every[1:]])
-    found = None if steps is None else joint_covariances(graph, *pairs)
-    if steps is None or found is None:
+    joint = None if steps is None else joint_covariances(graph, *pairs)
+    if steps is None or joint is None:
         return None
-    return NodeCovariances(_symmetric(found[every]), found[len(every) :], steps)
+    return NodeCovariances(_symmetric(joint[every]), joint[len(every) :], steps)
 
 
 def joint_covariances(
     graph: PoseGraph, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> Floats | None:
-    """Covariances of pairs of nodes: the graph's information is factorised once.
+    """Marginal covariances of pairs of nodes, by one sparse factorisation of the information.
 
     Parameters
     ----------
     graph : PoseGraph
-        Pose 0 is certain.
+        Pose 0 is fixed.
     rows, columns : (K,) int64
         Nodes.
 
     Returns
     -------
     (K, 3, 3) float64 or None
-        Each node in its own body frame; None for a graph of one node, of more than `_MOST_NODES`,
+        Each node in its own body frame; None for a graph of one node, of more than `_MAX_NODES`,
         or with information that is singular in double precision.
     """
     count = len(graph.poses)
-    if not 2 <= count <= _MOST_NODES:
+    if not 2 <= count <= _MAX_NODES:
         return None
     try:
         solver = splu(_information(graph).tocsc())
@@ -149,26 +149,26 @@ def joint_covariances(
         return None
     pairs = np.zeros((len(rows), 3, 3))
     size = 3 * (count - 1)
-    for first in range(1, count, _AT_ONCE):
-        nodes = np.arange(first, min(first + _AT_ONCE, count))
+    for first in range(1, count, _BATCH_NODES):
+        nodes = np.arange(first, min(first + _BATCH_NODES, count))
         unit = np.zeros((size, 3 * len(nodes)))
-        places = np.arange(3 * len(nodes))
-        unit[3 * (first - 1) + places, places] = 1.0
-        found = solver.solve(unit).reshape(count - 1, 3, len(nodes), 3)
-        if not (np.isfinite(found).all() and (_own(found, nodes) >= 0.0).all()):
+        diagonal = np.arange(3 * len(nodes))
+        unit[3 * (first - 1) + diagonal, diagonal] = 1.0
+        inverse = solver.solve(unit).reshape(count - 1, 3, len(nodes), 3)
+        if not (np.isfinite(inverse).all() and (_variances(inverse, nodes) >= 0.0).all()):
             return None
         here = np.flatnonzero((columns >= first) & (columns <= nodes[-1]) & (rows > 0))
-        pairs[here] = found[rows[here] - 1, :, columns[here] - first]
+        pairs[here] = inverse[rows[here] - 1, :, columns[here] - first]
     return pairs
 
 
-def _own(found: Floats, nodes: NDArray[np.int64]) -> Floats:
-    """Variances (3, N) of nodes in the columns that were solved for them."""
-    return np.diagonal(found[nodes - 1, :, nodes - nodes[0]], axis1=1, axis2=2)
+def _variances(inverse: Floats, nodes: NDArray[np.int64]) -> Floats:
+    """Variances (N, 3) of nodes, from the columns of the inverse information solved for them."""
+    return np.diagonal(inverse[nodes - 1, :, nodes - nodes[0]], axis1=1, axis2=2)
 
 
 def _steps(graph: PoseGraph) -> Floats | None:
-    """Covariances (N - 1, 3, 3) of the steps, all that measures one taken together."""
+    """Covariances (N - 1, 3, 3) of the steps, all measurements of one fused."""
     information = np.zeros((len(graph.poses) - 1, 3, 3))
     for c in graph.constraints:
         if c.j == c.i + 1 and c.kind is not ConstraintKind.LOOP_CLOSURE:
@@ -179,7 +179,7 @@ def _steps(graph: PoseGraph) -> Floats | None:
 
 
 def _information(graph: PoseGraph) -> bsr_matrix:
-    """Information of all poses but the first: e_j - Ad(j_from_i) e_i is what was measured."""
+    """Information of all poses but the first; the residual is e_j - Ad(j_from_i) e_i."""
     i, j = np.array([(c.i, c.j) for c in graph.constraints]).T
     weight = np.linalg.inv(np.array([c.covariance for c in graph.constraints]))
     back = -adjoints(between(graph.poses[j], graph.poses[i]))
@@ -199,11 +199,11 @@ def _blocks(
     return bsr_matrix((blocks[order], columns[order], starts), shape=(3 * count, 3 * count))
 
 
-def spread_covariances(paths: Floats, best: Floats, weights: Floats, floor: Floats) -> Floats:
-    """Weighted spread of particles' paths about the best of them, in its body frame.
+def sample_covariances(paths: Floats, best: Floats, weights: Floats, floor: Floats) -> Floats:
+    """Weighted second moment of the particles' paths about the best one, in its body frame.
 
-    Particles of one ancestor agree on what was before, however wrong it may be: far back, this is
-    no more than the floor, and a lower bound at all times.
+    Before their common ancestor all particles agree, however wrong: far back this is no more than
+    the floor, and always a lower bound.
 
     Parameters
     ----------
@@ -219,14 +219,14 @@ def spread_covariances(paths: Floats, best: Floats, weights: Floats, floor: Floa
     -------
     (U, 3, 3) float64
     """
-    away = between(best[:, None, :], paths)
-    return np.asarray(np.einsum("upi,p,upj->uij", away, weights, away) + floor)
+    deviations = between(best[:, None, :], paths)
+    return np.asarray(np.einsum("upi,p,upj->uij", deviations, weights, deviations) + floor)
 
 
-def fill_covariances(
+def interpolate_covariances(
     known: Floats, scans: NDArray[np.int64], poses: Floats, variances: Floats
 ) -> Floats:
-    """Give every scan a covariance, blended from the known ones before and after.
+    """Interpolate covariances of some scans to all.
 
     Parameters
     ----------
@@ -242,17 +242,17 @@ def fill_covariances(
     Returns
     -------
     (S, 3, 3) float64
-        Both neighbours' errors taken as those of one rigid way; equal to `known` at its scans.
+        The path between is taken as rigid; equal to `known` at its scans.
     """
-    before, after, share = neighbours(scans, variances)
+    before, after, share = bracketing_anchors(scans, variances)
     s = np.minimum(share, 1.0)[:, None, None]
-    from_before = carried(known[before], adjoints(between(poses, poses[scans[before]])))
-    from_after = carried(known[after], adjoints(between(poses, poses[scans[after]])))
+    from_before = transformed(known[before], adjoints(between(poses, poses[scans[before]])))
+    from_after = transformed(known[after], adjoints(between(poses, poses[scans[after]])))
     return _symmetric((1.0 - s) * from_before + s * from_after)
 
 
-def carried(covariances: Floats, left: Floats, right: Floats | None = None) -> Floats:
-    """Carry covariances (N, 3, 3) by adjoints (N, 3, 3), rows by the left, columns by the right."""
+def transformed(covariances: Floats, left: Floats, right: Floats | None = None) -> Floats:
+    """Transform covariances (N, 3, 3) by adjoints (N, 3, 3) of the rows and of the columns."""
     return np.asarray(left @ covariances @ (left if right is None else right).swapaxes(1, 2))
 
 

@@ -50,7 +50,7 @@ class PoseGraphBackend:
 
     def update(self, reading: Reading) -> None:
         """Track the scan, and let the graph grow."""
-        self._builder.take(self._tracker.track(reading))
+        self._builder.add_scan(self._tracker.track(reading))
 
     def map_from_robot(self) -> Pose2:
         """Return the present pose by the graph as last optimised."""
@@ -65,8 +65,8 @@ class PoseGraphBackend:
             When no scan could become a keyframe and there is no odometry.
         """
         if self._builder.is_empty:
-            return SlamResult(self._builder.unmatched(), notices=(_ODOMETRY_ALONE,))
-        closed = self._builder.closed()
+            return SlamResult(self._builder.odometry_trajectory(), notices=(_ODOMETRY_ALONE,))
+        closed = self._builder.close_loops()
         graph = calibrated(closed.graph)
         covariances = path_covariances(graph, closed.scans, closed.poses, closed.variances)
         told = (*closed.notices, *covariance_notices(graph, covariances))

@@ -16,7 +16,7 @@ from slarm_graph.backends.particle_matching import (
     curvature,
     log_likelihood,
     log_likelihoods,
-    log_of_miss,
+    log_no_match,
 )
 from slarm_graph.config import GmappingConfig
 from slarm_graph.frontends.scans.small_pose import moved
@@ -146,7 +146,7 @@ def _rule(config: GmappingConfig) -> MatchRule:
 def _weigh(tiles: Tiles, rule: MatchRule, points: Floats, poses: Floats) -> Floats:
     log_weights = np.empty(len(poses))
     lines = np.zeros((len(points), 5))
-    miss = log_of_miss(rule.kernel, tiles.resolution, rule.sigma)
+    miss = log_no_match(rule.kernel, tiles.resolution, rule.sigma)
     for p in range(len(poses)):
         associate(tiles, p, rule.kernel, points, poses[p], lines)
         log_weights[p] = rule.gain * log_likelihood(points, lines, poses[p], rule.sigma, miss)
@@ -167,7 +167,7 @@ def _propose(
 ) -> tuple[Floats, Floats]:
     new_poses, log_weights = np.empty((len(poses), 3)), np.empty(len(poses))
     lines = np.zeros((len(points), 5))
-    miss = log_of_miss(rule.kernel, tiles.resolution, rule.sigma)
+    miss = log_no_match(rule.kernel, tiles.resolution, rule.sigma)
     log_density, mean, covariance = np.empty(len(lattice)), np.empty(3), np.empty((3, 3))
     information = np.linalg.inv(motion_covariance).astype(np.float64)
     scatter = np.linalg.cholesky(motion_covariance)

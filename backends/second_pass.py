@@ -1,13 +1,13 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Particles that all missed a loop are brought back: the filter goes over the recording again.
+"""Second pass of the particle filter along a graph's path, where all particles missed a loop.
 
-A few particles only cover the drift of a short way. Where none is left that closes a loop, no
-weight can choose it, and every map is torn. Old places that were recognised by how they look tell
-when that has happened; the motion along a path that closes those loops then is a better proposal
-than the one along the tracker's, and the filter draws, weighs and maps as ever. It is the
-look-ahead of an auxiliary filter (Pitt and Shephard, "Filtering via Simulation: Auxiliary Particle
-Filters", JASA 94(446), 1999) with the whole recording to look at.
+A few particles only cover the drift of a short path. Where none is left that closes a loop, no
+weight can select it, and every map is torn. The pose graph's closures tell when that has happened;
+the motion along its path is then a better proposal than the tracker's, and the filter draws, weighs
+and maps as ever. It is the look-ahead of an auxiliary particle filter (Pitt and Shephard,
+"Filtering via Simulation: Auxiliary Particle Filters", JASA 94(446), 1999) with the whole recording
+to look at.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numpy.random import Generator
 
 from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.motion_model import motion_covariance
-from slarm_graph.backends.path_covariance import carried, path_covariances
+from slarm_graph.backends.path_covariance import path_covariances, transformed
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.variance_components import calibrated
@@ -30,50 +30,50 @@ from slarm_graph.constraint import ConstraintKind
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.geometry import Floats, adjoints, between, compose, wrap_angles
 
-MISSED = math.sqrt(CHI2_1_PERMILLE)
-"""Standard deviations by which a closure is missed: the root of the chi-square quantile of 99.9 %
-for 3 degrees of freedom."""
-_PULL_M = 10.0
-"""Way in which particles return to the path: with steps that err by 2 cm a metre they spread by
-sqrt(10 / 2) of that around it, 4.5 cm, a cell of their maps. From 5 to 20 m intel changes by 2 %,
-mit-csail cut to 5.6 m of range by 9 %."""
-_MAP_RAD = 0.02
-"""How much a particle's map may bend between two visits without being torn: a cell at 2.5 m."""
+MISSED_SIGMAS = math.sqrt(CHI2_1_PERMILLE)
+"""Mahalanobis distance from which a closure is missed: the root of the chi-square quantile of
+99.9 % for 3 degrees of freedom."""
+_REVERSION_M = 10.0
+"""Path length of the mean reversion to the path: with steps that err by 2 cm a metre particles
+spread by sqrt(10 / 2) of that around it, 4.5 cm, a cell of their maps. From 5 to 20 m intel changes
+by 2 %, mit-csail cut to 5.6 m of range by 9 %."""
+_TOLERANCE_RAD = 0.02
+"""Heading error that a particle's map tolerates between two visits: a cell at 2.5 m."""
 
 
-def closure_misses(closed: ClosedGraph, poses: Floats, cell_m: float) -> Floats:
-    """How far a path misses loop closures, in standard deviations (C,).
+def closure_mahalanobis(closed: ClosedGraph, poses: Floats, cell_m: float) -> Floats:
+    """Mahalanobis distances (C,) of the loop closures at the poses of a path.
 
     Parameters
     ----------
     closed : ClosedGraph
     poses : (S, 3) float64
-        `map_from_robot` at every scan, by the path in question.
+        `map_from_robot` at every scan.
     cell_m : float
-        Side of a cell of the maps that belong to it: finer, nothing tears.
+        Side of a cell of the maps along it: smaller errors tear nothing.
     """
     at_nodes = poses[closed.scans]
-    allowed = np.diag([cell_m, cell_m, _MAP_RAD]) ** 2
-    misses = []
+    tolerance = np.diag([cell_m, cell_m, _TOLERANCE_RAD]) ** 2
+    distances = []
     for c in closed.graph.constraints:
         if c.kind is not ConstraintKind.LOOP_CLOSURE:
             continue
-        miss = between(c.i_from_j.as_array(), between(at_nodes[c.i], at_nodes[c.j]))
-        miss[2] = wrap_angles(miss[2])
-        misses.append(math.sqrt(miss @ np.linalg.solve(c.covariance + allowed, miss)))
-    return np.array(misses)
+        residual = between(c.i_from_j.as_array(), between(at_nodes[c.i], at_nodes[c.j]))
+        residual[2] = wrap_angles(residual[2])
+        distances.append(math.sqrt(residual @ np.linalg.solve(c.covariance + tolerance, residual)))
+    return np.array(distances)
 
 
-def covariances_about(poses: Floats, closed: ClosedGraph) -> Floats | None:
-    """Mean squares of what a path may be off, by a graph that has closed the same loops.
+def second_moments(poses: Floats, closed: ClosedGraph) -> Floats | None:
+    """Second moments of the true poses about a path, by the covariances of a graph.
 
-    The graph's error has the covariance C, and the path lies d beside it: about the path, the truth
-    has the second moment C + d d^T. Particles of one ancestor cannot tell, they all share it.
+    With the graph's covariance C and the path at d from it: C + d d^T. The particles themselves
+    cannot tell, as they share a common ancestor.
 
     Parameters
     ----------
     poses : (S, 3) float64
-        `map_from_robot` at every scan, by the path in question.
+        `map_from_robot` at every scan.
     closed : ClosedGraph
 
     Returns
@@ -82,13 +82,13 @@ def covariances_about(poses: Floats, closed: ClosedGraph) -> Floats | None:
         In the body frame [m^2, m rad, rad^2]; None where the graph has none.
     """
     graph = calibrated(closed.graph)
-    known = path_covariances(graph, closed.scans, closed.poses, closed.variances)
-    if known is None:
+    covariances = path_covariances(graph, closed.scans, closed.poses, closed.variances)
+    if covariances is None:
         return None
-    beside = between(poses, closed.poses)
-    beside[:, 2] = wrap_angles(beside[:, 2])
-    about = carried(known + closed.lag_covariances, adjoints(beside))
-    return about + beside[:, :, None] * beside[:, None, :]
+    offsets = between(poses, closed.poses)
+    offsets[:, 2] = wrap_angles(offsets[:, 2])
+    about_path = transformed(covariances + closed.lag_covariances, adjoints(offsets))
+    return about_path + offsets[:, :, None] * offsets[:, None, :]
 
 
 def filter_along(
@@ -105,9 +105,9 @@ def filter_along(
     poses : (U, 3) float64
         `map_from_robot` at the first scan and at every measurement.
     first_points : (K, 4) float64
-        What the first scan sees.
+        End points and normals of the first scan.
     measurements : sequence of Measurement
-        Of the filter that went before, U - 1.
+        Of the first pass, U - 1.
     config : GmappingConfig
     rng : numpy.random.Generator
 
@@ -121,16 +121,16 @@ def filter_along(
     path = between(poses[0], poses)
     for m, before, now in zip(measurements, path[:-1], path[1:], strict=True):
         noise = motion_covariance(config.motion, m.path_m, m.turned_rad)
-        told = replace(m, motion=between(before, now), motion_covariance=noise, is_lost=False)
-        particles.poses = pulled(particles.poses, before, m.path_m)
-        particles.step(told, rng)
+        replaced = replace(m, motion=between(before, now), motion_covariance=noise, is_lost=False)
+        particles.poses = mean_reverted(particles.poses, before, m.path_m)
+        particles.step(replaced, rng)
     return particles
 
 
-def pulled(poses: Floats, path: Floats, path_m: float) -> Floats:
-    """Let what poses (P, 3) are off the path's pose (3,) decay along a way.
+def mean_reverted(poses: Floats, path: Floats, path_m: float) -> Floats:
+    """Decay the deviations of poses (P, 3) from the path's pose (3,) over a path length.
 
-    A path that is known to close loops is no random walk: what it errs by in one stretch it makes
-    good in another. The process with that property is the one of Ornstein and Uhlenbeck.
+    The errors of a path that closes loops are no random walk but revert to the mean: an
+    Ornstein-Uhlenbeck process.
     """
-    return compose(path, math.exp(-path_m / _PULL_M) * between(path, poses))
+    return compose(path, math.exp(-path_m / _REVERSION_M) * between(path, poses))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The graph kept up while driving: one node per few keyframes, few enough to optimise often."""
+"""Incremental submap pose graph: one node per few keyframes, few enough to optimise often."""
 
 from __future__ import annotations
 
@@ -16,45 +16,42 @@ from numpy.typing import NDArray
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends import pose_graph_optimizer as optimizer
 from slarm_graph.backends.graph_constraints import closure_constraint, matched_step, wheels_step
-from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import Settled, left_open, settle, step_notices
-from slarm_graph.backends.graph_window import newest
-from slarm_graph.backends.path_filling import spread
-from slarm_graph.backends.variance_components import adjusted
+from slarm_graph.backends.path_interpolation import interpolate_corrections
+from slarm_graph.backends.relative_covariance import RelativeCovariances
+from slarm_graph.backends.robust_optimization import (
+    RobustSolution,
+    fused_step,
+    optimize_robustly,
+    step_notices,
+)
+from slarm_graph.backends.sliding_window import sliding_window
+from slarm_graph.backends.variance_components import reoptimized
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
 from slarm_graph.frontends.scans.small_pose import squared_sigmas
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
-from slarm_graph.geometry import (
-    Floats,
-    Pose2,
-    adjoints,
-    between,
-    compose,
-    invert,
-    transform_points,
-)
+from slarm_graph.geometry import Floats, Pose2, adjoints, between, compose, invert, transform_points
 
 _SLIP_SIGMAS = 3.0
-"""Wider than for the finished graph: on the way few closures speak against odometry."""
+"""Wider than for the finished graph: while driving few closures contradict odometry."""
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
-"""Up to so many nodes, and whenever they have grown so much, everything is optimised, else their
-end: half and double change nothing (edmonton, mit-csail plain and with hard_1_of_2; so below)."""
+"""Up to so many nodes, and whenever their number has grown by the factor, all are optimised, else
+the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
 OUTVOTED = 0.5
-"""Weight below which graduated non-convexity has turned a closure down: it ends at 0 or 1."""
-FAR_OFF = "farther from where the graph has it than both may err by"
-_VIEW_REACH_M, _AS_NEAR_M = 3.0, 1.0
-"""How far from an old submap's middle a keyframe's may be to share a view, and what counts as
-equally near. Half and double move edmonton by 3 % at most; with either, mit-csail hard_1_of_2 falls
-from one outcome (0.041 m) to another (0.033), plain it stays."""
-_SURPRISE_M, _SURPRISE_RAD = 0.1, 0.02
-"""What a closure must move its node by to have the graph optimised at once, else some are waited
-for: half and double move nothing by more than 0.1 %."""
+"""Weight below which graduated non-convexity has rejected a closure: it ends at 0 or 1."""
+GATED = "farther from where the graph has it than both may err by"
+_MAX_VIEW_DISTANCE_M, _DISTANCE_BIN_M = 3.0, 1.0
+"""Distance of the view centres of an old submap and a keyframe that may share a view, and bin in
+which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail
+hard_1_of_2 falls from one outcome (0.041 m) to another (0.033), plain it stays."""
+_URGENT_M, _URGENT_RAD = 0.1, 0.02
+"""Residual of a closure from which the graph is optimised at once, else closures are batched: half
+and double move nothing by more than 0.1 %."""
 
 
 class SubmapGraph:
-    """Keyframes, submaps and their graph.
+    """Keyframes, submaps, and the pose graph of nodes, steps and loop closures between them.
 
     Parameters
     ----------
@@ -69,75 +66,79 @@ class SubmapGraph:
         self._edges: list[Constraint] = []
         self.closures: list[Closure] = []
         self._pending = 0
-        self._surprising = False
+        self._is_urgent = False
         self._steps: list[Constraint] = []
-        self._reach = GraphReach()
-        self._drift: list[Floats] = []
+        self._relative = RelativeCovariances()
+        self._drift_covariances: list[Floats] = []
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
-        self._firsts: list[int] = []
-        self._way_m = 0.0
-        self._ways_m: list[float] = []
-        self._settled: Settled | None = None
+        self._anchors: list[int] = []
+        self._node_m = 0.0
+        self._path_lengths_m: list[float] = []
+        self._solution: RobustSolution | None = None
 
     def with_closures(self, closures: Sequence[Closure]) -> SubmapGraph:
-        """Return a graph of the same keyframes with other closures, or others of them believed."""
+        """Return a graph of the same keyframes with other closures, or others of them accepted."""
         other = copy.copy(self)
-        other.closures, other._nodes, other._settled = list(closures), list(self._nodes), None
+        other.closures, other._nodes, other._solution = list(closures), list(self._nodes), None
         other._edges = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         other._edges += [self.edge(c) for c in closures if not c.reason]
-        other._reach = GraphReach((*self._steps, *other._believed()))
+        other._relative = RelativeCovariances((*self._steps, *other._accepted_closures()))
         return other
 
     def add(self, keyframe: Keyframe) -> None:
         """Append a keyframe; begin a node and finish a submap when they are due."""
         if self.keyframes:
             step = self.keyframes[-1].local_from_robot.between(keyframe.local_from_robot)
-            self._way_m += math.hypot(step.x, step.y)
-            self._ways_m.append(self._ways_m[-1] + math.hypot(step.x, step.y))
+            self._node_m += math.hypot(step.x, step.y)
+            self._path_lengths_m.append(self._path_lengths_m[-1] + math.hypot(step.x, step.y))
         else:
-            self._ways_m.append(0.0)
+            self._path_lengths_m.append(0.0)
         self.keyframes.append(keyframe)
         k, size = len(self.keyframes) - 1, self._config.node_keyframes
-        if not self._firsts or k - self._firsts[-1] >= size or self._way_m >= self._config.node_m:
+        if (
+            not self._anchors
+            or k - self._anchors[-1] >= size
+            or self._node_m >= self._config.node_m
+        ):
             self._begin_node(k)
         self._finish_submap()
 
     def _finish_submap(self) -> None:
-        """A submap reaches half a node's keyframes beyond its node to either side."""
+        """Build the submap of a full node; it overlaps half a node's keyframes on either side."""
         node = len(self.submaps)
-        if node + 1 >= len(self._firsts):
+        if node + 1 >= len(self._anchors):
             return
-        first, last = self._firsts[node], self._firsts[node + 1]
+        first, last = self._anchors[node], self._anchors[node + 1]
         margin = max(1, (last - first) // 2)
         if len(self.keyframes) >= last + margin:
             begin = max(0, first - margin)
             self.submaps.append(make_submap(self.keyframes, begin, last + margin, first))
 
     def poses(self) -> Floats:
-        """Return `map_from_node` (N, 3) as they stand."""
+        """Return the current `map_from_node` (N, 3)."""
         return np.array(self._nodes)
 
-    def way_of(self, keyframe: int) -> float:
-        """Return the way driven up to a keyframe [m]."""
-        return self._ways_m[keyframe]
+    def path_length_at(self, keyframe: int) -> float:
+        """Return the path length up to a keyframe [m]."""
+        return self._path_lengths_m[keyframe]
 
-    def way_of_submap(self, submap: int) -> float:
-        """Return the way driven up to a submap [m]."""
-        return self._ways_m[self.submaps[submap].anchor]
+    def path_length_at_submap(self, submap: int) -> float:
+        """Return the path length up to a submap [m]."""
+        return self._path_lengths_m[self.submaps[submap].anchor]
 
-    def ways_m(self) -> Floats:
-        """Return the way driven up to every node (N,) [m]."""
-        return np.array([self._ways_m[k] for k in self._firsts])
+    def path_lengths_m(self) -> Floats:
+        """Return the path lengths up to every node (N,) [m]."""
+        return np.array([self._path_lengths_m[k] for k in self._anchors])
 
-    def linked(self) -> set[int]:
-        """Return the nodes that a believed closure ties to an older one."""
-        return {e.j for e in self._believed()}
+    def nodes_with_closure(self) -> set[int]:
+        """Return the nodes that an accepted closure ties to an older one."""
+        return {e.j for e in self._accepted_closures()}
 
-    def _believed(self) -> list[Constraint]:
-        """Return the closures that count: what the settled graph has outvoted says nothing."""
-        weights = np.ones(len(self._edges)) if self._settled is None else self._settled.weights
+    def _accepted_closures(self) -> list[Constraint]:
+        """Return the closures that robust optimisation has not rejected."""
+        weights = np.ones(len(self._edges)) if self._solution is None else self._solution.weights
         return [
             e
             for e, weight in zip(self._edges, weights.tolist(), strict=True)
@@ -145,42 +146,42 @@ class SubmapGraph:
         ]
 
     def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
-        """Standard deviations of where node j is as seen from node i [m, rad]."""
+        """Standard deviations of the pose of node j relative to node i [m, rad]."""
         sigma_m, sigma_rad = self.sigmas_from(j)
         return float(sigma_m[i]), float(sigma_rad[i])
 
     def sigmas_from(self, j: int) -> tuple[Floats, Floats]:
-        """Standard deviations (N,) of where node j is as seen from all nodes [m, rad]."""
-        variances = np.diagonal(self._reach.covariances(self.poses(), j), axis1=1, axis2=2)
+        """Standard deviations (N,) of the pose of node j relative to every node [m, rad]."""
+        variances = np.diagonal(self._relative.covariances(self.poses(), j), axis1=1, axis2=2)
         return np.sqrt(variances[:, 0] + variances[:, 1]), np.sqrt(variances[:, 2])
 
-    def drifts(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
-        """Covariances (P, 3, 3) of where nodes j are as seen from nodes i by the way driven alone.
+    def dead_reckoning_covariances(self, i: NDArray[np.int64], j: NDArray[np.int64]) -> Floats:
+        """Covariances (P, 3, 3) of nodes j (P,) relative to nodes i (P,) without any closure.
 
-        In the body frames of j (P,), whichever of the two is the older one [m^2, m rad, rad^2].
+        In the body frames of j, whichever of the two is the older one [m^2, m rad, rad^2].
         """
         anchors = [self._anchor(k).local_from_robot for k in range(len(self._nodes))]
-        carry = adjoints(invert([pose.as_array() for pose in anchors]))[j]
-        drift = np.array(self._drift)
-        between_them = drift[np.maximum(i, j)] - drift[np.minimum(i, j)]
-        return np.asarray(carry @ between_them @ carry.transpose(0, 2, 1))
+        adjoint = adjoints(invert([pose.as_array() for pose in anchors]))[j]
+        total = np.array(self._drift_covariances)
+        covariances = total[np.maximum(i, j)] - total[np.minimum(i, j)]
+        return np.asarray(adjoint @ covariances @ adjoint.transpose(0, 2, 1))
 
-    def judged(self, closures: Sequence[Closure]) -> list[Closure]:
-        """Turn those down that are farther from what the graph has than both may err."""
-        return [c if c.reason or self._is_near(c) else replace(c, reason=FAR_OFF) for c in closures]
+    def apply_gate(self, closures: Sequence[Closure]) -> list[Closure]:
+        """Reject closures beyond the chi-square gate of their own and the graph's covariance."""
+        return [c if c.reason or self._in_gate(c) else replace(c, reason=GATED) for c in closures]
 
-    def _is_near(self, closure: Closure) -> bool:
-        return squared_sigmas(*self.miss(closure)) <= SURPRISING
+    def _in_gate(self, closure: Closure) -> bool:
+        return squared_sigmas(*self.residual(closure)) <= SURPRISING
 
-    def miss(self, closure: Closure) -> tuple[Floats, Floats]:
-        """How far (3,) a closure is from what the graph has, and the covariance (3, 3) of that."""
+    def residual(self, closure: Closure) -> tuple[Floats, Floats]:
+        """Residual (3,) of a closure at the graph's estimate, and its innovation covariance."""
         edge = self.edge(closure)
-        miss = between(between(self._nodes[edge.i], self._nodes[edge.j]), edge.i_from_j.as_array())
-        reach = self._reach.covariances(self.poses(), edge.j)[edge.i]
-        return miss, reach + edge.covariance
+        error = between(between(self._nodes[edge.i], self._nodes[edge.j]), edge.i_from_j.as_array())
+        covariance = self._relative.covariances(self.poses(), edge.j)[edge.i]
+        return error, covariance + edge.covariance
 
     def map_from_local(self) -> Pose2:
-        """Return where the newest node puts the tracker's frame."""
+        """Return the pose of the tracker's frame in the map, by the newest node."""
         if not self._nodes:
             return Pose2()
         anchor = self._anchor(len(self._nodes) - 1)
@@ -188,22 +189,22 @@ class SubmapGraph:
 
     def node_of(self, keyframe: int) -> int:
         """Return the node a keyframe belongs to."""
-        return bisect.bisect_right(self._firsts, keyframe) - 1
+        return bisect.bisect_right(self._anchors, keyframe) - 1
 
     def pose_graph(self) -> PoseGraph:
-        """Return nodes and constraints as they stand."""
+        """Return the current poses and all constraints."""
         return PoseGraph(np.array(self._nodes), tuple(self._edges))
 
     def node_scans(self) -> NDArray[np.int64]:
-        """Return the scan (N,) that every node stands at."""
-        return np.array([self.keyframes[k].scan for k in self._firsts], dtype=np.int64)
+        """Return the scan (N,) of every node."""
+        return np.array([self.keyframes[k].scan for k in self._anchors], dtype=np.int64)
 
-    def corrected(self, local: Floats, variances: Floats) -> Floats:
-        """Move all scans from the tracker's frame (N, 3) into the map (N, 3); see `spread`."""
-        return spread(local, self.node_scans(), np.array(self._nodes), variances)
+    def correct_trajectory(self, local: Floats, variances: Floats) -> Floats:
+        """Poses (N, 3) in the map of all scans of the tracker's frame (N, 3), by interpolation."""
+        return interpolate_corrections(local, self.node_scans(), np.array(self._nodes), variances)
 
     def expectations(self) -> Expectations:
-        """Where the newest keyframe should be in old submaps within reach, nearest first."""
+        """Predict the newest keyframe in the old submaps it may see, nearest first."""
         count = self._old_submaps()
         if not count:
             return Expectations.none()
@@ -213,10 +214,10 @@ class SubmapGraph:
         sigma_m, sigma_rad = (s[:count] for s in self.sigmas_from(len(self._nodes) - 1))
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
-        reach = np.minimum(SIGMAS * sigma_m, self._config.loops.window_m)
-        near = np.flatnonzero(distance < _VIEW_REACH_M + reach)
-        # Among submaps about as near, the oldest: later visits then all hang on the first.
-        near = near[np.lexsort((near, np.floor(distance[near] / _AS_NEAR_M)))]
+        bound_m = np.minimum(SIGMAS * sigma_m, self._config.loops.window_m)
+        near = np.flatnonzero(distance < _MAX_VIEW_DISTANCE_M + bound_m)
+        # Of equally near submaps the oldest first: later visits are then all tied to the first one.
+        near = near[np.lexsort((near, np.floor(distance[near] / _DISTANCE_BIN_M)))]
         return Expectations(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
 
     def _old_submaps(self) -> int:
@@ -229,92 +230,94 @@ class SubmapGraph:
             self._centers = np.concatenate([self._centers, fresh])
         return self._old
 
-    def close(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
-        """Take closures in; optimise when they surprise, or when enough have come together."""
+    def add_closures(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
+        """Add closures; optimise when a residual is large, or when enough have accumulated."""
         for closure in closures:
             self.closures.append(closure)
-            self._settled = None
+            self._solution = None
             if closure.reason:
                 continue
             edge = self.edge(closure)
             self._edges.append(edge)
-            self._reach.add(edge)
+            self._relative.add(edge)
             self._pending += 1
-            believed = between(self._nodes[edge.i], self._nodes[edge.j])
-            away = between(believed, edge.i_from_j.as_array())
-            if math.hypot(away[0], away[1]) > _SURPRISE_M or abs(away[2]) > _SURPRISE_RAD:
-                self._surprising = True
-        if self._surprising or self._pending > 10 + len(self._nodes) // 4:
+            predicted = between(self._nodes[edge.i], self._nodes[edge.j])
+            residual = between(predicted, edge.i_from_j.as_array())
+            if math.hypot(residual[0], residual[1]) > _URGENT_M or abs(residual[2]) > _URGENT_RAD:
+                self._is_urgent = True
+        if self._is_urgent or self._pending > 10 + len(self._nodes) // 4:
             self._optimize(heartbeat)
 
-    def leaning_on(self, believed: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
-        """Move the nodes to where these closures have them, whichever steps give way to that."""
+    def optimize_with(self, accepted: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
+        """Move the nodes to the optimum with these closures only, with a Cauchy kernel on steps."""
         steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
         found = optimizer.optimize(
-            PoseGraph(np.array(self._nodes), (*steps, *map(self.edge, believed))),
+            PoseGraph(np.array(self._nodes), (*steps, *map(self.edge, accepted))),
             kernel=optimizer.Kernel.HUBER,
             slip_sigmas=_SLIP_SIGMAS,
             heartbeat=heartbeat,
         )
-        self._settled = None
-        self._moved_to(0, found.poses)
+        self._solution = None
+        self._set_poses(0, found.poses)
 
-    def far_off(self) -> list[Closure]:
-        """Return the finds that were turned down as farther off than both may err by."""
-        return [c for c in self.closures if c.reason == FAR_OFF]
+    def gated(self) -> list[Closure]:
+        """Return the closures that the chi-square gate rejected."""
+        return [c for c in self.closures if c.reason == GATED]
 
-    def settle(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
-        """Decide which closures to believe, and optimise with those.
+    def optimize_robustly(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
+        """Reject outlier closures by graduated non-convexity, and optimise with the inliers.
 
         Returns
         -------
         graph : PoseGraph
-            What the result rests on.
+            The optimum, with the constraints that were accepted.
         weights : (C,) float64
-            Of every closure met; 0 for those turned down before.
+            Of every closure; 0 for those rejected before.
         """
-        if self._settled is None:
-            self._settled = settle(self.pose_graph(), heartbeat)
-            self._moved_to(0, self._settled.graph.poses)
-            self._reach = GraphReach((*self._steps, *self._believed()))
+        if self._solution is None:
+            self._solution = optimize_robustly(self.pose_graph(), heartbeat)
+            self._set_poses(0, self._solution.graph.poses)
+            self._relative = RelativeCovariances((*self._steps, *self._accepted_closures()))
         is_closure = [e.kind is ConstraintKind.LOOP_CLOSURE for e in self._edges]
         weights = np.zeros(len(self.closures))
-        weights[[not c.reason for c in self.closures]] = self._settled.weights[is_closure]
-        return self._settled.graph, weights
+        weights[[not c.reason for c in self.closures]] = self._solution.weights[is_closure]
+        return self._solution.graph, weights
 
-    def adjusted(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
-        """Return the same as `settle`, its poses by what the constraints turned out to be worth."""
-        settled, weights = self.settle(heartbeat)
-        self._moved_to(0, adjusted(settled, heartbeat).poses)
-        return replace(settled, poses=self.poses()), weights
+    def reoptimized(self, heartbeat: Heartbeat = silent) -> tuple[PoseGraph, Floats]:
+        """Return the same as `optimize_robustly`, re-optimised with estimated variances."""
+        solution, weights = self.optimize_robustly(heartbeat)
+        self._set_poses(0, reoptimized(solution, heartbeat).poses)
+        return replace(solution, poses=self.poses()), weights
 
     def notices(self) -> tuple[str, ...]:
-        """Say what the settled graph could not bring together."""
-        return step_notices(self._edges, self._settled.weights) if self._settled else ()
+        """Report the steps on which matches and odometry contradict each other."""
+        return step_notices(self._edges, self._solution.weights) if self._solution else ()
 
     def _begin_node(self, k: int) -> None:
-        self._settled = None
-        self._firsts.append(k)
-        self._way_m = 0.0
+        self._solution = None
+        self._anchors.append(k)
+        self._node_m = 0.0
         if not self._nodes:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
-            self._drift.append(np.zeros((3, 3)))
+            self._drift_covariances.append(np.zeros((3, 3)))
             return
-        node, way = len(self._nodes), self.keyframes[self._firsts[-2] : k + 1]
-        edge, wheels = matched_step(node, way), wheels_step(node, way)
-        known = edge
+        node, members = len(self._nodes), self.keyframes[self._anchors[-2] : k + 1]
+        edge, wheels = matched_step(node, members), wheels_step(node, members)
+        step = edge
         if wheels is not None:
             self._edges.append(wheels)
-            known = left_open(edge, wheels)
+            step = fused_step(edge, wheels)
         self._edges.append(edge)
-        self._nodes.append(compose(self._nodes[-1], known.i_from_j.as_array()))
-        self._steps.append(known)
-        self._reach.add(known)
-        carry = self.keyframes[k].local_from_robot.adjoint()
-        self._drift.append(self._drift[-1] + carry @ known.covariance @ carry.T)
+        self._nodes.append(compose(self._nodes[-1], step.i_from_j.as_array()))
+        self._steps.append(step)
+        self._relative.add(step)
+        adjoint = self.keyframes[k].local_from_robot.adjoint()
+        self._drift_covariances.append(
+            self._drift_covariances[-1] + adjoint @ step.covariance @ adjoint.T
+        )
 
     def _anchor(self, node: int) -> Keyframe:
-        return self.keyframes[self._firsts[node]]
+        return self.keyframes[self._anchors[node]]
 
     def edge(self, closure: Closure) -> Constraint:
         """Return a closure as a constraint between two nodes."""
@@ -322,9 +325,9 @@ class SubmapGraph:
         return closure_constraint(closure, node, keyframe, self._anchor(node))
 
     def _optimize(self, heartbeat: Heartbeat) -> None:
-        """Optimise everything when the graph is small or has grown by a tenth, else its end.
+        """Optimise all nodes when the graph is small or has grown by a quarter, else the newest.
 
-        So the effort per node stays the same however long the log is.
+        So the amortised cost per node does not grow with the length of the recording.
         """
         count = len(self._nodes)
         if count < _LOCAL_NODES or count > _FULL_GROWTH * self._last_full:
@@ -332,7 +335,7 @@ class SubmapGraph:
             self._last_full = count
         else:
             first = count - _LOCAL_NODES // 2
-            graph = newest(self._nodes, self._edges, first)
+            graph = sliding_window(self._nodes, self._edges, first)
         found = optimizer.optimize(
             graph,
             kernel=optimizer.Kernel.CAUCHY,
@@ -340,11 +343,11 @@ class SubmapGraph:
             tolerance=1e-4,
             heartbeat=heartbeat,
         )
-        self._moved_to(first, found.poses[1:] if first else found.poses)
+        self._set_poses(first, found.poses[1:] if first else found.poses)
         self._pending = 0
-        self._surprising = False
+        self._is_urgent = False
 
-    def _moved_to(self, first: int, poses: Floats) -> None:
-        """Put the nodes from one on where an optimiser has them."""
+    def _set_poses(self, first: int, poses: Floats) -> None:
+        """Set the poses of the nodes from `first` on, and invalidate relative covariances."""
         self._nodes[first:] = list(poses)
-        self._reach.outdate()
+        self._relative.invalidate()

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.backends.graph_building import GraphBuilder
-from slarm_graph.backends.path_filling import bridged, step_variance
+from slarm_graph.backends.path_interpolation import bridged_by_odometry, step_variance
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans.tracker import TrackedScan
@@ -29,7 +29,7 @@ def test_steps_take_what_is_missed_as_they_are_unsure() -> None:
     """Odometry that is short by a tenth, and as unsure as the way is long: the truth comes out."""
     true = np.array([[0.1, 0.0, 0.0], [2.0, 0.0, 0.0], [0.3, 0.0, 0.0]])
     path = chain(np.array([1.0, 2.0, 0.5]), true)
-    found = bridged(path[0], path[-1], true * [0.9, 1.0, 1.0], true[:, 0])
+    found = bridged_by_odometry(path[0], path[-1], true * [0.9, 1.0, 1.0], true[:, 0])
     np.testing.assert_allclose(found, path[1:-1], atol=1e-12)
 
 
@@ -37,14 +37,14 @@ def test_odometry_that_is_right_is_left_alone() -> None:
     rng = np.random.default_rng(0)
     motions = rng.normal(0.0, [1.0, 1.0, 2.0], (6, 3))
     path = chain(np.array([1.0, 2.0, 3.0]), motions)
-    found = bridged(path[0], path[-1], motions, rng.uniform(1.0, 2.0, 6))
+    found = bridged_by_odometry(path[0], path[-1], motions, rng.uniform(1.0, 2.0, 6))
     np.testing.assert_allclose(found[:, :2], path[1:-1, :2], atol=1e-12)
     np.testing.assert_allclose(np.cos(found[:, 2] - path[1:-1, 2]), 1.0)
 
 
 def test_headings_go_the_short_way_round() -> None:
     start, end = np.array([0.0, 0.0, 3.1]), np.array([0.0, 0.0, -3.1])
-    found = bridged(start, end, np.zeros((2, 3)), np.ones(2))
+    found = bridged_by_odometry(start, end, np.zeros((2, 3)), np.ones(2))
     np.testing.assert_allclose(np.abs(found), [[0.0, 0.0, np.pi]])
 
 
@@ -69,15 +69,15 @@ def test_scans_that_odometry_placed_end_where_the_next_was_matched(
     for k, (x_m, matched) in enumerate(
         [(0.0, True), (0.5, False), (1.0, False), (1.5, False), (2.4, True), (2.9, True)]
     ):
-        builder.take(scan(k, x_m, matched=matched, has_odometry=has_odometry or k == 0))
-    np.testing.assert_allclose(builder.unmatched().poses[:, 0], expected, atol=1e-12)
+        builder.add_scan(scan(k, x_m, matched=matched, has_odometry=has_odometry or k == 0))
+    np.testing.assert_allclose(builder.odometry_trajectory().poses[:, 0], expected, atol=1e-12)
 
 
 def test_what_comes_before_the_first_match_stays() -> None:
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     for k, (x_m, matched) in enumerate([(0.0, False), (0.5, False), (1.4, True)]):
-        builder.take(scan(k, x_m, matched=matched))
-    np.testing.assert_allclose(builder.unmatched().poses[:, 0], [0.0, 0.5, 1.4])
+        builder.add_scan(scan(k, x_m, matched=matched))
+    np.testing.assert_allclose(builder.odometry_trajectory().poses[:, 0], [0.0, 0.5, 1.4])
 
 
 def test_a_step_is_as_unsure_as_what_tells_of_it() -> None:

@@ -14,8 +14,8 @@ from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.graph_checks import check_graph
 from slarm_graph.backends.graph_constraints import matched_step, wheels_step
-from slarm_graph.backends.graph_settling import settle
 from slarm_graph.backends.proposal import Measurement
+from slarm_graph.backends.robust_optimization import optimize_robustly
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import (
     FrontendConfig,
@@ -118,7 +118,9 @@ def test_stories_a_building_apart_leave_a_graph_that_can_be_solved() -> None:
         Constraint(0, 1, Pose2(x), sure, kind)
         for x, kind in ((5000.0, ConstraintKind.WHEELS), (0.0, ConstraintKind.ODOMETRY))
     ]
-    settled = settle(PoseGraph(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), tuple(steps)))
+    settled = optimize_robustly(
+        PoseGraph(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), tuple(steps))
+    )
     check_graph(settled.graph)
 
 
@@ -142,8 +144,8 @@ def step_sigmas(readings: Iterable[Reading]) -> Floats:
         GraphBuilder(PoseGraphConfig(), FrontendConfig()),
     )
     for reading in readings:
-        builder.take(tracker.track(reading))
-    edges = builder.closed().graph.constraints
+        builder.add_scan(tracker.track(reading))
+    edges = builder.close_loops().graph.constraints
     steps = [e.covariance for e in edges if e.kind is ConstraintKind.ODOMETRY]
     return np.sqrt(np.median([np.diag(s) for s in steps], axis=0))
 

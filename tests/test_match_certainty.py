@@ -11,10 +11,10 @@ import gtsam
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_settling import (
+from slarm_graph.backends.robust_optimization import (
     contradictory_steps,
-    left_open,
-    settle,
+    fused_step,
+    optimize_robustly,
     step_notices,
 )
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -205,7 +205,7 @@ def test_of_two_stories_the_surer_is_believed_unless_closures_tell(
     lidar_m: float, wheels_m: float, closes: bool, expected_m: float
 ) -> None:
     graph = chain(2.0, lidar_m, wheels_m, closes)
-    settled = settle(graph)
+    settled = optimize_robustly(graph)
     assert settled.graph.poses[10, 0] == pytest.approx(expected_m, abs=0.1)
     assert len(settled.weights) == len(graph.constraints)
 
@@ -237,7 +237,7 @@ def test_a_false_match_does_not_prove_that_odometry_failed(
     """Odometry as wide as a match has it contradicts nothing; closures must be able to tell."""
     graph = as_failed(chain(2.0, 0.03, 0.04), 2.0)
     assert contradictory_steps(graph.constraints) == [10, 11]
-    known = left_open(graph.constraints[10], graph.constraints[11])
+    known = fused_step(graph.constraints[10], graph.constraints[11])
     assert known.covariance[0, 0] > 1.0
     if closures_say_m is not None:
         sure = np.diag([0.02, 0.02, 0.005]) ** 2
@@ -247,7 +247,7 @@ def test_a_false_match_does_not_prove_that_odometry_failed(
             for k, told in zip((8, 9, 10), seen, strict=True)
         )
         graph = replace(graph, constraints=graph.constraints + closures)
-    settled = settle(graph)
+    settled = optimize_robustly(graph)
     assert settled.graph.poses[10, 0] == pytest.approx(expected_m, abs=0.1)
 
 
@@ -257,7 +257,7 @@ def test_a_false_match_does_not_prove_that_odometry_failed(
 )
 def test_what_was_believed_is_told(lidar_m: float, wheels_m: float, believed: str) -> None:
     graph = chain(2.0, lidar_m, wheels_m)
-    (told,) = step_notices(graph.constraints, settle(graph).weights)
+    (told,) = step_notices(graph.constraints, optimize_robustly(graph).weights)
     assert told.endswith(f"in 1 of 10 steps of the graph: believed are {believed}")
     calm = chain(0.0, lidar_m, wheels_m)
-    assert step_notices(calm.constraints, settle(calm).weights) == ()
+    assert step_notices(calm.constraints, optimize_robustly(calm).weights) == ()

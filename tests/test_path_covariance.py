@@ -15,10 +15,10 @@ from slarm_graph.app.run_report import uncertainty
 from slarm_graph.backend import SlamResult
 from slarm_graph.backends.path_covariance import (
     adjoints,
-    fill_covariances,
+    interpolate_covariances,
     node_covariances,
     path_covariances,
-    spread_covariances,
+    sample_covariances,
 )
 from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -108,7 +108,7 @@ def test_nodes_agree_with_gtsam() -> None:
 def test_solving_in_parts_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     coarse, fine, at = coarse_and_fine(8, True)
     whole = path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)])
-    monkeypatch.setattr("slarm_graph.backends.path_covariance._AT_ONCE", 3)
+    monkeypatch.setattr("slarm_graph.backends.path_covariance._BATCH_NODES", 3)
     np.testing.assert_allclose(
         path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)]), whole, rtol=1e-9
     )
@@ -184,19 +184,19 @@ def test_spread_of_particles_in_the_best_ones_frame() -> None:
     ahead = compose(best, np.array([[0.3, 0.0, 0.0]]))
     paths = np.stack([best, ahead], axis=1)
     floor = np.diag([1e-4, 1e-4, 1e-6])
-    found = spread_covariances(paths, best, np.array([0.75, 0.25]), floor)
+    found = sample_covariances(paths, best, np.array([0.75, 0.25]), floor)
     np.testing.assert_allclose(found[0], floor + np.diag([0.25 * 0.09, 0.0, 0.0]), atol=1e-12)
 
 
 def test_filling_carries_along_a_lever() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, np.pi / 2], [1.0, 1.0, np.pi / 2]])
     known = np.array([np.diag([0.0, 0.0, 0.01]), np.diag([0.0, 0.0, 0.04])])
-    found = fill_covariances(known, np.array([0, 2]), poses, EVEN[:3])
+    found = interpolate_covariances(known, np.array([0, 2]), poses, EVEN[:3])
     np.testing.assert_allclose(found[[0, 2]], known, atol=1e-15)
     # Half of either: from behind a turn of 0.1 moves the robot 0.1 m to the map's y, which is
     # ahead; from ahead a turn of 0.2 moves it 0.2 m to the map's x, which is aside.
     np.testing.assert_allclose(np.diag(found[1]), [0.005, 0.02, 0.025], atol=1e-12)
-    last = fill_covariances(known[:1], np.array([0]), poses, EVEN[:3])[2]
+    last = interpolate_covariances(known[:1], np.array([0]), poses, EVEN[:3])[2]
     np.testing.assert_allclose(last, carried_by_hand(poses, known[0]), atol=1e-12)
 
 

@@ -11,9 +11,14 @@ import pytest
 
 from slarm_graph.backend import silent
 from slarm_graph.backends import closure_sets
-from slarm_graph.backends.closure_sets import agreeing, consistent_sets
-from slarm_graph.backends.final_closures import _near, close_finally, followed, reopened
-from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
+from slarm_graph.backends.closure_sets import consistent_sets, pairwise_consistent
+from slarm_graph.backends.final_closures import (
+    _near,
+    close_loops_offline,
+    followed,
+    reassess_closures,
+)
+from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.closures import Closure
@@ -120,12 +125,12 @@ def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
     true = np.concatenate([local[:half], compose(AWAY.inverse().as_array(), local[half:])])
 
     def error_m(graph: SubmapGraph) -> float:
-        away = between(true, graph.corrected(local, np.ones(len(local))))
+        away = between(true, graph.correct_trajectory(local, np.ones(len(local))))
         return float(np.hypot(away[half:, 0], away[half:, 1]).max())
 
     assert error_m(graph) > 10.0
-    closed, _ = close_finally(graph, matcher_of(twice, graph), silent)
-    closed.settle()
+    closed, _ = close_loops_offline(graph, matcher_of(twice, graph), silent)
+    closed.optimize_robustly()
     assert error_m(closed) < 0.1
 
 
@@ -175,7 +180,7 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
         found(first, 1),
     ]
     pairs = np.array([(0, k) for k in range(1, 5)])
-    told = agreeing(finds, pairs, graph).tolist()
+    told = pairwise_consistent(finds, pairs, graph).tolist()
     assert told == [True, False, False, False], "one scan cannot confirm itself"
     three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
     assert consistent_sets(three, graph) == three[:3]
@@ -195,14 +200,14 @@ def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Ke
         pose = (expected @ Pose2(away_m, 0.0, 0.0)).as_array()
         return Closure(0, last, pose, np.eye(3) * 1e6, 0.95, True)
 
-    graph.close(graph.judged([told(0.05), told(2.0), told(-0.05)]))
+    graph.add_closures(graph.apply_gate([told(0.05), told(2.0), told(-0.05)]))
     assert [not c.reason for c in graph.closures] == [True, False, True]
     assert (
-        closure_sets.speaks_for_nat(graph, told(0.0), 10.0)
+        closure_sets.log_odds_nat(graph, told(0.0), 10.0)
         > 5.0
-        > closure_sets.speaks_for_nat(graph, told(2.0), 10.0)
+        > closure_sets.log_odds_nat(graph, told(2.0), 10.0)
     )
-    assert closure_sets.speaks_for_nat(graph, told(0.0), 1.0) < closure_sets.speaks_for_nat(
+    assert closure_sets.log_odds_nat(graph, told(0.0), 1.0) < closure_sets.log_odds_nat(
         graph, told(0.0), 10.0
     )
 
@@ -233,15 +238,15 @@ def test_what_came_first_has_no_right_of_its_own() -> None:
 
     wrong = [found(last - 2 - 9 * k, k, 1.0) for k in range(3)]
     right = [found(last - 5 * k, k, 0.0) for k in range(4)]
-    graph.close(graph.judged(wrong))
+    graph.add_closures(graph.apply_gate(wrong))
     assert not any(c.reason for c in graph.closures)
-    graph.settle()
-    graph.close(graph.judged(right))
-    assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [FAR_OFF]
-    disputed = closure_sets.disputed(graph)
-    assert disputed == wrong
-    graph = reopened(graph, disputed)
-    _, weights = graph.settle()
+    graph.optimize_robustly()
+    graph.add_closures(graph.apply_gate(right))
+    assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [GATED]
+    contested_closures = closure_sets.contested_closures(graph)
+    assert contested_closures == wrong
+    graph = reassess_closures(graph, contested_closures)
+    _, weights = graph.optimize_robustly()
     believed = [c for c, w in zip(graph.closures, weights, strict=True) if w > 0.5]
     told = [c.submap_from_keyframe.tobytes() for c in right]
     assert [c.submap_from_keyframe.tobytes() for c in believed] == told
@@ -259,17 +264,17 @@ def test_what_the_graph_has_outvoted_makes_it_no_surer() -> None:
         return Closure(0, keyframe, pose.as_array(), np.diag([1e4, 1e4, 1e6]), 0.9, True)
 
     alone = graph.sigmas_between(0, node)
-    graph.close([found(last, 5.0)])
+    graph.add_closures([found(last, 5.0)])
     assert graph.sigmas_between(0, node)[0] < 0.2 * alone[0]
-    assert graph.linked() == {node}
-    _, weights = graph.settle()
+    assert graph.nodes_with_closure() == {node}
+    _, weights = graph.optimize_robustly()
     assert weights.tolist() == [0.0]
     assert graph.sigmas_between(0, node) == pytest.approx(alone, rel=1e-6)
-    assert graph.linked() == set()
-    true = graph.judged([found(last - 1, 0.0)])
+    assert graph.nodes_with_closure() == set()
+    true = graph.apply_gate([found(last - 1, 0.0)])
     assert not true[0].reason
-    graph.close(true)
-    _, weights = graph.settle()
+    graph.add_closures(true)
+    _, weights = graph.optimize_robustly()
     assert weights.tolist() == [0.0, 1.0]
     assert graph.sigmas_between(0, node)[0] < 0.2 * alone[0]
 
@@ -291,7 +296,7 @@ def test_all_of_a_chain_of_finds_is_heard(
         return Closure(submap, keyframe, pose, np.eye(3), 0.9, True)
 
     chain = [found(half + 3 + 4 * k, k // 3) for k in range(12)]
-    ways = [graph.way_of(c.keyframe) for c in chain]
+    ways = [graph.path_length_at(c.keyframe) for c in chain]
     assert ways[-1] - ways[0] > 7.0
     rival = found(half + 8, 0, off_m=3.0)
     assert consistent_sets([*chain, rival], graph) == chain
@@ -304,7 +309,7 @@ def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
-    covariance = graph.drifts(np.array([i]), np.array([j]))[0]
+    covariance = graph.dead_reckoning_covariances(np.array([i]), np.array([j]))[0]
     sigma_m, sigma_rad = graph.sigmas_between(i, j)
     assert sigma_m == pytest.approx(np.sqrt(covariance[0, 0] + covariance[1, 1]))
     assert sigma_rad == pytest.approx(np.sqrt(covariance[2, 2]))

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_settling import settle
-from slarm_graph.backends.path_filling import spread
+from slarm_graph.backends.path_interpolation import interpolate_corrections
 from slarm_graph.backends.pose_graph import PoseGraphBackend
 from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
+from slarm_graph.backends.robust_optimization import optimize_robustly
 from slarm_graph.config import (
     FrontendConfig,
     LidarConfig,
@@ -186,11 +186,11 @@ def test_results_can_be_asked_for_on_the_way(lap: Drive) -> None:
 def test_injected_false_closures_change_little() -> None:
     readings, truth = drive(laps=3)
     backend = run(readings)
-    graph = backend._builder.closed().graph  # as it is settled: before covariances are learned
+    graph = backend._builder.close_loops().graph  # as it is settled: before covariances are learned
     anchors = backend._builder._graph.keyframes[:: PoseGraphConfig().node_keyframes]
     true_nodes = truth[[a.scan for a in anchors]]
-    clean = settle(graph)
-    spoilt = settle(with_false_closures(graph, share=0.3))
+    clean = optimize_robustly(graph)
+    spoilt = optimize_robustly(with_false_closures(graph, share=0.3))
     reference = rmse_m(from_start(clean.graph.poses, true_nodes[0]), true_nodes)
     error = rmse_m(from_start(spoilt.graph.poses, true_nodes[0]), true_nodes)
     assert error <= 1.2 * reference
@@ -228,7 +228,7 @@ def test_a_slip_of_the_odometry_gives_way_to_closures(seed: int) -> None:
     poses = [truth[0]]
     for c in constraints[:119]:
         poses.append(compose(poses[-1], c.i_from_j.as_array()))
-    found = settle(PoseGraph(np.array(poses), tuple(constraints)))
+    found = optimize_robustly(PoseGraph(np.array(poses), tuple(constraints)))
     assert rmse_m(found.graph.poses, truth) < 0.06
     assert np.mean(found.weights > 0.5) > 0.95
 
@@ -246,11 +246,11 @@ def test_spread_keeps_known_poses_and_shapes_between_them() -> None:
     at = np.array([0, 10, 20])
     shift = np.array([1.0, 2.0, 0.5])
     even = np.ones(30)
-    rigid = spread(local, at, compose(shift, local[at]), even)
+    rigid = interpolate_corrections(local, at, compose(shift, local[at]), even)
     assert np.allclose(rigid, compose(shift, local), atol=1e-12)
     bend = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.0, 0.1, 0.01]])
     bent = compose(shift, local[at]) + bend
-    moved = spread(local, at, bent, even)
+    moved = interpolate_corrections(local, at, bent, even)
     assert np.allclose(moved[at], bent, atol=1e-12)
     assert np.allclose(between(moved[20], moved[29]), between(local[20], local[29]), atol=1e-12)
 
@@ -262,9 +262,11 @@ def test_spread_undoes_a_drift_that_grows_with_the_variance() -> None:
     truth = np.column_stack([np.cumsum(rng.normal(0.0, 0.1, (40, 2)), axis=0), np.zeros(40)])
     local = truth + np.cumsum(variances)[:, None] * np.array([0.02, -0.03, 0.0])
     at = np.array([0, 9, 11, 39])
-    assert np.allclose(spread(local, at, truth[at], variances), truth, atol=1e-12)
+    assert np.allclose(interpolate_corrections(local, at, truth[at], variances), truth, atol=1e-12)
     evenly = truth + np.arange(40)[:, None] * [0.02, -0.03, 0.0]
-    assert not np.allclose(spread(evenly, at, truth[at], variances), truth, atol=0.01)
+    assert not np.allclose(
+        interpolate_corrections(evenly, at, truth[at], variances), truth, atol=0.01
+    )
 
 
 def test_a_silence_takes_what_it_was_off_by() -> None:
@@ -272,7 +274,9 @@ def test_a_silence_takes_what_it_was_off_by() -> None:
     local = np.array([[0.1 * k, 0.0, 0.0] for k in range(8)])
     variances = np.full(8, 1e-4)
     variances[4], local[4:, 1] = 9.0, 7.0
-    found = spread(local, np.array([0, 7]), np.array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]]), variances)
+    found = interpolate_corrections(
+        local, np.array([0, 7]), np.array([[0.0, 0.0, 0.0], [0.7, 0.0, 0.0]]), variances
+    )
     assert np.abs(found[:, 1]).max() < 1e-3
 
 

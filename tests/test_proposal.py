@@ -15,7 +15,7 @@ from slarm_graph.backends.particle_matching import (
     curvature,
     log_likelihood,
     log_likelihoods,
-    log_of_miss,
+    log_no_match,
     point_normals,
 )
 from slarm_graph.backends.proposal import (
@@ -153,7 +153,7 @@ def test_eq_8_is_the_integral_over_the_motion() -> None:
     fine = CONFIG.model_copy(update={"proposal": ProposalConfig(lattice_radius=5.0)})
     measurement = Measurement(points, MOTION, COVARIANCE)
     _, gained = propose(maps, measurement, fine, np.zeros((1, 3)), np.zeros((1, 6)))
-    expected = 0.2 * len(points) * log_of_miss(1, RESOLUTION_M, 0.03)
+    expected = 0.2 * len(points) * log_no_match(1, RESOLUTION_M, 0.03)
     assert np.isclose(gained[0], expected, atol=2e-3)
 
 
@@ -213,7 +213,7 @@ def test_eq_5_and_6_weigh_by_the_likelihood() -> None:
     gained = weigh(maps, points, CONFIG, poses)
     for pose, gain in zip(poses, gained, strict=True):
         lines = lines_at(maps, points, pose)
-        expected = log_likelihood(points, lines, pose, 0.03, log_of_miss(1, RESOLUTION_M, 0.03))
+        expected = log_likelihood(points, lines, pose, 0.03, log_no_match(1, RESOLUTION_M, 0.03))
         assert np.isclose(gain, 0.2 * expected)
     assert gained[0] > gained[1]
 
@@ -254,7 +254,7 @@ def test_eq_7_to_10_are_those_of_the_product_summed_over_a_fine_lattice(
     grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), axis=-1).reshape(-1, 3)
     root = np.linalg.cholesky(np.linalg.inv(hessian))
     tried, logs = peak + grid @ root.T, np.empty(len(grid))
-    miss = log_of_miss(config.proposal.kernel_size, RESOLUTION_M, 0.1)
+    miss = log_no_match(config.proposal.kernel_size, RESOLUTION_M, 0.1)
     log_likelihoods(points, lines, tried, 0.1, miss, logs)
     away = tried - MOTION
     log_prior = -0.5 * np.einsum("na,ab,nb->n", away, prior, away)

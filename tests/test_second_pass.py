@@ -15,11 +15,11 @@ from slarm_graph.backend import Table
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.second_pass import (
-    MISSED,
-    closure_misses,
-    covariances_about,
+    MISSED_SIGMAS,
+    closure_mahalanobis,
     filter_along,
-    pulled,
+    mean_reverted,
+    second_moments,
 )
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
@@ -58,7 +58,7 @@ def test_a_closure_is_contradicted_beyond_999_in_1000(axis: int, allowed: float)
         path[-1, axis] += off
         assert contradicted(closed, path, CELL_M) == expected
         sigmas = off / np.hypot(SIGMAS[axis], allowed)
-        assert closure_misses(closed, path, CELL_M) == pytest.approx([sigmas])
+        assert closure_mahalanobis(closed, path, CELL_M) == pytest.approx([sigmas])
 
 
 def test_only_closures_speak_and_each_speaks_for_itself() -> None:
@@ -68,16 +68,16 @@ def test_only_closures_speak_and_each_speaks_for_itself() -> None:
 
 
 def contradicted(closed: ClosedGraph, path: Floats, cell_m: float) -> int:
-    return int((closure_misses(closed, path, cell_m) > MISSED).sum())
+    return int((closure_mahalanobis(closed, path, cell_m) > MISSED_SIGMAS).sum())
 
 
 def test_what_a_path_is_off_is_the_graphs_error_and_what_lies_between() -> None:
     """Errors drawn for the graph, and seen from the path."""
     closed, rng = chained(), np.random.default_rng(0)
-    known = covariances_about(closed.poses, closed)
+    known = second_moments(closed.poses, closed)
     beside = np.array([0.03, -0.05, 0.4])
     path = compose(closed.poses, beside)
-    found = covariances_about(path, closed)
+    found = second_moments(path, closed)
     assert known is not None
     assert found is not None
     np.testing.assert_allclose(known[0], closed.lag_covariances[0], atol=1e-12)
@@ -89,7 +89,7 @@ def test_what_a_path_is_off_is_the_graphs_error_and_what_lies_between() -> None:
 def test_a_graph_that_says_nothing_of_itself_says_nothing_of_a_path() -> None:
     closed = chained()
     gap = PoseGraph(closed.graph.poses, closed.graph.constraints[:1])
-    assert covariances_about(closed.poses, replace(closed, graph=gap)) is None
+    assert second_moments(closed.poses, replace(closed, graph=gap)) is None
 
 
 def chained() -> ClosedGraph:
@@ -172,6 +172,6 @@ def test_particles_alone_stay_where_they_are() -> None:
 def test_what_is_off_the_path_decays_in_the_paths_own_frame() -> None:
     path = np.array([3.0, -2.0, np.pi / 2])
     off = np.array([[0.5, 0.2, 0.1], [0.0, 0.0, 0.0]])
-    left = between(path, pulled(compose(path, off), path, 10.0))
+    left = between(path, mean_reverted(compose(path, off), path, 10.0))
     assert np.allclose(left, off / np.e)
-    assert np.allclose(pulled(compose(path, off), path, 0.0), compose(path, off))
+    assert np.allclose(mean_reverted(compose(path, off), path, 0.0), compose(path, off))

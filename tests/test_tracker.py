@@ -251,12 +251,12 @@ def test_a_scan_that_decides_for_another_story_revises_the_one_before(
     tracked = []
     for now, reading in enumerate(lap[0][:5]):  # noqa: B007
         tracked.append(tracker.track(replace(reading, odom_from_robot=None)))
-        builder.take(replace(tracked[-1], odom_from_robot=Pose2()))
+        builder.add_scan(replace(tracked[-1], odom_from_robot=Pose2()))
     assert tracked[2].local_from_robot.x < 0.5, "the likelier place was told at first"
     assert [len(t.revised) > 0 for t in tracked] == [False, False, False, True, False]
     assert tracked[3].revised[-1][0] > 0.5
     assert tracked[3].motion.x < 0.5, "from where the scan before is believed to be now"
-    assert builder.unmatched().poses[2, 0] > 0.5
+    assert builder.odometry_trajectory().poses[2, 0] > 0.5
 
 
 def test_a_jump_does_not_decide_for_itself(

@@ -13,7 +13,7 @@ from slarm_graph.backends import variance_components
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.graph_constraints import closure_constraint
 from slarm_graph.backends.pose_graph_optimizer import optimize
-from slarm_graph.backends.variance_components import adjusted, calibrated
+from slarm_graph.backends.variance_components import calibrated, reoptimized
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.files.worlds import load_world
@@ -96,7 +96,7 @@ def test_graphs_without_constraints_or_of_a_single_pose_are_handed_back() -> Non
 def test_poses_follow_what_closures_turned_out_to_be_worth() -> None:
     """The same draws under their true covariances say where poses belong."""
     graph, right = laps({ODOMETRY: 1.0, WHEELS: 1.0, CLOSURE: 25.0}), laps(dict.fromkeys(TRUE, 1.0))
-    found = adjusted(graph)
+    found = reoptimized(graph)
     before, after = (np.abs(g.poses - right.poses)[:, :2].max() for g in (graph, found))
     assert after < 0.3 * before
     assert found.constraints == graph.constraints
@@ -115,7 +115,7 @@ def test_what_closures_share_is_learned_for_covariances_and_not_for_poses() -> N
     mixed = halves(graph, CLOSURE)
     found, free = calibrated(mixed), calibrated(graph)
     np.testing.assert_allclose(factors(found, CLOSURE), factors(free, CLOSURE))
-    moved, moved_freely = (np.abs(adjusted(g).poses - graph.poses).max() for g in (mixed, graph))
+    moved, moved_freely = (np.abs(reoptimized(g).poses - graph.poses).max() for g in (mixed, graph))
     assert 0.0 < moved < 0.5 * moved_freely
 
 
@@ -124,7 +124,7 @@ def test_poses_go_on_with_what_odometry_claims() -> None:
     graph = laps({ODOMETRY: 1.0, WHEELS: 25.0, CLOSURE: 1.0})
     told = [replace(c, shared=c.covariance) for c in graph.constraints if c.kind is not WHEELS]
     fixed = replace(graph, constraints=(*told, *(c for c in graph.constraints if c.kind is WHEELS)))
-    np.testing.assert_allclose(adjusted(fixed).poses, graph.poses, atol=1e-5)
+    np.testing.assert_allclose(reoptimized(fixed).poses, graph.poses, atol=1e-5)
 
 
 def test_of_a_closure_the_match_is_shared_and_the_rest_a_floor() -> None:
@@ -143,17 +143,17 @@ def test_of_a_closure_the_match_is_shared_and_the_rest_a_floor() -> None:
 
 
 def test_a_closed_path_runs_through_the_nodes_as_adjusted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(variance_components, "_FEWEST", 1.0)
+    monkeypatch.setattr(variance_components, "_MIN_REDUNDANCY", 1.0)
     tracker = ScanTracker(FrontendConfig())
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     ways = np.array([[-3.0, -2.8], [4.4, -2.0], [4.4, 2.0], [4.4, -2.0], [-3.0, -2.8]])
     ways = np.concatenate([ways, ways[1:3]])
     room = load_world("paper_room")
     for reading in SourceFromWorld(room, SimulationConfig(), seed=0, script=waypoints(ways)):
-        builder.take(tracker.track(reading))
-    closed = builder.closed()
+        builder.add_scan(tracker.track(reading))
+    closed = builder.close_loops()
     assert any(c.kind is CLOSURE for c in closed.graph.constraints)
     np.testing.assert_allclose(closed.poses[closed.scans], closed.graph.poses, atol=1e-9)
     by_claims = optimize(closed.graph).poses
-    assert np.abs(adjusted(closed.graph).poses - closed.graph.poses)[:, :2].max() < 2e-4
+    assert np.abs(reoptimized(closed.graph).poses - closed.graph.poses)[:, :2].max() < 2e-4
     assert np.abs(by_claims - closed.graph.poses)[:, :2].max() > 5e-4

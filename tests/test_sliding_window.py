@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_settling import _either
-from slarm_graph.backends.graph_window import newest
+from slarm_graph.backends.robust_optimization import _mixture
+from slarm_graph.backends.sliding_window import sliding_window
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
 
@@ -40,7 +40,7 @@ def test_only_what_ends_there_counts_and_older_ends_are_held(first: int) -> None
         told.append(constraint(rng, j - 1, j, STEP))
         told += [constraint(rng, int(i), j, CLOSURE) for i in rng.integers(0, j, 2)]
     nodes = list(rng.normal(size=(COUNT, 3)))
-    part = newest(nodes, told, first)
+    part = sliding_window(nodes, told, first)
     kept = [c for c in reversed(told) if c.j >= first]
     assert [(c.kind, id(c.covariance)) for c in part.constraints] == [
         (c.kind, id(c.covariance)) for c in kept
@@ -63,7 +63,7 @@ def test_one_story_or_the_other_is_their_mixture_by_sureness(seed: int) -> None:
     other = replace(constraint(rng, 3, 4, ConstraintKind.WHEELS), i_from_j=Pose2.from_array(end))
     along = [apart @ np.linalg.solve(c.covariance, apart) for c in (one, other)]
     share = along[1] / sum(along)
-    found = _either(one, other)
+    found = _mixture(one, other)
     mean = between(one.i_from_j.as_array(), found.i_from_j.as_array())
     np.testing.assert_allclose(mean, share * apart, atol=1e-9)
     spread = np.zeros((3, 3))
@@ -72,6 +72,6 @@ def test_one_story_or_the_other_is_their_mixture_by_sureness(seed: int) -> None:
         spread += weight * (c.covariance + np.outer(off, off))
     np.testing.assert_allclose(found.covariance, spread, rtol=1e-9)
     # What either leaves open decides where it is said.
-    doubted = _either(replace(one, unfailed=4.0 * one.covariance), other)
+    doubted = _mixture(replace(one, unfailed=4.0 * one.covariance), other)
     nearer = between(doubted.i_from_j.as_array(), end)
     assert np.linalg.norm(nearer) < np.linalg.norm(between(found.i_from_j.as_array(), end))

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slarm_graph.backends.step_chains import is_contradicted_twice
+from slarm_graph.backends.chain_consistency import contradicts_both_chains
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.frontends.scans.closures import SURPRISING
 from slarm_graph.geometry import Floats, Pose2, between, compose
@@ -61,8 +61,8 @@ def test_a_find_is_contradicted_where_the_way_rarely_leads() -> None:
     steps = [*chain(MATCHES), *chain(WHEELS)]
     least, most = 0.85 * np.sqrt(SURPRISING), 1.15 * np.sqrt(SURPRISING)
     for direction in np.linalg.cholesky(spread).T:
-        assert not is_contradicted_twice(found_at(compose(expected, least * direction)), steps)
-        assert is_contradicted_twice(found_at(compose(expected, most * direction)), steps)
+        assert not contradicts_both_chains(found_at(compose(expected, least * direction)), steps)
+        assert contradicts_both_chains(found_at(compose(expected, most * direction)), steps)
 
 
 @pytest.mark.parametrize("wrong", [MATCHES, WHEELS])
@@ -71,11 +71,11 @@ def test_what_one_of_both_allows_is_not_contradicted_twice(wrong: ConstraintKind
     sure = np.array([1e-3, 1e-3, 1e-3])
     true = driven(COUNT)
     steps = [*chain(wrong, sure, turned=0.3), *chain(right, sure)]
-    assert not is_contradicted_twice(found_at(true), steps)
+    assert not contradicts_both_chains(found_at(true), steps)
     both = [*chain(wrong, sure, turned=0.3), *chain(right, sure, turned=0.3)]
-    assert is_contradicted_twice(found_at(true), both)
+    assert contradicts_both_chains(found_at(true), both)
     silent = [s for s in both if s.j != 7 or s.kind is wrong]
-    assert not is_contradicted_twice(found_at(true), silent)
+    assert not contradicts_both_chains(found_at(true), silent)
 
 
 def test_only_the_way_between_the_nodes_counts() -> None:
@@ -83,6 +83,6 @@ def test_only_the_way_between_the_nodes_counts() -> None:
     steps = [*chain(MATCHES, sure, turned=0.3), *chain(WHEELS, sure, turned=0.3)]
     there = driven(6)
     after = Constraint(5, 11, Pose2.from_array(there), SURE, ConstraintKind.LOOP_CLOSURE)
-    assert not is_contradicted_twice(after, steps)
+    assert not contradicts_both_chains(after, steps)
     over = Constraint(4, 10, Pose2.from_array(there), SURE, ConstraintKind.LOOP_CLOSURE)
-    assert is_contradicted_twice(over, steps)
+    assert contradicts_both_chains(over, steps)

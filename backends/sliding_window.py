@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The newest part of a graph by itself, so that optimising it costs the same however long it is."""
+"""Sliding window: the newest part of a graph, at a cost that does not grow with its length."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2
 
 
-def newest(nodes: Sequence[Floats], constraints: Sequence[Constraint], first: int) -> PoseGraph:
-    """Return the nodes from one on, all older ones held where they are.
+def sliding_window(
+    nodes: Sequence[Floats], constraints: Sequence[Constraint], first: int
+) -> PoseGraph:
+    """Return the graph of the nodes from `first` on, with older ones fixed.
 
     Parameters
     ----------
@@ -26,19 +28,19 @@ def newest(nodes: Sequence[Floats], constraints: Sequence[Constraint], first: in
     Returns
     -------
     PoseGraph
-        Its pose 0 stands for the map's frame, pose 1 for the first node.
+        Its pose 0 is the map's origin, pose 1 the first node.
     """
     kept = []
     for c in reversed(constraints):
         if c.j >= first:
-            kept.append(_held(c, first, nodes))
+            kept.append(_renumbered(c, first, nodes))
         elif c.kind is ConstraintKind.ODOMETRY:
             break
     return PoseGraph(np.array([np.zeros(3), *nodes[first:]]), tuple(kept))
 
 
-def _held(c: Constraint, first: int, nodes: Sequence[Floats]) -> Constraint:
-    """Renumber a constraint, an older end becoming the map's frame."""
+def _renumbered(c: Constraint, first: int, nodes: Sequence[Floats]) -> Constraint:
+    """Renumber a constraint; one to a fixed node becomes one to the map's origin."""
     j = c.j - first + 1
     if c.i >= first:
         return Constraint(c.i - first + 1, j, c.i_from_j, c.covariance, c.kind)

@@ -10,9 +10,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slarm_graph.backends.ambiguous_scans import relocated_scans
 from slarm_graph.backends.gmapping import _State
 from slarm_graph.backends.graph_building import ClosedGraph, GraphBuilder
-from slarm_graph.backends.open_scans import moved_by_all
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, GmappingConfig, PoseGraphConfig
@@ -63,8 +63,8 @@ def built(told: dict[int, Floats], *, is_open: bool = True) -> tuple[Floats, Clo
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     for k, pose in enumerate(true):
         here = told.get(k, pose)
-        builder.take(tracked(k, pose, here, is_keyframe=k not in told, is_open=is_open))
-    return true, builder.closed()
+        builder.add_scan(tracked(k, pose, here, is_keyframe=k not in told, is_open=is_open))
+    return true, builder.close_loops()
 
 
 @pytest.mark.parametrize("off_m", [-0.2, 0.15])
@@ -72,13 +72,13 @@ def test_what_lies_elsewhere_is_brought_back(off_m: float) -> None:
     off = {k: np.array([STEP_M * k + off_m, 0.0, 0.0]) for k in (3, 16, 41)}
     true, closed = built(off)
     assert np.abs(closed.poses - true)[:, :2].max() < 0.03
-    assert np.flatnonzero(closed.moved.any(axis=1)).tolist() == list(off)
+    assert np.flatnonzero(closed.relocations.any(axis=1)).tolist() == list(off)
 
 
 def test_what_was_never_in_doubt_stays() -> None:
     true, closed = built({16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}, is_open=False)
     assert closed.poses[16, 0] - true[16, 0] == pytest.approx(0.2, abs=0.02)
-    assert not closed.moved.any()
+    assert not closed.relocations.any()
 
 
 def test_a_scan_stays_where_it_fits_best() -> None:
@@ -93,7 +93,7 @@ def test_what_was_placed_again_is_told_with_how_sure_it_is() -> None:
     _, closed = built(off)
     (notice,) = [n for n in closed.notices if "another place" in n]
     assert "after: 1 scan that" in notice
-    assert f"up to {math.hypot(*closed.moved[16, :2]):.2f} m" in notice
+    assert f"up to {math.hypot(*closed.relocations[16, :2]):.2f} m" in notice
     along, across, turn = np.sqrt(np.diag(closed.lag_covariances[16]))
     assert 0.0 < across < 0.01
     assert across < along < 0.05
@@ -117,7 +117,7 @@ def test_where_it_fits_worse_a_scan_is_not_placed(monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(submap_matching, "refine_near", worse)
     _, closed = built({16: np.array([STEP_M * 16, 0.0, 0.0])})
-    assert not closed.moved.any()
+    assert not closed.relocations.any()
     assert not closed.lag_covariances.any()
     assert not any("another place" in n for n in closed.notices)
 
@@ -141,7 +141,7 @@ def test_a_scan_is_asked_for_where_it_was_taken() -> None:
             return start, np.zeros((3, 3))
 
     scans = {k: seen(local[k]) for k in (1, 17, 33, 55)}
-    moved, _ = moved_by_all(scans, graph, Spy(), local)  # type: ignore[arg-type]
+    moved, _ = relocated_scans(scans, graph, Spy(), local)  # type: ignore[arg-type]
     assert list(asked) == list(scans)
     long_m = max(STEP_M * 2 * (s.last - s.first) for s in graph.submaps)
     assert all(asked[k] <= long_m for k in (1, 17, 33))
@@ -156,18 +156,20 @@ def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:
     _, closed = built({})
     moved = np.zeros((5, 3))
     moved[1], moved[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
-    told = state.told_at_last(replace(closed, moved=moved))
+    told = state.told_at_last(replace(closed, relocations=moved))
     expected = np.array(state.local)
     expected[1] = compose(expected[1], moved[1])
     np.testing.assert_allclose(told, expected)
     np.testing.assert_array_equal(state.told_at_last(None), state.told())
     state.closed_path = np.array(state.local)
-    np.testing.assert_array_equal(state.told_at_last(replace(closed, moved=moved)), state.told())
+    np.testing.assert_array_equal(
+        state.told_at_last(replace(closed, relocations=moved)), state.told()
+    )
 
 
 def test_before_the_first_submap_is_complete_nothing_is_asked() -> None:
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     start, off = np.zeros(3), np.array([0.1, 0.0, 0.0])
-    builder.take(tracked(0, start, start))
-    builder.take(tracked(1, start, off, is_keyframe=False, is_open=True))
-    assert builder.closed().poses.shape == (2, 3)
+    builder.add_scan(tracked(0, start, start))
+    builder.add_scan(tracked(1, start, off, is_keyframe=False, is_open=True))
+    assert builder.close_loops().poses.shape == (2, 3)

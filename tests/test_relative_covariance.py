@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slarm_graph.backends.graph_reach import GraphReach
-from slarm_graph.backends.graph_settling import left_open
+from slarm_graph.backends.relative_covariance import RelativeCovariances
+from slarm_graph.backends.robust_optimization import fused_step
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
@@ -25,8 +25,8 @@ def way(count: int, rng: np.random.Generator) -> tuple[Floats, list[Floats]]:
     return np.array(poses), covariances
 
 
-def reach_of(poses: Floats, covariances: list[Floats]) -> GraphReach:
-    reach = GraphReach()
+def reach_of(poses: Floats, covariances: list[Floats]) -> RelativeCovariances:
+    reach = RelativeCovariances()
     for i, covariance in enumerate(covariances):
         told = Pose2.from_array(between(poses[i], poses[i + 1]))
         reach.add(Constraint(i, i + 1, told, covariance, ConstraintKind.ODOMETRY))
@@ -83,7 +83,7 @@ def test_two_stories_of_a_step_join_or_leave_room_for_both(apart_m: float) -> No
     )
     there = one.i_from_j @ Pose2(apart_m, 0.0, 0.0)
     other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.WHEELS)
-    known = left_open(one, other)
+    known = fused_step(one, other)
     covariance = known.covariance
     if apart_m < 0.1:
         information = np.linalg.inv(one.covariance) + np.linalg.inv(other.covariance)
@@ -102,7 +102,7 @@ def test_two_stories_of_a_step_join_or_leave_room_for_both(apart_m: float) -> No
 def test_a_constraint_unsure_of_the_heading_is_no_short_way() -> None:
     poses, _ = way(2, np.random.default_rng(7))
     told = Pose2.from_array(between(poses[0], poses[1]))
-    reach = GraphReach()
+    reach = RelativeCovariances()
     for variances in ([1e-4, 1e-4, 1e-2], [2e-4, 2e-4, 1e-6]):
         covariance = np.diag(variances)
         reach.add(Constraint(0, 1, told, covariance, ConstraintKind.ODOMETRY))

@@ -1,0 +1,45 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Chi-square test of a loop closure against the chains of scan matches and of odometry alone."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from slarm_graph.constraint import Constraint, ConstraintKind
+from slarm_graph.frontends.scans.closures import SURPRISING
+from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.geometry import Pose2
+
+_CHAINS = (ConstraintKind.ODOMETRY, ConstraintKind.WHEELS)
+
+
+def contradicts_both_chains(closure: Constraint, steps: Sequence[Constraint]) -> bool:
+    """Whether both the chain of matches and that of odometry reject a closure between two nodes.
+
+    Their errors are independent. What one allows may be true, the other being wrong; where both
+    reject it, both must have failed on the same path for it to be true.
+
+    Parameters
+    ----------
+    closure : Constraint
+        From an older node to a later one.
+    steps : sequence of Constraint
+        From every node to the next; a chain with gaps allows anything.
+    """
+    return all(_is_rejected(closure, steps, kind) for kind in _CHAINS)
+
+
+def _is_rejected(closure: Constraint, steps: Sequence[Constraint], kind: ConstraintKind) -> bool:
+    step_to = {step.j: step for step in steps if step.kind is kind}
+    pose, covariance = Pose2(), np.zeros((3, 3))
+    for node in range(closure.i + 1, closure.j + 1):
+        if node not in step_to:
+            return False
+        step = step_to[node]
+        pose, adjoint = pose @ step.i_from_j, step.i_from_j.inverse().adjoint()
+        covariance = adjoint @ covariance @ adjoint.T + step.covariance
+    residual = pose.between(closure.i_from_j).as_array()
+    return squared_sigmas(residual, covariance + closure.covariance) > SURPRISING
