@@ -4,10 +4,10 @@
 
 The paper's SLAM, eq. (4)-(11), after Grisetti, Stachniss and Burgard, "Improved Techniques for
 Grid Mapping With Rao-Blackwellized Particle Filters", IEEE T-RO 23(1), 2007. The original takes
-raw odometry from one update to the next and loses its way where that is poor and rotations are
-fast. Here the shared frontend's matcher follows every scan, and the improved proposal is really
-drawn from; the two are there to prevent just that. Where every particle misses a loop that place
-recognition has found, the filter goes over the recording a second time (`second_pass`).
+raw odometry from one update to the next and diverges where that is poor and rotations are fast.
+Here the shared frontend matches every scan, and the improved proposal is really drawn from, to
+prevent just that. Where every particle misses a loop that place recognition has found, the filter
+processes the recording a second time (`second_pass`).
 """
 
 from __future__ import annotations
@@ -56,17 +56,17 @@ from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
 from slarm_graph.trajectory import Trajectory
 
-_SURE_M, _SURE_RAD = 0.1, 0.05
+_MAX_SIGMA_M, _MAX_SIGMA_RAD = 0.1, 0.05
 """A match with a larger standard deviation is as good as none."""
 
 
 @dataclass
 class _State:
-    """Everything that changes."""
+    """All mutable state of the backend."""
 
     tracker: ScanTracker
     filter: MappingFilter
-    places: GraphBuilder | None
+    graph_builder: GraphBuilder | None
     first_points: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     measurements: list[Measurement] = field(default_factory=list)
     stamps_ns: list[int] = field(default_factory=list)
@@ -76,34 +76,34 @@ class _State:
     updates: list[int] = field(default_factory=list)
     path_m: float = 0.0
     turned_rad: float = 0.0
-    begun: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    doubt: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    doubted: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    restart_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    step_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    previous_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     unmatched: WheelMotion | None = STOOD
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
-    brought_back: str = ""
+    second_pass: str = ""
 
     def revise(self, poses: Sequence[Floats]) -> None:
-        """Replace the last poses, each (3,), but for what the particles were moved by already."""
-        open_ended = min(len(poses), len(self.local) - 1 - self.updates[-1]) if self.updates else 0
-        if open_ended > 0:
-            self.local[-open_ended:] = list(poses[-open_ended:])
+        """Replace the last poses, each (3,), of those after the last filter update."""
+        count = min(len(poses), len(self.local) - 1 - self.updates[-1]) if self.updates else 0
+        if count > 0:
+            self.local[-count:] = list(poses[-count:])
 
-    def told(self) -> Floats:
-        """Poses (S, 3) whose motion the filter was told: a closed path, then the frontend's."""
-        local, known = np.array(self.local), len(self.closed_path)
-        if not known:
+    def motion_path(self) -> Floats:
+        """Poses (S, 3) whose motion the filter proposes: the closed path, then the frontend's."""
+        local, closed = np.array(self.local), len(self.closed_path)
+        if not closed:
             return local
-        since = between(local[known - 1], local[known:])
+        since = between(local[closed - 1], local[closed:])
         return np.concatenate([self.closed_path, compose(self.closed_path[-1], since)])
 
-    def told_at_last(self, closed: ClosedGraph | None) -> Floats:
-        """Poses (S, 3), with scans between updates where all that was seen has them."""
+    def relocated_path(self, closed: ClosedGraph | None) -> Floats:
+        """The same with the ambiguous scans between updates relocated (S, 3)."""
         if closed is None or len(self.closed_path):
-            return self.told()
-        moved = closed.relocations.copy()
-        moved[self.updates] = 0.0
-        return compose(self.told(), moved)
+            return self.motion_path()
+        relocations = closed.relocations.copy()
+        relocations[self.updates] = 0.0
+        return compose(self.motion_path(), relocations)
 
 
 class GmappingBackend:
@@ -116,8 +116,8 @@ class GmappingBackend:
     settings : GmappingConfig
     frontend : FrontendConfig
     rng : numpy.random.Generator
-        The only source of randomness; all draws of an update are made before it is shared out to
-        threads, so their number does not matter.
+        The only source of randomness; all draws of an update are made before it is distributed to
+        threads, so the result does not depend on their number.
     heartbeat : callable
     """
 
@@ -132,19 +132,19 @@ class GmappingBackend:
     ) -> None:
         self._config = settings
         self._rng = rng
-        places = GraphBuilder(settings.places, frontend, heartbeat) if settings.places else None
-        self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings), places)
+        builder = GraphBuilder(settings.places, frontend, heartbeat) if settings.places else None
+        self._state = _State(ScanTracker(frontend), MappingFilter.empty(settings), builder)
         self._step: Future[None] | None = None
 
     def update(self, reading: Reading) -> None:
-        """Take one reading: follow it with the frontend, and update the filter when due.
+        """Process one reading: track it with the frontend, and update the filter when due.
 
-        The filter works while the frontend follows the next readings.
+        The filter runs in its own thread while the frontend tracks the next readings.
         """
         state = self._state
         scan = state.tracker.track(reading)
-        if state.places:
-            state.places.add_scan(scan)
+        if state.graph_builder:
+            state.graph_builder.add_scan(scan)
         state.stamps_ns.append(reading.stamp_ns)
         state.revise(scan.revised)
         state.local.append(scan.local_from_robot.as_array())
@@ -155,17 +155,17 @@ class GmappingBackend:
             state.filter.start(state.first_points)
             state.updates.append(0)
             return
-        self._travel(scan)
+        self._accumulate(scan)
         if self._is_due(scan):
-            self._settle()
+            self._wait_for_filter()
             measurement = self._measurement(scan, reading.scan.robot_from_laser)
-            if state.places:
+            if state.graph_builder:
                 state.measurements.append(measurement)
-            self._step = _aside().submit(state.filter.step, measurement, self._rng)
+            self._step = _filter_thread().submit(state.filter.step, measurement, self._rng)
 
     def map_from_robot(self) -> Pose2:
-        """Return where the best particle is, moved on by the frontend since its last update."""
-        self._settle()
+        """Return the best particle's pose, propagated by the frontend since the last update."""
+        self._wait_for_filter()
         state = self._state
         if not state.updates:
             return Pose2()
@@ -180,100 +180,110 @@ class GmappingBackend:
         RunFailed
             When no scan was usable.
         """
-        self._settle()
+        self._wait_for_filter()
         state = self._state
         if not state.updates:
             raise RunFailed("no scan was usable")
-        if state.places is None or state.places.is_empty:
-            return self._told(None)
-        closed = state.places.close_loops()
-        missed = self._misses(state.filter, state.told(), closed)
-        if np.any(missed > MISSED_SIGMAS):
-            self._bring_back(closed, missed)
-        return self._told(closed)
+        if state.graph_builder is None or state.graph_builder.is_empty:
+            return self._assemble_result(None)
+        closed = state.graph_builder.close_loops()
+        distances = self._closure_distances(state.filter, state.motion_path(), closed)
+        if np.any(distances > MISSED_SIGMAS):
+            self._run_again(closed, distances)
+        return self._assemble_result(closed)
 
-    def _bring_back(self, closed: ClosedGraph, missed: Floats) -> None:
-        """Filter the recording along the closed path, and go on with that where it is better.
+    def _run_again(self, closed: ClosedGraph, distances: Floats) -> None:
+        """Filter the recording along the closed path; keep that where it closes loops better.
 
-        So the poses that are told on the way belong to the same map as the result.
+        So that poses while driving and the result belong to the same map.
         """
         state = self._state
         along = closed.poses[state.updates]
         again = filter_along(along, state.first_points, state.measurements, self._config, self._rng)
-        still = self._misses(again, closed.poses, closed)
-        state.brought_back = second_pass_notice(missed, still)
-        if still.sum() < missed.sum():
+        distances_again = self._closure_distances(again, closed.poses, closed)
+        state.second_pass = second_pass_notice(distances, distances_again)
+        if distances_again.sum() < distances.sum():
             state.filter, state.closed_path = again, closed.poses
 
-    def _misses(self, particles: MappingFilter, told: Floats, closed: ClosedGraph) -> Floats:
-        path = self._filled(told, particles.best_path())
+    def _closure_distances(
+        self, particles: MappingFilter, motion: Floats, closed: ClosedGraph
+    ) -> Floats:
+        path = self._interpolated(motion, particles.best_path())
         return closure_mahalanobis(closed, path.poses, self._config.maps.delta_m)
 
-    def _told(self, closed: ClosedGraph | None) -> SlamResult:
-        state, particles, told = self._state, self._state.filter, self._state.told_at_last(closed)
-        path = self._filled(told, particles.best_path())
-        mean = self._filled(told, particles.mean_path())
+    def _assemble_result(self, closed: ClosedGraph | None) -> SlamResult:
+        state, particles, motion = (
+            self._state,
+            self._state.filter,
+            self._state.relocated_path(closed),
+        )
+        path = self._interpolated(motion, particles.best_path())
+        mean = self._interpolated(motion, particles.mean_path())
         stamps_ns = np.array(state.stamps_ns)[state.updates]
         tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
         covariances = None if closed is None else second_moments(path.poses, closed)
-        unknown = () if closed is None else covariance_notices(closed.graph, covariances)
-        if covariances is None and not unknown:
+        too_large = () if closed is None else covariance_notices(closed.graph, covariances)
+        if covariances is None and not too_large:
             covariances = self._covariances(path.poses)
-        said = filter(None, (*particle_notices(particles), state.brought_back, *unknown))
-        return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(said))
+        notices = filter(None, (*particle_notices(particles), state.second_pass, *too_large))
+        return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(notices))
 
     def _covariances(self, poses: Floats) -> Floats:
-        """Spread of the particles' paths, and what none of them can know (S, 3, 3).
+        """Second moments of the particles' paths, plus a floor (S, 3, 3).
 
-        Where there is no graph beside them: whatever all of them have wrong, they do not know.
+        For runs without a graph: errors that all particles share are not in it.
         """
-        state, known = self._state, self._state.filter
-        paths = known.ancestry.paths(np.arange(len(known.poses)))
-        # A pose is drawn no finer than a motion of length zero allows, and matched to cells.
+        state, particles = self._state, self._state.filter
+        paths = particles.ancestry.paths(np.arange(len(particles.poses)))
+        # The floor: the noise of a motion of length zero, and the quantisation of the cells.
         cell = np.diag([1.0, 1.0, 0.0]) * self._config.maps.delta_m**2 / 12.0
         floor = motion_covariance(self._config.motion, 0.0, 0.0) + cell
-        weights = normalised(known.log_weights)
-        spreads = sample_covariances(paths, paths[:, known.best()], weights, floor)
+        weights = normalised(particles.log_weights)
+        moments = sample_covariances(paths, paths[:, particles.best()], weights, floor)
         updates, variances = np.array(state.updates), np.array(state.variances)
-        return interpolate_covariances(spreads, updates, poses, variances) + np.array(state.lags)
+        return interpolate_covariances(moments, updates, poses, variances) + np.array(state.lags)
 
     def snapshot(self) -> State:
-        """Return the whole state once the filter's step is done, random numbers included."""
-        self._settle()
+        """Return the whole state once the filter's step is done, the random generator included."""
+        self._wait_for_filter()
         return state_of(self)
 
     def restore(self, state: State) -> None:
         """Continue from a snapshot."""
-        self._settle()
+        self._wait_for_filter()
         restore_state(state, self)
 
-    def _settle(self) -> None:
-        """Wait for the filter; its errors come up here."""
+    def _wait_for_filter(self) -> None:
+        """Wait for the filter's step; its errors are raised here."""
         step, self._step = self._step, None
         if step is not None:
             step.result()
 
-    def _travel(self, scan: TrackedScan) -> None:
-        """Add up the motion since the last update, and note the frontend's doubt.
+    def _accumulate(self, scan: TrackedScan) -> None:
+        """Accumulate the motion since the last update, and the frontend's uncertainty of it.
 
-        A match settles what was unsure before it; where the local map is begun anew, the step to it
-        stays as unsure as it was. While nothing is matched odometry is as unsure as it is where it
-        holds, as in the graph.
+        A good match ends the uncertainty before it, but that of the step to a restarted local map
+        remains. Without a match odometry has its nominal covariance, as in the graph.
         """
         state = self._state
         state.path_m += math.hypot(scan.motion.x, scan.motion.y)
         state.turned_rad += abs(scan.motion.theta)
         sigma = np.sqrt(np.diag(scan.local_covariance)).tolist()
-        is_sure = scan.match and max(sigma[:2]) <= _SURE_M and sigma[2] <= _SURE_RAD
+        is_good = scan.match and max(sigma[:2]) <= _MAX_SIGMA_M and sigma[2] <= _MAX_SIGMA_RAD
         state.unmatched = STOOD if scan.match else joined(state.unmatched, scan.wheels)
         if scan.match or state.unmatched is None:
-            unsure = scan.local_covariance
+            covariance = scan.local_covariance
         else:
-            unsure = state.unmatched.total_covariance()
-        state.doubt = np.zeros((3, 3)) if is_sure else unsure * clamping_factors(unsure)
+            covariance = state.unmatched.total_covariance()
+        state.step_covariance = (
+            np.zeros((3, 3)) if is_good else covariance * clamping_factors(covariance)
+        )
         if scan.is_keyframe and not scan.match:
-            state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
+            state.restart_covariance, state.step_covariance = (
+                state.restart_covariance + state.step_covariance,
+                np.zeros((3, 3)),
+            )
             state.unmatched = STOOD
 
     def _is_due(self, scan: TrackedScan) -> bool:
@@ -287,25 +297,28 @@ class GmappingBackend:
         )
 
     def _measurement(self, scan: TrackedScan, robot_from_laser: Pose2) -> Measurement:
-        """Sum up what has happened since the last update, and begin anew."""
+        """Return the accumulated motion and the scan, and reset the accumulators."""
         state = self._state
         covariance = motion_covariance(self._config.motion, state.path_m, state.turned_rad)
-        unsure = state.doubted + state.begun + state.doubt
+        uncertainty = state.previous_covariance + state.restart_covariance + state.step_covariance
         measurement = Measurement(
             self._points(scan, robot_from_laser),
             between(state.local[state.updates[-1]], state.local[-1]),
-            covariance + unsure,
-            bool(unsure.any()),
+            covariance + uncertainty,
+            bool(uncertainty.any()),
             state.path_m,
             state.turned_rad,
         )
         state.updates.append(len(state.stamps_ns) - 1)
         state.path_m, state.turned_rad = 0.0, 0.0
-        state.begun, state.doubted = np.zeros((3, 3)), state.doubt
+        state.restart_covariance, state.previous_covariance = (
+            np.zeros((3, 3)),
+            state.step_covariance,
+        )
         return measurement
 
     def _points(self, scan: TrackedScan, robot_from_laser: Pose2) -> Floats:
-        """Return the beams that count, (K, 4), with normals."""
+        """Return the end points of the beams used, (K, 4), with normals."""
         likelihood = self._config.likelihood
         origin, points = robot_from_laser.as_array()[:2], scan.points_m
         if likelihood.max_range_m is not None:
@@ -313,16 +326,16 @@ class GmappingBackend:
             points = points[ranges_m <= likelihood.max_range_m]
         return np.asarray(point_normals(points, origin)[:: likelihood.lskip + 1])
 
-    def _filled(self, told: Floats, path: Floats) -> Trajectory:
-        """Give every scan a pose: the filter's at its updates, the motion told in between."""
+    def _interpolated(self, motion: Floats, path: Floats) -> Trajectory:
+        """Trajectory of all scans: the filter's poses at its updates, the motion in between."""
         state = self._state
         poses = interpolate_corrections(
-            told, np.array(state.updates), path, np.array(state.variances)
+            motion, np.array(state.updates), path, np.array(state.variances)
         )
         return Trajectory(np.array(state.stamps_ns), poses)
 
 
 @cache
-def _aside() -> ThreadPoolExecutor:
-    """Thread in which filters take their steps, apart from those that share out the particles."""
+def _filter_thread() -> ThreadPoolExecutor:
+    """Executor of the filter's steps, apart from the threads that share the particles."""
     return ThreadPoolExecutor(max_workers=1, thread_name_prefix="particle-filter")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The null backend: odometry is believed as it is. The baseline every other has to beat."""
+"""The null backend: the odometry as recorded, the baseline every other has to beat."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class OdometryBackend:
         self._odometry.append(reading.odom_from_robot)
 
     def map_from_robot(self) -> Pose2:
-        """Return the last known odometry, seen from the first."""
+        """Return the last known odometry pose relative to the first."""
         known = [pose for pose in (self._first(), self._last()) if pose is not None]
         return known[0].between(known[-1]) if known else Pose2()
 
@@ -75,7 +75,7 @@ class OdometryBackend:
         restore_state(state, self)
 
     def _filled(self) -> tuple[Floats, int]:
-        """Return `odom_from_robot` (N, 3) with gaps held, and how many there were."""
+        """Return `odom_from_robot` (N, 3), the last pose held in gaps, and their number."""
         held = self._first()
         if held is None:
             raise BadInput(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Weights, selective resampling and the ancestry of particles, whatever the particles are."""
+"""Weights, selective resampling and ancestry of particles, independent of their state."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ def _numpy_seeded_by(rng: Generator) -> Iterator[None]:
 
 
 class Ancestry:
-    """Where every particle was at every update, as a tree: paths are shared, never copied."""
+    """Ancestry tree of the particles with their poses: paths are shared, never copied."""
 
     def __init__(self, particles: int) -> None:
         self._length = 0
@@ -106,7 +106,7 @@ class Ancestry:
         Parameters
         ----------
         parents : (P,) int64
-            The particle of the update before that each one descends from.
+            Parent of each particle at the previous update.
         poses : (P, 3) float64
             After resampling.
         """
@@ -123,24 +123,24 @@ class Ancestry:
     def paths(self, particles: Indices) -> Floats:
         """Poses (U, M, 3) of the ancestries of M particles of the last update."""
         out = np.empty((self._length, len(particles), 3))
-        who = particles
+        ancestors = particles
         for update in range(self._length - 1, -1, -1):
-            out[update] = self._poses[update, who]
-            who = self._parents[update, who]
+            out[update] = self._poses[update, ancestors]
+            ancestors = self._parents[update, ancestors]
         return out
 
     def common_update(self) -> int:
-        """Return the last update at which all present particles were one, -1 if none."""
+        """Return the last update at which all particles have a common ancestor, -1 if none."""
         return int(_common_update(self._parents[: self._length]))
 
 
 @kernel
 def _common_update(parents: Indices) -> int:
     updates, particles = parents.shape
-    who = np.arange(particles)
+    ancestors = np.arange(particles)
     for update in range(updates - 1, -1, -1):
-        if (who == who[0]).all():
+        if (ancestors == ancestors[0]).all():
             return update
         for i in range(particles):
-            who[i] = parents[update, who[i]]
+            ancestors[i] = parents[update, ancestors[i]]
     return -1

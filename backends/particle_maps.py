@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps of all particles in one pool of tiles, shared until somebody writes (copy on write).
+"""Maps of all particles in one pool of tiles, copy on write.
 
 A map is a table of tile numbers. Resampling copies tables and counts references; cells are copied
 only when a particle writes into a tile that another one also uses.
@@ -39,10 +39,10 @@ _FIRST_TILES = 1024
 """Tiles of the pool before it grows, 5 MB; the result is the same for any."""
 _TILE_BYTES = TILE_CELLS**2 * CELL_VALUES * 4
 """Four bytes for each value of each cell."""
-_USUAL_PLACE_M = 50.0
-"""Side of a place that memory is estimated for; only what is told depends on it."""
-_MUCH_MB = 1000.0
-"""Memory from which it is told; a choice, an eighth of a common machine's."""
+_USUAL_AREA_M = 50.0
+"""Side of the area that memory is estimated for; only a notice depends on it."""
+_NOTICE_MB = 1000.0
+"""Memory from which a notice is given; a choice, an eighth of a common machine's."""
 
 Tables = NDArray[np.int32]
 Cells = NDArray[np.float32]
@@ -114,7 +114,7 @@ class ParticleMaps:
         return self.cells.nbytes + self.tables.nbytes + self.references.nbytes
 
     def cover(self, low_m: Floats, high_m: Floats) -> None:
-        """Let the tables reach over the box from `low_m` to `high_m`, each (2,) x, y [m]."""
+        """Grow the tables to cover the box from `low_m` to `high_m`, each (2,) x, y [m]."""
         tile_m = TILE_CELLS * self.resolution_m
         low = np.floor(low_m[::-1] / tile_m).astype(np.int64) - self.corner
         high = np.floor(high_m[::-1] / tile_m).astype(np.int64) - self.corner
@@ -128,7 +128,7 @@ class ParticleMaps:
         self.corner = self.corner - before
 
     def resample(self, ancestors: Indices) -> None:
-        """Let particle i go on with the map of particle `ancestors[i]`; copies indices only."""
+        """Give particle i the map of particle `ancestors[i]`; copies tile numbers only."""
         self.tables = self.tables[ancestors]
         _count_references(self.tables, self.references)
 
@@ -146,11 +146,11 @@ class ParticleMaps:
             return
         reach = float(np.hypot(points[:, 0], points[:, 1]).max()) + self.resolution_m
         self.cover(poses[:, :2].min(axis=0) - reach, poses[:, :2].max(axis=0) + reach)
-        self._own(_mark_touched(self.tiles, points, poses))
+        self._unshare(_mark_touched(self.tiles, points, poses))
         _add_points(self.tiles, points, poses)
 
-    def _own(self, wanted: Indices) -> None:
-        """Give every particle tiles of its own where it is about to write."""
+    def _unshare(self, wanted: Indices) -> None:
+        """Unshare the tiles that are about to be written."""
         missing = count_missing(self.tables, self.references, wanted)
         free = np.flatnonzero(self.references == 0)
         if missing > len(free):
@@ -167,12 +167,12 @@ class ParticleMaps:
                 " lower gmapping.particles or raise gmapping.maps.delta_m or"
                 " gmapping.maps.max_memory_mb"
             )
-        # In place where the system can; nobody else keeps a view between two updates.
+        # In place where the system can; no view of it exists between two updates.
         self.cells.resize((wanted, *self.cells.shape[1:]), refcheck=False)
         self.references.resize(wanted, refcheck=False)
 
     def kept_state(self) -> dict[str, object]:
-        """Leave out of a snapshot what is empty: most of a tile is, walls being thin."""
+        """Leave empty cells out of a snapshot: most are, walls being thin."""
         filled = np.flatnonzero((self.cells[..., 0] != 0.0) & (self.references > 0)[:, None])
         state = dict(vars(self))
         state["cells"] = len(self.cells), filled, self.cells.reshape(-1, CELL_VALUES)[filled]
@@ -192,25 +192,25 @@ def most_tiles(config: ParticleMapsConfig) -> int:
 
 
 def memory_notice(particles: int, config: ParticleMapsConfig) -> tuple[str, ...]:
-    """Say how much memory the particle maps may need, where that is much.
+    """Report how much memory the particle maps may need, where that is much.
 
-    The estimate is for a place of 50 m x 50 m of which every second tile is touched by walls, and
+    The estimate is for an area of 50 m x 50 m of which every second tile is touched by walls, and
     particles that share nothing; sharing makes it five to ten times less in practice.
     """
-    tiles = 0.5 * (_USUAL_PLACE_M / (TILE_CELLS * config.delta_m)) ** 2
+    tiles = 0.5 * (_USUAL_AREA_M / (TILE_CELLS * config.delta_m)) ** 2
     estimate_mb = particles * tiles * _TILE_BYTES / 1e6
-    if estimate_mb <= _MUCH_MB:
+    if estimate_mb <= _NOTICE_MB:
         return ()
     return (
         f"{particles} particles with {config.delta_m} m cells may need {estimate_mb:.0f} MB for"
-        f" {_USUAL_PLACE_M:.0f} m x {_USUAL_PLACE_M:.0f} m if they share nothing; the limit is"
+        f" {_USUAL_AREA_M:.0f} m x {_USUAL_AREA_M:.0f} m if they share nothing; the limit is"
         f" gmapping.maps.max_memory_mb = {config.max_memory_mb:g}",
     )
 
 
 @kernel_with(inline=True)
 def within_tile(row: int, col: int) -> int:
-    """Where in its tile a cell of the plane lies."""
+    """Index of a cell of the plane within its tile."""
     return ((row & (TILE_CELLS - 1)) << TILE_BITS) + (col & (TILE_CELLS - 1))
 
 
@@ -267,7 +267,7 @@ def detach(
     wanted: Indices,
     free: Indices,
 ) -> None:
-    """Make all wanted entries point to tiles nobody else uses, copying shared ones."""
+    """Give all wanted entries unshared tiles, copying shared ones."""
     taken = 0
     for i in range(len(wanted)):
         p, row, col = wanted[i, 0], wanted[i, 1], wanted[i, 2]

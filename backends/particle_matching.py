@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Scan to particle-map matching: each point to the line through the nearest mean end point."""
+"""Point-to-line scan likelihood in a particle's map: associations, log likelihood, curvature."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from slarm_graph.frontends.scans.small_matrix import add_square3, mirror3
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel, kernel_with
 
-_SAME_SIDE = 0.5
-"""Least cosine between the normals of a point and of the wall it may lie on."""
+_MIN_COSINE = 0.5
+"""Least cosine between the normals of a point and of a cell it is associated with."""
 _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _ALIGNED = 0.5
 """A cell has a normal when the mean of its points' normals is at least this long."""
 _FUSED = frozenset({"reassoc", "contract"})
-"""How freely sums may be rounded. What is called takes this over from its caller where it is first
-compiled for it, so it is said of both: bytes must not depend on which ran first."""
+"""Permitted floating-point rewrites. A callee inlined into its first caller inherits them, so both
+are declared: bytes must not depend on which was compiled first."""
 
 
 @kernel
@@ -74,10 +74,10 @@ def point_normals(points: Floats, origin: Floats) -> Floats:
 def associate(
     tiles: Tiles, particle: int, kernel: int, points: Floats, pose: Floats, lines: Floats
 ) -> int:
-    """Find for every point at a pose the nearest mean end point facing the same way.
+    """Associate every point at a pose with the nearest mean end point of similar normal.
 
     Fills `lines` (K, 5) with mean end point x, y [m], normal x, y (0, 0 where it has none) and 1
-    where something was found; returns how many were.
+    where there is one; returns the number of associations.
     """
     tables, corner, cells, resolution = tiles
     table = tables[particle]
@@ -108,7 +108,7 @@ def associate(
                 cx, cy = cells[tile, at, 3], cells[tile, at, 4]
                 size = math.sqrt(cx * cx + cy * cy)
                 smooth = size > _ALIGNED * n
-                if directed and smooth and nx * cx + ny * cy < _SAME_SIDE * size:
+                if directed and smooth and nx * cx + ny * cy < _MIN_COSINE * size:
                     continue
                 best = distance
                 lines[k, 0], lines[k, 1] = mx * resolution, my * resolution
@@ -133,7 +133,7 @@ def _tile_at(table: Tables, corner: Indices, row: int, col: int) -> int:
 
 @kernel
 def log_no_match(kernel: int, resolution: float, sigma: float) -> float:
-    """Log likelihood of a return with nothing within reach: that of one at the edge of reach."""
+    """Log likelihood of a point without association: that at the search radius."""
     reach = (kernel + 0.5) * resolution
     return -math.log(1.0 + (reach / sigma) ** 2)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the particle filter shows and says of itself."""
+"""Tables and notices of the particle filter."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def update_table(stamps_ns: NDArray[np.int64], particles: MappingFilter) -> Tabl
 
 
 def particle_notices(particles: MappingFilter) -> tuple[str, ...]:
-    """Say how many particles there were, what they did and what they cost."""
+    """Report the numbers of particles, updates and resamplings, and their memory."""
     config, updates = particles.config, len(particles.selections) + 1
     resamplings = sum(chosen.resampled for chosen in particles.selections)
     return (
@@ -61,17 +61,17 @@ def particle_notices(particles: MappingFilter) -> tuple[str, ...]:
     )
 
 
-def second_pass_notice(missed: Floats, still: Floats) -> str:
-    """Say that particles missed loop closures, and what a second pass of the filter brought.
+def second_pass_notice(first: Floats, second: Floats) -> str:
+    """Report how many loop closures the particles missed, before and after a second pass.
 
     Parameters
     ----------
-    missed, still : (C,) float64
-        By how many standard deviations each is missed after the first and after the second pass.
+    first, second : (C,) float64
+        Mahalanobis distances of the closures after the first and after the second pass.
     """
-    before, after = int((missed > MISSED_SIGMAS).sum()), int((still > MISSED_SIGMAS).sum())
-    if still.sum() < missed.sum():
+    before, after = int((first > MISSED_SIGMAS).sum()), int((second > MISSED_SIGMAS).sum())
+    if second.sum() < first.sum():
         end = f"the filter went over the recording again, and misses {after}"
     else:
         end = "a second pass missed them further; the first is kept, and its map may be torn there"
-    return f"the particles missed {before} of {len(missed)} loop closures: {end}"
+    return f"the particles missed {before} of {len(first)} loop closures: {end}"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Graph SLAM: lidar odometry, submaps, loop closures, and a graph that ties them together."""
+"""Graph SLAM: lidar odometry, submaps, loop closures, and pose graph optimisation."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class PoseGraphBackend:
     rng : numpy.random.Generator
         Not used: nothing here is drawn.
     heartbeat : Heartbeat
-        Told what long steps are doing.
+        Called with what long steps are doing.
     """
 
     settings: ClassVar[type[Stage]] = PoseGraphConfig
@@ -49,7 +49,7 @@ class PoseGraphBackend:
         self._builder = GraphBuilder(settings, frontend, heartbeat)
 
     def update(self, reading: Reading) -> None:
-        """Track the scan, and let the graph grow."""
+        """Track the scan, and extend the graph."""
         self._builder.add_scan(self._tracker.track(reading))
 
     def map_from_robot(self) -> Pose2:
@@ -57,7 +57,7 @@ class PoseGraphBackend:
         return self._builder.map_from_robot()
 
     def result(self) -> SlamResult:
-        """Weigh all closures together and correct every scan's pose.
+        """Optimise robustly with all closures, and correct every scan's pose.
 
         Raises
         ------
@@ -69,11 +69,11 @@ class PoseGraphBackend:
         closed = self._builder.close_loops()
         graph = calibrated(closed.graph)
         covariances = path_covariances(graph, closed.scans, closed.poses, closed.variances)
-        told = (*closed.notices, *covariance_notices(graph, covariances))
+        notices = (*closed.notices, *covariance_notices(graph, covariances))
         if covariances is not None:
             covariances = covariances + closed.lag_covariances
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
-        return SlamResult(trajectory, covariances, graph, (closed.closures,), told)
+        return SlamResult(trajectory, covariances, graph, (closed.closures,), notices)
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Nonlinear least squares over pose graphs; the only module that knows GTSAM."""
+"""Nonlinear least squares over pose graphs; the only module that imports GTSAM."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ from slarm_graph.geometry import Floats
 
 _LOG = logging.getLogger(__name__)
 _ANCHOR_SIGMA = 1e-6
-"""Of the first pose [m, rad], which is where the map begins: fixed, at any scale of sensors."""
+"""Of the prior on the first pose [m, rad], the map's origin: fixed, at any scale of sensors."""
 _HUBER = 1.345
 """With Gaussian errors 95 % as efficient as least squares (Holland and Welsch 1977)."""
 
 
 class Kernel(StrEnum):
-    """How a large residual of a loop closure counts; odometry always counts in full."""
+    """Robust kernel (M-estimator) of the loop closures."""
 
     NONE = "none"
     HUBER = "huber"
@@ -44,10 +44,10 @@ class Optimized:
     poses : (N, 3) float64
         `map_from_pose` [m, m, rad].
     chi2 : float
-        Sum of squared whitened residuals, dampened by the kernel or multiplied by `weights`.
+        Sum of squared whitened residuals, robustified by the kernel or multiplied by `weights`.
     iterations : int
     weights : (M,) float64
-        Share with which each constraint counted by kernel or GNC, 0 (rejected) to 1.
+        Robust weight of each constraint by kernel or GNC, 0 (rejected) to 1.
     """
 
     poses: Floats
@@ -65,7 +65,7 @@ def optimize(
     tolerance: float = 1e-8,
     heartbeat: Heartbeat = silent,
 ) -> Optimized:
-    """Minimise from the graph's own poses with Levenberg-Marquardt, pose 0 held.
+    """Minimise from the graph's own poses with Levenberg-Marquardt, pose 0 fixed.
 
     Parameters
     ----------
@@ -102,9 +102,9 @@ def optimize(
 
 
 def optimize_from_anywhere(graph: PoseGraph, *, heartbeat: Heartbeat = silent) -> Optimized:
-    """Minimise from several starts and keep the best: for graphs whose poses are a poor guess.
+    """Minimise from several initialisations and keep the best: for graphs with poor poses.
 
-    The starts are the graph's own poses, a spanning tree, and two rotation-first linear solutions
+    These are the graph's own poses, a spanning tree, and two rotation-first linear solutions
     (see `pose_graph_start`).
     """
     best: Optimized | None = None
@@ -129,7 +129,7 @@ def optimize_gnc(
     inlier_probability: float = 0.99,
     heartbeat: Heartbeat = silent,
 ) -> Optimized:
-    """Minimise with graduated non-convexity, trusting everything but some constraints.
+    """Minimise with graduated non-convexity, with known inliers but for some constraints.
 
     Truncated least squares of Yang, Antonante, Tzoumas, Carlone, RA-L 2020: a suspect whose
     squared residual exceeds the chi-square quantile of `inlier_probability` ends with weight 0.
@@ -145,7 +145,7 @@ def optimize_gnc(
     Returns
     -------
     Optimized
-        Its weights are 1 for what is trusted and those of GNC for suspects.
+        Its weights are 1 for known inliers and those of GNC for suspects.
     """
     if suspects is None:
         suspects = [k for k, c in enumerate(graph.constraints) if _is_closure(c)]
@@ -180,14 +180,14 @@ def chi2_each(graph: PoseGraph) -> Floats:
 
 
 def marginal_covariances(graph: PoseGraph, indices: Sequence[int]) -> list[Floats]:
-    """Covariances (3, 3) of poses in their own body frames, pose 0 being certain.
+    """Covariances (3, 3) of poses in their own body frames, pose 0 being fixed.
 
     Raises
     ------
     RunFailed
         When the system is indeterminate.
     """
-    # ISAM2 with QR stands the long chains on which `gtsam.Marginals` gives up.
+    # ISAM2 with QR handles the long chains on which `gtsam.Marginals` fails.
     params = gtsam.ISAM2Params()
     params.setFactorization("QR")
     smoother = gtsam.ISAM2(params)
@@ -205,7 +205,7 @@ def _is_closure(constraint: Constraint) -> bool:
 def _factors(
     graph: PoseGraph, kernel: Kernel = Kernel.NONE, slip_sigmas: float = math.inf
 ) -> gtsam.NonlinearFactorGraph:
-    """Constraint k becomes factor k; the prior that holds pose 0 comes last."""
+    """Constraint k becomes factor k; the prior on pose 0 comes last."""
     check_graph(graph)
     closure_estimator = _estimator(kernel)
     step_estimator = _estimator(Kernel.CAUCHY, slip_sigmas) if slip_sigmas < math.inf else None
@@ -231,7 +231,7 @@ def _estimator(kernel: Kernel, cauchy: float = 1.0) -> gtsam.noiseModel.mEstimat
 
 
 def _weight(losses: Floats, kernel: Kernel, cauchy: float) -> Floats:
-    """Weights that kernels gave, from the losses they left."""
+    """Robust weights (M,) of a kernel, from its losses (M,)."""
     if kernel is Kernel.NONE:
         return np.ones(len(losses))
     if kernel is Kernel.HUBER:
@@ -266,7 +266,7 @@ def _minimise(
     limits: tuple[int, float],
     heartbeat: Heartbeat,
 ) -> tuple[gtsam.Values, int]:
-    """Try Cholesky, which is faster, then QR, which stands bad conditioning."""
+    """Try Cholesky, which is faster, then QR, which tolerates bad conditioning."""
     for qr in (False, True):
         params = _parameters(*limits, qr=qr)
         # The hook runs Python between iterations, which also lets an interrupt through.

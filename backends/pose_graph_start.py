@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Starting poses for pose-graph optimisation, by spanning tree and by rotations first.
+"""Initialisation of pose-graph optimisation: spanning tree, and linear rotations-first solutions.
 
 In the plane the headings alone are almost a linear problem. With them fixed, the positions are
 exactly one (Carlone, Tron, Daniilidis, Dellaert, "Initialization techniques for 3D SLAM", ICRA
@@ -43,7 +43,7 @@ class _Edges:
 
 
 def starting_poses(graph: PoseGraph) -> Iterator[tuple[str, Floats]]:
-    """Yield names and poses (N, 3) to start an optimisation from, pose 0 always where it was."""
+    """Yield names and initial poses (N, 3), pose 0 unchanged."""
     yield "the given poses", graph.poses
     if len(graph.constraints) < len(graph.poses):
         return
@@ -82,13 +82,13 @@ def chordal_headings(first_rad: float, count: int, edges: _Edges) -> Floats:
     cols = np.concatenate([edges.i, edges.j, edges.i, edges.j])
     data = np.concatenate([w, w, -w * turn, -w * np.conj(turn)])
     normal = sparse.csc_matrix((data, (rows, cols)), (count, count))
-    held = np.exp(1j * first_rad)
-    z = splu(normal[1:, 1:].tocsc()).solve(-normal[1:, :1].toarray().ravel() * held)
+    fixed = np.exp(1j * first_rad)
+    z = splu(normal[1:, 1:].tocsc()).solve(-normal[1:, :1].toarray().ravel() * fixed)
     return np.concatenate([[first_rad], np.angle(z)])
 
 
 def unwrapped_headings(guess_rad: Floats, edges: _Edges) -> Floats:
-    """Headings (N,) [rad] by linear least squares, whole turns taken from a guess and redone."""
+    """Headings (N,) [rad] by iterated linear least squares, unwrapped by a guess."""
     headings = guess_rad.copy()
     for _ in range(10):
         residual = wrap_angles(edges.measured[:, 2] - (headings[edges.j] - headings[edges.i]))
@@ -100,7 +100,7 @@ def unwrapped_headings(guess_rad: Floats, edges: _Edges) -> Floats:
 
 
 def _with_positions(first: Floats, headings: Floats, edges: _Edges) -> Floats:
-    """Solve the positions that fit the constraints best for given headings."""
+    """Poses (N, 3) with the least-squares positions for given headings."""
     c, s = np.cos(headings[edges.i]), np.sin(headings[edges.i])
     dx, dy = edges.measured[:, 0], edges.measured[:, 1]
     count, w = len(headings), edges.position_weight

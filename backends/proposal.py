@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The improved proposal, eq. (7)-(10): where a particle goes, given its own map and the scan."""
+"""The improved proposal, eq. (7)-(10): p(x_t | m, x_t-1, o_t, l_t-1) of every particle."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
-_ENOUGH_M, _ENOUGH_RAD = 1e-3, 5e-4
-"""Steps shorter than that end the climb: a fiftieth of a map's cell, and as much at 2 m."""
-_STEPS_A_LOOK = 2
-"""Gauss-Newton steps between two looks for walls, which take several times as long."""
+_CONVERGED_M, _CONVERGED_RAD = 1e-3, 5e-4
+"""Steps below which the ascent has converged: a fiftieth of a map's cell, and as much at 2 m."""
+_STEPS_PER_ASSOCIATION = 2
+"""Gauss-Newton steps between two data associations, which take several times as long."""
 _LATTICE_CELL_VOLUME = 4.0
-"""Of the body-centred lattice of side 2: two points to a cube of 8."""
+"""Volume per point of the body-centred lattice of side 2: two points to a cube of 8."""
 _TINY_VARIANCE = 1e-12
 """Added to a covariance so that it can be factorised: a thousandth of a millimetre."""
 
@@ -49,21 +49,21 @@ def body_centred_lattice(radius: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What the particles are told at an update.
+    """Input of one filter update.
 
     Parameters
     ----------
     points : (K, 4) float64
         End points [m] and normals in the robot's frame.
     motion : (3,) float64
-        Pose of the robot now in its frame at the update before [m, m, rad].
+        Pose of the robot relative to the previous update [m, m, rad].
     motion_covariance : (3, 3) float64
-        Of `motion`, in the body frame now.
+        Of `motion`, in the body frame at its end.
     is_lost : bool
-        The frontend could not follow all of the motion, so the climb to the peak starts from
-        draws of the motion model, another for every particle, instead of from its mean.
+        The frontend lost track in between, so the ascent starts from a draw of the motion model for
+        every particle instead of from its mean.
     path_m, turned_rad : float
-        Length of the way and sum of the absolute turns, forth and back counted.
+        Path length and sum of absolute rotations.
     """
 
     points: Floats
@@ -75,16 +75,16 @@ class Measurement:
 
 
 class MatchRule(NamedTuple):
-    """How points are matched and what a match is worth.
+    """Parameters of the scan likelihood.
 
     Parameters
     ----------
     kernel : int
-        Cells around its own in which a point is looked for.
+        Cells around its own in which a point is associated.
     sigma, gain : float
-        Spread of a point's distance [m], and what a point's log likelihood counts.
+        Scale of a point's distance [m], and weight of its log likelihood.
     iterations : int
-        Looks for walls on the climb to the peak, at most.
+        Data associations of the ascent, at most.
     """
 
     kernel: int
@@ -100,7 +100,7 @@ def propose(
     poses: Floats,
     normals: Floats,
 ) -> tuple[Floats, Floats]:
-    """Draw new poses (P, 3) of some particles and what their log weights (P,) gain, eq. (7)-(10).
+    """Draw new poses (P, 3) of some particles and increments (P,) of log weights, eq. (7)-(10).
 
     Parameters
     ----------
@@ -109,9 +109,9 @@ def propose(
     measurement : Measurement
     config : GmappingConfig
     poses : (P, 3) float64
-        At the update before.
+        At the previous update.
     normals : (P, 6) float64
-        Standard normal draws: three for the pose and three for where a lost particle starts.
+        Standard normal draws: three for the pose and three for the start of a lost particle.
     """
     new_poses, log_weights = _propose(
         maps.tiles,
@@ -235,21 +235,21 @@ def find_peak(
     prior: Floats,
     lines: Floats,
 ) -> tuple[Floats, Floats]:
-    """Climb to the peak of p(o | m, x) p(x | x_t-1, l_t-1); return it and the curvature there.
+    """Maximise p(o | m, x) p(x | x_t-1, l_t-1) by Gauss-Newton; return the peak and its Hessian.
 
-    `lines` is left with what every point was matched to at the peak.
+    `lines` is left with the associations at the peak.
     """
     peak, hessian, gradient = start.copy(), np.empty((3, 3)), np.empty(3)
     for _ in range(rule.iterations):
         associate(tiles, particle, rule.kernel, points, peak, lines)
         before = peak.copy()
-        for _ in range(_STEPS_A_LOOK):
+        for _ in range(_STEPS_PER_ASSOCIATION):
             hessian[:] = prior
             gradient[:] = prior @ (peak - predicted)
             curvature(points, lines, peak, rule.sigma, rule.gain, hessian, gradient)
             peak -= np.linalg.solve(hessian, gradient)
         step = peak - before
-        if abs(step[0]) + abs(step[1]) < _ENOUGH_M and abs(step[2]) < _ENOUGH_RAD:
+        if abs(step[0]) + abs(step[1]) < _CONVERGED_M and abs(step[2]) < _CONVERGED_RAD:
             break
     associate(tiles, particle, rule.kernel, points, peak, lines)
     hessian[:] = prior

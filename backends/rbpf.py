@@ -32,7 +32,7 @@ from slarm_graph.geometry import Floats, wrap_angles
 
 @dataclass(frozen=True, slots=True)
 class Selection:
-    """What came of the weights at one update.
+    """Weighting and resampling at one update.
 
     Parameters
     ----------
@@ -40,9 +40,9 @@ class Selection:
         Effective sample size before resampling.
     resampled : bool
     distinct_ancestors : int
-        How many particles of before have descendants.
+        Number of previous particles with descendants.
     common_update : int
-        The last update at which all present particles were one; -1 if they never were.
+        Last update at which all particles have a common ancestor; -1 if none.
     mean : (3,) float64
         Weighted mean pose before resampling, eq. (11) [m, m, rad].
     """
@@ -67,10 +67,10 @@ class MappingFilter:
     log_weights : (P,) float64
         Since the last resampling.
     log_evidence : (P,) float64
-        What the whole path of each particle has gained.
+        Log likelihood of each particle's whole path.
     ancestry : Ancestry
     drifts : (P,) float64
-        What each particle supposes that matching turns wrongly per metre [rad/m].
+        Heading drift of each particle per path length [rad/m].
     selections : list of Selection
         One per update.
     """
@@ -104,17 +104,17 @@ class MappingFilter:
         self.ancestry.append(np.arange(len(self.poses)), self.poses)
 
     def step(self, measurement: Measurement, rng: Generator) -> None:
-        """Propose, weigh, drift, resample where due, map."""
+        """Propose, weigh, drift, resample where due, and insert the scan into the maps."""
         self.poses, gained = self._propose(measurement, rng)
         self._drift(measurement.path_m, rng)
         self.log_evidence = self.log_evidence + gained
-        # eq. (8), tempered: the errors of a map are common to all scans matched to it
+        # eq. (8), tempered: scans matched to one map share its errors
         self.log_weights = self.log_weights + gained / self.config.likelihood.ogain
         self._select(rng)
         self.maps.insert(measurement.points, self.poses)
 
     def best(self) -> int:
-        """Return the particle whose whole path explains the scans best."""
+        """Return the particle of the highest likelihood of the whole path."""
         return int(np.argmax(self.log_evidence))
 
     def best_path(self) -> Floats:
@@ -127,7 +127,7 @@ class MappingFilter:
         return weighted_mean(paths, normalised(self.log_weights))
 
     def _propose(self, measurement: Measurement, rng: Generator) -> tuple[Floats, Floats]:
-        """Draw poses and gains in log weight, particles shared out to threads."""
+        """Draw poses and the increments of the log weights, in parallel over particles."""
         normals = rng.standard_normal((len(self.poses), 6))
         if not self.config.proposal.improved:
             poses = draw_motion(
@@ -149,12 +149,12 @@ class MappingFilter:
         return np.concatenate(poses), np.concatenate(gained)
 
     def _drift(self, path_m: float, rng: Generator) -> None:
-        """Turn every particle by what it supposes that odometry and matching both missed."""
+        """Apply every particle's heading drift over a path length."""
         self.drifts = next_drifts(self.drifts, self.config.motion, path_m, rng)
         self.poses[:, 2] = wrap_angles(self.poses[:, 2] + self.drifts * path_m)
 
     def _select(self, rng: Generator) -> None:
-        """Resample where N_eff has fallen below the threshold, and keep the books."""
+        """Resample where N_eff has fallen below the threshold, and record ancestry and weights."""
         count, rule = len(self.poses), self.config.resampling
         weights = normalised(self.log_weights)
         mean, n_eff = weighted_mean(self.poses, weights), effective_sample_size(weights)
@@ -173,7 +173,7 @@ class MappingFilter:
 
 
 def _parts(count: int) -> list[slice]:
-    """Cut particles into one slice per thread; what comes out does not depend on how many."""
+    """Split particles into one slice per thread; the result does not depend on their number."""
     bounds = np.linspace(0, count, min(count, usable_cores()) + 1).astype(int)
     return [slice(a, b) for a, b in itertools.pairwise(bounds)]
 

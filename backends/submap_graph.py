@@ -73,7 +73,7 @@ class SubmapGraph:
         self._last_full = 0
         self._old = 0
         self._centers: Floats = np.zeros((0, 3))
-        self._anchors: list[int] = []
+        self._starts: list[int] = []
         self._node_m = 0.0
         self._path_lengths_m: list[float] = []
         self._solution: RobustSolution | None = None
@@ -97,20 +97,16 @@ class SubmapGraph:
             self._path_lengths_m.append(0.0)
         self.keyframes.append(keyframe)
         k, size = len(self.keyframes) - 1, self._config.node_keyframes
-        if (
-            not self._anchors
-            or k - self._anchors[-1] >= size
-            or self._node_m >= self._config.node_m
-        ):
+        if not self._starts or k - self._starts[-1] >= size or self._node_m >= self._config.node_m:
             self._begin_node(k)
         self._finish_submap()
 
     def _finish_submap(self) -> None:
         """Build the submap of a full node; it overlaps half a node's keyframes on either side."""
         node = len(self.submaps)
-        if node + 1 >= len(self._anchors):
+        if node + 1 >= len(self._starts):
             return
-        first, last = self._anchors[node], self._anchors[node + 1]
+        first, last = self._starts[node], self._starts[node + 1]
         margin = max(1, (last - first) // 2)
         if len(self.keyframes) >= last + margin:
             begin = max(0, first - margin)
@@ -130,7 +126,7 @@ class SubmapGraph:
 
     def path_lengths_m(self) -> Floats:
         """Return the path lengths up to every node (N,) [m]."""
-        return np.array([self._path_lengths_m[k] for k in self._anchors])
+        return np.array([self._path_lengths_m[k] for k in self._starts])
 
     def nodes_with_closure(self) -> set[int]:
         """Return the nodes that an accepted closure ties to an older one."""
@@ -189,7 +185,7 @@ class SubmapGraph:
 
     def node_of(self, keyframe: int) -> int:
         """Return the node a keyframe belongs to."""
-        return bisect.bisect_right(self._anchors, keyframe) - 1
+        return bisect.bisect_right(self._starts, keyframe) - 1
 
     def pose_graph(self) -> PoseGraph:
         """Return the current poses and all constraints."""
@@ -197,7 +193,7 @@ class SubmapGraph:
 
     def node_scans(self) -> NDArray[np.int64]:
         """Return the scan (N,) of every node."""
-        return np.array([self.keyframes[k].scan for k in self._anchors], dtype=np.int64)
+        return np.array([self.keyframes[k].scan for k in self._starts], dtype=np.int64)
 
     def correct_trajectory(self, local: Floats, variances: Floats) -> Floats:
         """Poses (N, 3) in the map of all scans of the tracker's frame (N, 3), by interpolation."""
@@ -295,13 +291,13 @@ class SubmapGraph:
 
     def _begin_node(self, k: int) -> None:
         self._solution = None
-        self._anchors.append(k)
+        self._starts.append(k)
         self._node_m = 0.0
         if not self._nodes:
             self._nodes.append(self.keyframes[0].local_from_robot.as_array())
             self._drift_covariances.append(np.zeros((3, 3)))
             return
-        node, members = len(self._nodes), self.keyframes[self._anchors[-2] : k + 1]
+        node, members = len(self._nodes), self.keyframes[self._starts[-2] : k + 1]
         edge, wheels = matched_step(node, members), wheels_step(node, members)
         step = edge
         if wheels is not None:
@@ -317,7 +313,7 @@ class SubmapGraph:
         )
 
     def _anchor(self, node: int) -> Keyframe:
-        return self.keyframes[self._anchors[node]]
+        return self.keyframes[self._starts[node]]
 
     def edge(self, closure: Closure) -> Constraint:
         """Return a closure as a constraint between two nodes."""

@@ -156,14 +156,14 @@ def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:
     _, closed = built({})
     moved = np.zeros((5, 3))
     moved[1], moved[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
-    told = state.told_at_last(replace(closed, relocations=moved))
+    told = state.relocated_path(replace(closed, relocations=moved))
     expected = np.array(state.local)
     expected[1] = compose(expected[1], moved[1])
     np.testing.assert_allclose(told, expected)
-    np.testing.assert_array_equal(state.told_at_last(None), state.told())
+    np.testing.assert_array_equal(state.relocated_path(None), state.motion_path())
     state.closed_path = np.array(state.local)
     np.testing.assert_array_equal(
-        state.told_at_last(replace(closed, relocations=moved)), state.told()
+        state.relocated_path(replace(closed, relocations=moved)), state.motion_path()
     )
 
 

@@ -13,23 +13,23 @@ from scipy.ndimage import binary_dilation, convolve
 
 from slarm_graph.consistency import build_visits, contradictions, cross_check
 from slarm_graph.consistency import pairs as pairs_module
+from slarm_graph.consistency.conflict_places import conflict_points_m
 from slarm_graph.consistency.evidence import (
     BLOCKED,
     BLOCKED_SHARE,
     CELL_M,
     FREE,
     MIN_BEAMS,
-    RIGHT_SHARE,
-    SEEN_AROUND,
+    MIN_PASSED_AROUND,
+    RIGHT_CONFLICT_RATE,
     TOLERANCE_M,
     UNKNOWN,
-    WRONG_SHARE,
+    WRONG_CONFLICT_RATE,
+    classify_cells,
+    count_agreement,
     count_beams,
-    judge_cells,
-    tally,
     wrong_place_evidence,
 )
-from slarm_graph.consistency.places import conflicts_m
 from slarm_graph.consistency.tears import _differences
 from slarm_graph.consistency.visits import thinned_by_motion
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
@@ -211,7 +211,7 @@ def test_pairs_are_counted_as_by_hand(laps: tuple[list[LaserScan], Floats]) -> N
             counts[states[row, col] if inside else UNKNOWN] += 1
     assert pairs.contradicted[k] == counts[FREE]
     assert pairs.confirmed[k] == counts[BLOCKED]
-    assert len(conflicts_m(visits, *pairs.visits[k])) == counts[FREE]
+    assert len(conflict_points_m(visits, *pairs.visits[k])) == counts[FREE]
 
 
 def test_scans_are_kept_by_motion_as_poses_have_it() -> None:
@@ -287,31 +287,33 @@ def test_cells_are_judged_as_by_dilation() -> None:
     rng = np.random.default_rng(6)
     hits = (rng.integers(0, 8, (40, 50)) * (rng.random((40, 50)) < 0.1)).astype(np.int16)
     passes = rng.integers(0, 9, (40, 50)).astype(np.int16)
-    states, walls = judge_cells(hits, passes)
+    states, walls = classify_cells(hits, passes)
     blocks = (hits > 0) & (hits >= BLOCKED_SHARE * (hits + passes))
     reach = math.floor(TOLERANCE_M / CELL_M)
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
     blocked = binary_dilation(blocks, np.hypot(x, y) * CELL_M <= TOLERANCE_M + 1e-9)
     around = np.pad(convolve((passes > 0).astype(int), np.ones((3, 3), int))[1:-1, 1:-1], 1)
-    free = ~blocked & (passes >= MIN_BEAMS) & (around > SEEN_AROUND)
+    free = ~blocked & (passes >= MIN_BEAMS) & (around > MIN_PASSED_AROUND)
     np.testing.assert_array_equal(states, np.where(blocked, BLOCKED, np.where(free, FREE, UNKNOWN)))
     wall = blocks & (hits >= MIN_BEAMS) & (hits >= passes)
     np.testing.assert_array_equal(walls, np.argwhere(wall))
 
 
-def test_tally_looks_cells_up_under_a_pose() -> None:
+def test_count_agreement_looks_cells_up_under_a_pose() -> None:
     states = np.array([[UNKNOWN, FREE], [BLOCKED, FREE]], dtype=np.uint8)
     walls = np.array([[0.05, 0.05], [0.15, 0.05], [0.05, 0.15], [0.15, 0.15], [0.35, 0.05]])
     low = np.zeros(2)
-    assert tally(walls, np.zeros(3), states, low) == (1, 2)
+    assert count_agreement(walls, np.zeros(3), states, low) == (1, 2)
     # A quarter turn about the middle carries cell to cell.
-    assert tally(walls[:4], np.array([0.2, 0.0, math.pi / 2]), states, low) == (1, 2)
-    assert tally(walls, np.array([5.0, 0.0, 0.0]), states, low) == (0, 0)
+    assert count_agreement(walls[:4], np.array([0.2, 0.0, math.pi / 2]), states, low) == (1, 2)
+    assert count_agreement(walls, np.array([5.0, 0.0, 0.0]), states, low) == (0, 0)
 
 
 def test_evidence_is_a_likelihood_ratio() -> None:
     n = np.full(3, 200)
-    right, wrong = (np.round(share * n).astype(int) for share in (RIGHT_SHARE, WRONG_SHARE))
+    right, wrong = (
+        np.round(share * n).astype(int) for share in (RIGHT_CONFLICT_RATE, WRONG_CONFLICT_RATE)
+    )
     assert (wrong_place_evidence(n - right, right) < -8).all()
     assert (wrong_place_evidence(n - wrong, wrong) > 20).all()
     sum_of_two = 2 * wrong_place_evidence(np.array([7]), np.array([5]))

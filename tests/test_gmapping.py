@@ -165,7 +165,7 @@ def test_covariances_without_a_graph_are_those_of_the_particles_about_the_best()
 def test_covariances_of_a_graph_too_large_are_left_out_and_told(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(path_covariance, "_MOST_NODES", 2)
+    monkeypatch.setattr(path_covariance, "_MAX_NODES", 2)
     result = run(made(), recorded()[0][:300])
     assert result.covariances is None
     assert any("no covariances of the poses" in notice for notice in result.notices)

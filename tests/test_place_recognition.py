@@ -13,9 +13,9 @@ from slarm_graph.backend import silent
 from slarm_graph.backends import closure_sets
 from slarm_graph.backends.closure_sets import consistent_sets, pairwise_consistent
 from slarm_graph.backends.final_closures import (
-    _near,
+    _near_candidates,
     close_loops_offline,
-    followed,
+    propagated,
     reassess_closures,
 )
 from slarm_graph.backends.submap_graph import GATED, SubmapGraph
@@ -146,7 +146,7 @@ def test_a_find_is_followed_to_both_sides_while_places_match(twice: list[Keyfram
     near = int(np.argmin(np.hypot(*(true[: half - 1] - true[query])[:, :2].T)))
     find = matcher.align(query, near, between(true[near], true[query]))
     assert not find.reason
-    further = list(followed([find], graph, matcher))
+    further = list(propagated([find], graph, matcher))
     assert {graph.node_of(c.keyframe) - query for c in further} >= {-2, -1, 1, 2}
     for c in further:
         there = between(true[c.submap], true[graph.node_of(c.keyframe)])
@@ -155,7 +155,7 @@ def test_a_find_is_followed_to_both_sides_while_places_match(twice: list[Keyfram
     wrong = replace(
         find, submap_from_keyframe=find.submap_from_keyframe + np.array([4.0, -3.0, 1.0])
     )
-    assert len(list(followed([wrong], graph, matcher))) < 2
+    assert len(list(propagated([wrong], graph, matcher))) < 2
 
 
 def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> None:
@@ -326,7 +326,7 @@ def test_only_what_the_graph_is_sure_of_is_looked_for_without_a_search(
         graph = SubmapGraph(PoseGraphConfig())
         for keyframe in [*twice[:half], replace(back[0], covariance=covariance), *back[1:]]:
             graph.add(keyframe)
-        asked[name] = list(_near(graph, set()))
+        asked[name] = list(_near_candidates(graph, set()))
         again = graph.node_of(half)
         assert all(j >= again for j, _, _ in asked[name])
     assert not asked["lost"]

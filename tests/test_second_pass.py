@@ -138,7 +138,7 @@ def torn(places: PoseGraphConfig | None) -> GmappingBackend:
     backend = made(particles=5, places=places)
     for reading in recorded()[0][:-20]:
         backend.update(reading)
-    backend._settle()
+    backend._wait_for_filter()
     particles = backend._state.filter
     particles.ancestry._poses[len(particles.ancestry) // 2 :, :, 0] += 1.0
     particles.poses[:, 0] += 1.0

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Does a trajectory contradict itself? Judged from scans and poses alone, without any truth."""
+"""Self-consistency of a trajectory, from scans and poses alone, without ground truth."""
 
+from slarm_graph.consistency.conflict_places import ConflictPlace as ConflictPlace
 from slarm_graph.consistency.pairs import VisitPairs as VisitPairs
 from slarm_graph.consistency.pairs import cross_check as cross_check
-from slarm_graph.consistency.places import ConflictPlace as ConflictPlace
 from slarm_graph.consistency.tears import Tear as Tear
 from slarm_graph.consistency.verdict import Contradictions as Contradictions
 from slarm_graph.consistency.verdict import Verdict as Verdict

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What one visit says of cells (wall, looked through, unknown), counted from its beams."""
+"""Cell states of one visit (wall, free, unknown) from its beams, and the evidence of two."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
 UNKNOWN, FREE, BLOCKED = 0, 1, 2
-"""States of a cell: never judged; looked through; something stands there or within tolerance."""
+"""States of a cell: unknown; passed by beams; something stands there or within tolerance."""
 
 CELL_M = 0.1
 """Side of a cell [m]: a beam's footprint at 5 to 10 m for the usual 0.5 to 1 degree a beam."""
 
-BEYOND_M = 0.4
-"""A beam looks through cells up to this short of its return [m], or farther where it meets a
-surface at a flat angle, so that it passes the surface at `TOLERANCE_M`. Half of it lets 3 cm of
-noise pass as sight; twice hides what stands before a wall."""
+CLEARANCE_M = 0.4
+"""A beam clears cells up to this short of its return [m], or more at a grazing angle, so that it
+stays `TOLERANCE_M` off the surface. Half of it lets 3 cm of noise count as free; twice hides what
+stands before a wall."""
 
 TOLERANCE_M = 0.25
 """A wall is confirmed by a return as near as this [m]: both sides of a partition of 15 cm, with
-10 cm of noise and pose error. Smaller errors of a pose are not looked for; lost means 0.5 m."""
+10 cm of noise and pose error. Smaller errors of a pose are not detected; lost means 0.5 m."""
 
 MIN_BEAMS = 3
-"""Beams that a wall or a sight takes: one or two are noise, a passer-by, an edge."""
+"""Least beams of a wall or a free cell: one or two are noise, a passer-by, an edge."""
 
 BLOCKED_SHARE = 0.2
-"""Share of beams ending in a cell from which it stands in the way of sight (chairs, edges). Stray
+"""Share of beams ending in a cell from which it is no longer free (chairs, edges). Stray
 returns, spread evenly over a beam of 5 m, reach 0.02 a cell even when every beam strays."""
 
-SEEN_AROUND = 6
-"""Of a free cell and its eight neighbours more are passed by a beam: beams along a straight
-surface that cut its cells pass six."""
+MIN_PASSED_AROUND = 6
+"""Of a free cell and its eight neighbours more than these are passed by a beam: beams along a
+straight surface that cut its cells pass six."""
 
-RIGHT_SHARE, WRONG_SHARE = 0.03, 0.5
-"""Share of walls looked through between visits in the right place (people, doors, glass, noise;
-measured: 0.001 to 0.016 over whole recordings) and in a wrong one (measured: 0.35 to 1)."""
+RIGHT_CONFLICT_RATE, WRONG_CONFLICT_RATE = 0.03, 0.5
+"""Share of wall cells in conflict between visits at right poses (people, doors, glass, noise;
+measured: 0.001 to 0.016 over whole recordings) and at wrong ones (measured: 0.35 to 1)."""
 
-CELLS_ALIKE = 10.0
-"""Cells that say the same, because one door or one cupboard has so many: a metre of wall counts
-as one observation. Halving it doubles all evidence."""
+CELLS_PER_OBSERVATION = 10.0
+"""Correlated cells, as one door or one cupboard has so many: a metre of wall is one observation.
+Halving it doubles all evidence."""
 
 _NEAR_CELLS = math.ceil(TOLERANCE_M / CELL_M)
 
@@ -53,7 +53,7 @@ _NEAR_CELLS = math.ceil(TOLERANCE_M / CELL_M)
 def count_beams(
     hits: NDArray[np.int16], passes: NDArray[np.int16], low: Floats, beams: Floats
 ) -> None:
-    """Count in each cell the beams that end there, and those that look through.
+    """Count in each cell the beams that end there (hits), and those that pass.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def count_beams(
     low : (2,) float64
         x, y of the first cell's corner [m]; every beam lies inside.
     beams : (M, 5) float64
-        Start x, y, end x, y of returns and the length over which they look through [m].
+        Start x, y, end x, y of returns and the length over which they clear cells [m].
     """
     top = np.iinfo(np.int16).max
     for b in range(len(beams)):
@@ -84,13 +84,13 @@ def count_beams(
 
 
 @kernel
-def judge_cells(
+def classify_cells(
     hits: NDArray[np.int16], passes: NDArray[np.int16]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
-    """Turn counts into states (rows, cols) and the walls' cells (W, 2) row, col.
+    """Classify cells by counts: states (rows, cols), and row, col (W, 2) of wall cells.
 
-    A wall is a cell where beams end more often than they go on; free is what beams go through,
-    unless something stands within `TOLERANCE_M`.
+    A wall is a cell where no fewer beams end than pass; free is one that beams pass, unless
+    something stands within `TOLERANCE_M`.
     """
     rows, cols = hits.shape
     states = np.zeros((rows, cols), dtype=np.uint8)
@@ -99,11 +99,11 @@ def judge_cells(
     for r in range(rows):
         for c in range(cols):
             h, p = hits[r, c], passes[r, c]
-            if p >= MIN_BEAMS and states[r, c] == UNKNOWN and _seen_around(passes, r, c):
+            if p >= MIN_BEAMS and states[r, c] == UNKNOWN and _is_passed_around(passes, r, c):
                 states[r, c] = FREE
             if h == 0 or h < BLOCKED_SHARE * (h + p):
                 continue
-            _block_around(states, r, c)
+            _block_within_tolerance(states, r, c)
             if h >= MIN_BEAMS and h >= p:
                 walls[count, 0] = r
                 walls[count, 1] = c
@@ -112,8 +112,8 @@ def judge_cells(
 
 
 @kernel
-def _seen_around(passes: NDArray[np.int16], row: int, col: int) -> bool:
-    """Whether beams pass beside a cell on all sides, not along a surface on one."""
+def _is_passed_around(passes: NDArray[np.int16], row: int, col: int) -> bool:
+    """Whether beams pass a cell on all sides, not only along a surface."""
     rows, cols = passes.shape
     if row == 0 or col == 0 or row == rows - 1 or col == cols - 1:
         return False
@@ -121,11 +121,11 @@ def _seen_around(passes: NDArray[np.int16], row: int, col: int) -> bool:
     for i in range(row - 1, row + 2):
         for j in range(col - 1, col + 2):
             around += passes[i, j] > 0
-    return around > SEEN_AROUND
+    return around > MIN_PASSED_AROUND
 
 
 @kernel
-def _block_around(states: NDArray[np.uint8], row: int, col: int) -> None:
+def _block_within_tolerance(states: NDArray[np.uint8], row: int, col: int) -> None:
     rows, cols = states.shape
     reach2 = (TOLERANCE_M / CELL_M) ** 2
     for i in range(max(row - _NEAR_CELLS, 0), min(row + _NEAR_CELLS + 1, rows)):
@@ -144,10 +144,10 @@ def state_at(states: NDArray[np.uint8], low: Floats, x: float, y: float) -> int:
 
 
 @kernel
-def tally(
+def count_agreement(
     walls: Floats, b_from_a: Floats, states: NDArray[np.uint8], low: Floats
 ) -> tuple[int, int]:
-    """Count the walls of a visit that another one confirms, and those that it looks through.
+    """Count the wall cells of a visit that another one confirms, and those that it contradicts.
 
     Parameters
     ----------
@@ -178,11 +178,13 @@ def tally(
 
 
 def wrong_place_evidence(confirmed: NDArray[np.int64], contradicted: NDArray[np.int64]) -> Floats:
-    """Log-likelihood ratio [nat] of a wrong place over the right one, of any shape.
+    """Log-likelihood ratio [nat] of a wrong relative pose over a right one, of any shape.
 
-    Both are binomial, with `WRONG_SHARE` and `RIGHT_SHARE`, of observations that are
-    `CELLS_ALIKE` cells each.
+    Conflicts are binomial with rates `WRONG_CONFLICT_RATE` and `RIGHT_CONFLICT_RATE`, of one
+    observation per `CELLS_PER_OBSERVATION` cells.
     """
-    per_conflict = math.log(WRONG_SHARE / RIGHT_SHARE) / CELLS_ALIKE
-    per_match = math.log((1.0 - WRONG_SHARE) / (1.0 - RIGHT_SHARE)) / CELLS_ALIKE
+    per_conflict = math.log(WRONG_CONFLICT_RATE / RIGHT_CONFLICT_RATE) / CELLS_PER_OBSERVATION
+    per_match = (
+        math.log((1.0 - WRONG_CONFLICT_RATE) / (1.0 - RIGHT_CONFLICT_RATE)) / CELLS_PER_OBSERVATION
+    )
     return per_conflict * np.asarray(contradicted) + per_match * np.asarray(confirmed)

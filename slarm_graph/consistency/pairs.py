@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Every visit against every other that saw the same cells: is one of the two in the wrong place?"""
+"""Pairwise check of visits that saw the same cells: evidence that one of the two is misplaced."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from slarm_graph.consistency.evidence import CELL_M, tally, wrong_place_evidence
+from slarm_graph.consistency.evidence import CELL_M, count_agreement, wrong_place_evidence
 from slarm_graph.consistency.visits import Visits
 from slarm_graph.geometry import Floats, compose
 from slarm_graph.kernels import kernel
@@ -20,7 +20,7 @@ MIN_CELLS = 30
 """Wall cells that two visits must share to be compared: 3 m of wall."""
 
 MAX_PAIRS = 200_000
-"""VisitPairs compared at most; of more, an even selection. Reached after hours in one building."""
+"""Pairs compared at most; more are subsampled evenly. Reached after hours in one building."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class VisitPairs:
     visits : (P, 2) int64
         Earlier and later visit.
     confirmed, contradicted : (P,) int64
-        Wall cells of either visit that the other one sees, and looks through.
+        Wall cells of either visit that the other one confirms, and that it saw as free.
     """
 
     visits: NDArray[np.int64]
@@ -40,11 +40,11 @@ class VisitPairs:
     contradicted: NDArray[np.int64]
 
     def evidence(self) -> Floats:
-        """Log-likelihood ratio (P,) [nat] of `one is in a wrong place` over `both are right`."""
+        """Log-likelihood ratio (P,) [nat] of a wrong relative pose over a right one."""
         return wrong_place_evidence(self.confirmed, self.contradicted)
 
     def conflict_share(self) -> float:
-        """Share of the compared wall cells that are looked through; nan without any."""
+        """Share of the compared wall cells in conflict; nan without any."""
         compared = int(self.confirmed.sum() + self.contradicted.sum())
         return float(self.contradicted.sum() / compared) if compared else math.nan
 
@@ -62,14 +62,14 @@ def cross_check(
     ----------
     visits : Visits
     poses : (K, 3) float64, optional
-        `map_from_visit` to judge instead of the visits' own, as of a graph with other closures.
+        `map_from_visit` to check instead of the visits' own, as of a graph with other closures.
     least_cells : int
         Wall cells that a pair has to share.
     """
     poses = visits.poses if poses is None else np.ascontiguousarray(poses, dtype=np.float64)
     if not len(visits):
         return VisitPairs(np.zeros((0, 2), np.int64), np.zeros(0, np.int64), np.zeros(0, np.int64))
-    candidates = _thinned(_overlapping(poses, visits.lows, visits.shapes))
+    candidates = _subsampled(_overlapping(poses, visits.lows, visits.shapes))
     counts = _compare(
         candidates,
         poses,
@@ -84,15 +84,15 @@ def cross_check(
     return VisitPairs(candidates[enough], counts[enough, 0], counts[enough, 1])
 
 
-def _thinned(candidates: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Leave out pairs evenly so that at most `MAX_PAIRS` are left."""
+def _subsampled(candidates: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Select at most `MAX_PAIRS` candidates, evenly."""
     if len(candidates) <= MAX_PAIRS:
         return candidates
     return candidates[np.linspace(0, len(candidates) - 1, MAX_PAIRS).astype(np.int64)]
 
 
 def _overlapping(poses: Floats, lows: Floats, shapes: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return the pairs (P, 2) of visits whose cells' circumscribed circles meet."""
+    """Return the pairs (P, 2) of visits whose cells' bounding circles intersect."""
     half = 0.5 * CELL_M * shapes[:, ::-1]
     middle = lows + half
     centre = compose(poses, np.column_stack([middle, np.zeros(len(middle))]))[:, :2]
@@ -121,14 +121,18 @@ def _compare(
     lows: Floats,
     shapes: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """Count (P, 2): wall cells confirmed and contradicted, both ways together."""
+    """Count (P, 2): wall cells confirmed and contradicted, both directions together."""
     counts = np.zeros((len(pairs), 2), dtype=np.int64)
     for k in range(len(pairs)):
-        for way in range(2):
-            a, b = pairs[k, way], pairs[k, 1 - way]
-            seen = states[state_start[b] : state_start[b + 1]].reshape(shapes[b, 0], shapes[b, 1])
-            own = walls[wall_start[a] : wall_start[a + 1]]
-            confirmed, contradicted = tally(own, _b_from_a(poses[b], poses[a]), seen, lows[b])
+        for side in range(2):
+            a, b = pairs[k, side], pairs[k, 1 - side]
+            other_states = states[state_start[b] : state_start[b + 1]].reshape(
+                shapes[b, 0], shapes[b, 1]
+            )
+            own_walls = walls[wall_start[a] : wall_start[a + 1]]
+            confirmed, contradicted = count_agreement(
+                own_walls, _b_from_a(poses[b], poses[a]), other_states, lows[b]
+            )
             counts[k, 0] += confirmed
             counts[k, 1] += contradicted
     return counts

@@ -12,10 +12,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.evidence import RIGHT_SHARE
+from slarm_graph.consistency.conflict_places import ConflictPlace, conflict_places
+from slarm_graph.consistency.evidence import RIGHT_CONFLICT_RATE
 from slarm_graph.consistency.pairs import VisitPairs, cross_check
-from slarm_graph.consistency.places import ConflictPlace, places
-from slarm_graph.consistency.tears import Tear, tears
+from slarm_graph.consistency.tears import Tear, find_tears
 from slarm_graph.consistency.visits import Visits, build_visits
 from slarm_graph.geometry import Floats
 from slarm_graph.readings import LaserScan
@@ -23,46 +23,45 @@ from slarm_graph.trajectory import Trajectory
 
 Verdict = Literal["consistent", "doubtful", "inconsistent"]
 
-DOUBT_NAT = 5.0
-"""Evidence of one pair of visits from which a map is doubtful [nat]. Recordings that held without
-a pose off by 0.4 m stay below 4, pairs with one off by 0.5 m begin at 7."""
+DOUBTFUL_NAT = 5.0
+"""Evidence of one pair of visits from which a map is doubtful [nat]. Recordings without a pose off
+by 0.4 m stay below 4, pairs with one off by 0.5 m begin at 7."""
 
-SURE_EXCESS = 0.03
-"""Share of conflicts above the expected one from which a doubtful map is inconsistent: 0.005 where
-a few walls are doubled, 0.03 to 0.2 where parts of the map lie wrong."""
+INCONSISTENT_EXCESS = 0.03
+"""Excess of the share of conflicts over the expected one from which a doubtful map is inconsistent:
+0.005 where a few walls are doubled, 0.03 to 0.2 where parts of the map are misplaced."""
 
-TEAR_DOUBT_NAT, TEAR_SURE_NAT = 3.0, 6.0
-"""Evidence against a step that odometry contradicts from which a trajectory is doubtful, and
-inconsistent [nat]."""
+TEAR_DOUBTFUL_NAT, TEAR_INCONSISTENT_NAT = 3.0, 6.0
+"""Evidence of a tear from which a trajectory is doubtful, and inconsistent [nat]."""
 
-LEAST_CHECKED = 0.25
-"""Share of the way that has to be seen again; below, the verdict is doubtful at best."""
+MIN_CHECKED = 0.25
+"""Share of the path that has to be seen again; below, the verdict is doubtful at best."""
 
-AWAY_M, AWAY_RATIO = 5.0, 2.0
-"""Two visits check the map, not one stretch, when the way between them is longer than this [m] and
-so many times the straight line: the robot has come back, instead of having looked ahead."""
+REVISIT_M, DETOUR_RATIO = 5.0, 2.0
+"""Two visits check each other when the path between them is longer than this [m] and so many times
+the straight line: the robot has come back, instead of having looked ahead."""
 
 
 @dataclass(frozen=True, slots=True)
 class Contradictions:
-    """How far a trajectory contradicts itself.
+    """Consistency report of a trajectory.
 
     Parameters
     ----------
     share : float
-        Share of wall cells, of pairs of visits that saw them both, that one of the two looks
-        through; nan where nothing was seen twice.
+        Share of the wall cells seen by two visits that one of them saw as free; nan where nothing
+        was seen twice.
     expected_share, expected_sigma : float
-        The same over pairs that do not speak of a wrong place (people, doors, glass, noise), and
-        its standard deviation between samples as large as this.
+        The same over pairs without evidence of a wrong pose (people, doors, glass, noise), and its
+        standard error.
     checked_share : float
-        Share of the way whose walls were seen again when the robot had come back.
+        Share of the path whose walls were seen again when the robot had come back.
     compared : int
         Wall cells compared.
     places : tuple of ConflictPlace
         The strongest first.
     tears : tuple of Tear
-        Steps at which odometry is right and the trajectory is not.
+        Steps at which the scans confirm odometry against the trajectory.
     points_m : (M, 2) float64
         Walls in conflict at the places, in the map [m].
     verdict : Verdict
@@ -82,11 +81,11 @@ class Contradictions:
     reasons: tuple[str, ...] = ()
 
     def notices(self) -> tuple[str, ...]:
-        """Return what a user should be warned of."""
+        """Return the verdict as a warning, unless it is consistent."""
         return () if self.verdict == "consistent" else (f"the trajectory is {self.summary()}",)
 
     def summary(self) -> str:
-        """Say the verdict in one line."""
+        """Return the verdict in one line."""
         share = "nothing was seen twice"
         if self.compared:
             share = f"{self.share:.1%} of shared wall cells in conflict"
@@ -103,7 +102,7 @@ def contradictions(
     odometry: Floats | None = None,
     visits: Visits | None = None,
 ) -> Contradictions:
-    """Judge a trajectory by its scans, and by odometry where there is one.
+    """Check a trajectory for consistency with its scans, and with odometry where there is one.
 
     Parameters
     ----------
@@ -119,9 +118,9 @@ def contradictions(
         raise ValueError(f"{len(scans)} scans for {len(trajectory)} poses")
     visits = build_visits(scans, trajectory.poses) if visits is None else visits
     pairs = cross_check(visits)
-    found, points = places(visits, pairs, trajectory.stamps_ns, DOUBT_NAT)
-    parted = () if odometry is None else tears(scans, trajectory, odometry)
-    torn = tuple(t for t in parted if t.evidence_nat >= TEAR_DOUBT_NAT)
+    found, points = conflict_places(visits, pairs, trajectory.stamps_ns, DOUBTFUL_NAT)
+    candidates = () if odometry is None else find_tears(scans, trajectory, odometry)
+    torn = tuple(t for t in candidates if t.evidence_nat >= TEAR_DOUBTFUL_NAT)
     checked = checked_share(visits, pairs)
     expected, sigma = _expected(pairs)
     result = Contradictions(
@@ -134,47 +133,47 @@ def contradictions(
         tears=torn,
         points_m=points,
     )
-    return _judged(result)
+    return _with_verdict(result)
 
 
 def checked_share(visits: Visits, pairs: VisitPairs) -> float:
-    """Share of the way that was seen again when the robot had come back."""
-    length = np.diff(visits.way_m, axis=1)[:, 0]
+    """Share of the path that was seen again when the robot had come back."""
+    length = np.diff(visits.path_m, axis=1)[:, 0]
     if not length.sum() > 0.0:
         return 0.0
     first, second = pairs.visits.T
-    between_m = visits.way_m[second, 0] - visits.way_m[first, 1]
+    between_m = visits.path_m[second, 0] - visits.path_m[first, 1]
     straight_m = np.hypot(*(visits.poses[second, :2] - visits.poses[first, :2]).T)
-    back = (between_m > AWAY_M) & (between_m > AWAY_RATIO * straight_m)
+    back = (between_m > REVISIT_M) & (between_m > DETOUR_RATIO * straight_m)
     seen: NDArray[np.bool_] = np.zeros(len(visits), dtype=np.bool_)
     seen[pairs.visits[back].ravel()] = True
     return float(length[seen].sum() / length.sum())
 
 
 def _expected(pairs: VisitPairs) -> tuple[float, float]:
-    """Return the share of conflicts between visits in the right place, and its deviation."""
+    """Return the share of conflicts between visits at right poses, and its standard error."""
     right = pairs.only(pairs.evidence() < 0.0)
     compared = right.confirmed + right.contradicted
     if not compared.sum():
-        return (RIGHT_SHARE if len(pairs.visits) else math.nan), math.nan
+        return (RIGHT_CONFLICT_RATE if len(pairs.visits) else math.nan), math.nan
     share = float(right.contradicted.sum() / compared.sum())
-    # VisitPairs, not cells, are what is drawn anew each time: the ratio estimator's deviation.
+    # Pairs, not cells, are the independent sample: standard error of the ratio estimator.
     spread = np.sqrt(((right.contradicted - share * compared) ** 2).sum())
     return share, float(spread / compared.sum())
 
 
-def _judged(result: Contradictions) -> Contradictions:
-    """Draw the verdict from everything else."""
+def _with_verdict(result: Contradictions) -> Contradictions:
+    """Add the verdict and its reasons."""
     torn = [t.evidence_nat for t in result.tears]
-    lies_wrong = bool(result.places) and result.share - result.expected_share >= SURE_EXCESS
-    sure = lies_wrong or max(torn, default=0.0) >= TEAR_SURE_NAT
+    lies_wrong = bool(result.places) and result.share - result.expected_share >= INCONSISTENT_EXCESS
+    sure = lies_wrong or max(torn, default=0.0) >= TEAR_INCONSISTENT_NAT
     reasons = _reasons(result)
     verdict: Verdict = "inconsistent" if sure else "doubtful" if reasons else "consistent"
     return replace(result, verdict=verdict, reasons=reasons)
 
 
 def _reasons(result: Contradictions) -> tuple[str, ...]:
-    """Say in words what speaks against a trajectory."""
+    """Describe the findings against a trajectory."""
     reasons = []
     if result.places:
         worst = result.places[0]
@@ -186,7 +185,7 @@ def _reasons(result: Contradictions) -> tuple[str, ...]:
         )
     if result.tears:
         reasons.append(f"scans and odometry contradict {len(result.tears)} step(s)")
-    if result.checked_share < LEAST_CHECKED:
+    if result.checked_share < MIN_CHECKED:
         reasons.append(
             f"only {result.checked_share:.0%} of the way was seen again, the rest is not judged"
         )

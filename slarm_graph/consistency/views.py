@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What was seen from a stretch of way, and whether two such views can lie where they are put."""
+"""Local views: walls and free space seen from a stretch of path, and the evidence of two poses."""
 
 from __future__ import annotations
 
@@ -12,33 +12,33 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.consistency.evidence import (
-    BEYOND_M,
     CELL_M,
+    CLEARANCE_M,
     TOLERANCE_M,
     UNKNOWN,
+    classify_cells,
+    count_agreement,
     count_beams,
-    judge_cells,
     state_at,
-    tally,
     wrong_place_evidence,
 )
 from slarm_graph.geometry import Floats, between
 from slarm_graph.kernels import kernel
 
-USED_RANGE_M = 15.0
-"""Returns from farther away are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
+MAX_RANGE_M = 15.0
+"""Farther returns are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
 _LEAST_SINE = 0.01
 """Of the angle at which a beam meets a wall: half a degree, that of the beams."""
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Walls and cells of a stretch of way, in its own frame.
+    """Walls and cell states seen from a stretch of path, in its own frame.
 
     Parameters
     ----------
     walls : (W, 2) float64
-        Middles of the walls' cells [m].
+        Centres of the wall cells [m].
     states : (rows, cols) uint8, row = y
         State of every cell.
     low : (2,) float64
@@ -51,14 +51,14 @@ class View:
 
 
 def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
-    """Draw what beams end at and what they look through.
+    """Rasterise the walls that beams end at and the cells that they pass.
 
     Parameters
     ----------
     returns : sequence of S (K, 2) float64
         Of every scan, in the view's frame [m].
     lasers : (S, 2) float64
-        Where each was taken [m].
+        Position of the laser at each [m].
     """
     ends = np.cumsum([0, *(len(scan) for scan in returns)])
     beams, low, high = _all_beams(np.concatenate([np.zeros((0, 2)), *returns]), ends, lasers)
@@ -68,21 +68,24 @@ def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
     cols, rows = np.ceil((high - low) / CELL_M).astype(int) + 1
     hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
     count_beams(hits, passes, low, beams)
-    states, cells = judge_cells(hits, passes)
+    states, cells = classify_cells(hits, passes)
     return View(low + (cells[:, ::-1] + 0.5) * CELL_M, states, low)
 
 
 def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
-    """Log-likelihood ratio [nat] of `wrong` over `right` of where one view lies in another.
+    """Log-likelihood ratio [nat] of a wrong over a right pose of one view in another.
 
     Parameters
     ----------
     a, b : View
     b_from_a : (3,) float64
-        Pose to judge [m, m, rad].
+        Pose to test [m, m, rad].
     """
     a_from_b = between(b_from_a, np.zeros(3))
-    both = tally(a.walls, b_from_a, b.states, b.low), tally(b.walls, a_from_b, a.states, a.low)
+    both = (
+        count_agreement(a.walls, b_from_a, b.states, b.low),
+        count_agreement(b.walls, a_from_b, a.states, a.low),
+    )
     counts = np.array(both).sum(axis=0)
     return float(wrong_place_evidence(counts[:1], counts[1:])[0])
 
@@ -91,7 +94,7 @@ def evidence_against(a: View, b: View, b_from_a: Floats) -> float:
 def count_known(
     points: Floats, view_from_robot: Floats, states: NDArray[np.uint8], low: Floats
 ) -> int:
-    """Count the points (K, 2) [m] in the frame of a pose (3,) that lie in cells a view judged."""
+    """Count the points (K, 2) [m], at a pose (3,), that lie in known cells of a view."""
     c, s = math.cos(view_from_robot[2]), math.sin(view_from_robot[2])
     known = 0
     for k in range(len(points)):
@@ -123,16 +126,16 @@ def _all_beams(
 
 @kernel
 def _add_beams(beams: Floats, count: int, returns: Floats, laser: Floats) -> int:
-    """Append start x, y, end x, y of returns (K, 2) and the length that they look through [m].
+    """Append start x, y, end x, y of returns (K, 2) and the length over which they clear cells [m].
 
-    Returns how many beams there are now.
+    Returns the number of beams so far.
     """
     gap_before = np.inf
     for i in range(len(returns)):
         gap_after = _gap(returns, i) if i + 1 < len(returns) else np.inf
         x, y = returns[i, 0] - laser[0], returns[i, 1] - laser[1]
         length = math.hypot(x, y)
-        if length < USED_RANGE_M:
+        if length < MAX_RANGE_M:
             sine = 1.0
             if len(returns) > 1:
                 side = i if gap_after <= gap_before else i - 1
@@ -142,7 +145,7 @@ def _add_beams(beams: Floats, count: int, returns: Floats, laser: Floats) -> int
             beams[count, 0], beams[count, 1] = laser[0], laser[1]
             beams[count, 2], beams[count, 3] = returns[i, 0], returns[i, 1]
             hidden = TOLERANCE_M / min(max(sine, _LEAST_SINE), 1.0)
-            beams[count, 4] = length - max(BEYOND_M, hidden)
+            beams[count, 4] = length - max(CLEARANCE_M, hidden)
             count += 1
         gap_before = gap_after
     return count
@@ -150,6 +153,6 @@ def _add_beams(beams: Floats, count: int, returns: Floats, laser: Floats) -> int
 
 @kernel
 def _gap(returns: Floats, i: int) -> float:
-    """Way from one return of (K, 2) to the next [m]; never none."""
+    """Distance from one return of (K, 2) to the next [m]; above zero."""
     x, y = returns[i + 1, 0] - returns[i, 0], returns[i + 1, 1] - returns[i, 1]
     return math.hypot(x, y) + 1e-9

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory in visits: stretches of a few metres, each with what it saw in its own frame."""
+"""Visits: stretches of a few metres of a trajectory, each with its view in its own frame."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
 
 THIN_M, THIN_RAD = 0.1, 0.1
-"""A scan is looked at when the robot moved as far since the last one [m, rad]: a cell, or what a
-cell subtends at a metre. Twice as far leaves single beams to testify beyond 5 m."""
+"""Motion between used scans [m, rad]: a cell, or what a cell subtends at a metre. Twice as far
+leaves single beams beyond 5 m."""
 
 VISIT_M = 5.0
-"""Length of a visit along the way [m]: odometry or matching err by less than the tolerance over
-it. Half of it leaves less evidence to a pair, twice hides errors inside and blurs their place."""
+"""Path length of a visit [m]: odometry or matching err by less than the tolerance over it. Half of
+it leaves less evidence to a pair, twice hides errors inside and blurs their place."""
 
 VISIT_SCANS = 8
 """Scans that a visit has at least, where they are metres apart."""
@@ -30,16 +30,16 @@ VISIT_SCANS = 8
 
 @dataclass(frozen=True, slots=True)
 class Visits:
-    """K stretches of a trajectory and what was seen from each, packed.
+    """K stretches of a trajectory and their views, packed.
 
     Parameters
     ----------
     poses : (K, 3) float64
-        `map_from_visit` [m, m, rad]: where each stretch's middle scan was taken.
+        `map_from_visit` [m, m, rad]: pose of each stretch's middle scan.
     scans : (K, 2) int64
-        Index of the first and of the last scan of each.
-    way_m : (K, 2) float64
-        Way driven before each stretch's first scan, and its last [m].
+        Index of the first and the last scan of each.
+    path_m : (K, 2) float64
+        Path length up to each stretch's first scan, and its last [m].
     walls : (W, 2) float64
         Walls of all visits, each in its visit's frame [m].
     wall_start : (K + 1,) int64
@@ -56,7 +56,7 @@ class Visits:
 
     poses: Floats
     scans: NDArray[np.int64]
-    way_m: Floats
+    path_m: Floats
     walls: Floats
     wall_start: NDArray[np.int64]
     states: NDArray[np.uint8]
@@ -68,15 +68,15 @@ class Visits:
         return len(self.poses)
 
     def at(self, trajectory: Floats) -> Visits:
-        """Return the same visits moved, each as one, to where another trajectory (N, 3) has them.
+        """Return the same visits, each moved rigidly, at the poses of another trajectory (N, 3).
 
-        As good as building them anew while no visit is bent, and a thousand times as quick.
+        Equal to building them anew while no visit is bent, and a thousand times as fast.
         """
         return replace(self, poses=trajectory[(self.scans[:, 0] + self.scans[:, 1]) // 2])
 
 
 def build_visits(scans: Sequence[LaserScan], poses: Floats, visit_m: float = VISIT_M) -> Visits:
-    """Cut a trajectory into visits and note what each saw.
+    """Split a trajectory into visits and build their views.
 
     Parameters
     ----------
@@ -84,26 +84,26 @@ def build_visits(scans: Sequence[LaserScan], poses: Floats, visit_m: float = VIS
     poses : (N, 3) float64
         `map_from_robot` at each scan [m, m, rad].
     visit_m : float
-        Least length of a visit [m].
+        Least path length of a visit [m].
     """
-    kept, way_m = thinned_by_motion(poses), way_along_m(poses)
-    firsts = _first_scans(way_m[kept], visit_m)
+    kept, path_m = thinned_by_motion(poses), path_lengths_m(poses)
+    firsts = _first_scans(path_m[kept], visit_m)
     parts = [kept[a:b] for a, b in pairwise(firsts)]
-    return pack_visits(scans, poses, way_m, parts)
+    return pack_visits(scans, poses, path_m, parts)
 
 
 def pack_visits(
-    scans: Sequence[LaserScan], poses: Floats, way_m: Floats, parts: Sequence[NDArray[np.int64]]
+    scans: Sequence[LaserScan], poses: Floats, path_m: Floats, parts: Sequence[NDArray[np.int64]]
 ) -> Visits:
-    """Build a visit of each list of scans; those that saw nothing are left out."""
-    seen = [(part, _seen(scans, poses, part)) for part in parts]
-    seen = [(part, view) for part, view in seen if view.states.size]
-    views = [view for _, view in seen]
-    ends = np.array([(part[0], part[-1]) for part, _ in seen], dtype=np.int64).reshape(-1, 2)
+    """Build a visit of each list of scans; empty ones are left out."""
+    viewed = [(part, _view_at(scans, poses, part)) for part in parts]
+    viewed = [(part, view) for part, view in viewed if view.states.size]
+    views = [view for _, view in viewed]
+    ends = np.array([(part[0], part[-1]) for part, _ in viewed], dtype=np.int64).reshape(-1, 2)
     return Visits(
         poses=poses[ends.sum(axis=1) // 2],
         scans=ends,
-        way_m=way_m[ends],
+        path_m=path_m[ends],
         walls=np.concatenate([np.zeros((0, 2)), *(v.walls for v in views)]),
         wall_start=_starts([len(v.walls) for v in views]),
         states=np.concatenate([np.zeros(0, np.uint8), *(v.states.ravel() for v in views)]),
@@ -121,8 +121,8 @@ def _moved_enough(poses: Floats, least_m: float, least_rad: float) -> NDArray[np
     for i in range(1, len(poses)):
         last = poses[kept[count - 1]]
         turn = abs((poses[i, 2] - last[2] + np.pi) % (2.0 * np.pi) - np.pi)
-        away = np.hypot(poses[i, 0] - last[0], poses[i, 1] - last[1])
-        if away >= least_m or turn >= least_rad:
+        distance = np.hypot(poses[i, 0] - last[0], poses[i, 1] - last[1])
+        if distance >= least_m or turn >= least_rad:
             kept[count] = i
             count += 1
     return kept[:count]
@@ -131,27 +131,27 @@ def _moved_enough(poses: Floats, least_m: float, least_rad: float) -> NDArray[np
 def thinned_by_motion(
     poses: Floats, least_m: float = THIN_M, least_rad: float = THIN_RAD
 ) -> NDArray[np.int64]:
-    """Return the scans at which the robot had moved so far [m] or turned so far [rad]."""
+    """Return the scans selected by a motion filter [m, rad]."""
     return np.asarray(_moved_enough(poses, least_m, least_rad)) if len(poses) else np.arange(0)
 
 
-def way_along_m(poses: Floats) -> Floats:
-    """Return the way driven up to each pose (N,) [m]."""
+def path_lengths_m(poses: Floats) -> Floats:
+    """Return the path length up to each pose (N,) [m]."""
     steps_m = np.hypot(*np.diff(poses[:, :2], axis=0).T)
     return np.asarray(np.r_[0.0, np.cumsum(steps_m)][: len(poses)])
 
 
-def _first_scans(way_m: Floats, visit_m: float) -> list[int]:
+def _first_scans(path_m: Floats, visit_m: float) -> list[int]:
     """Return the first scan of each visit, and the number of scans."""
     firsts = [0]
-    for i in range(len(way_m)):
-        if way_m[i] - way_m[firsts[-1]] >= visit_m and i - firsts[-1] >= VISIT_SCANS:
+    for i in range(len(path_m)):
+        if path_m[i] - path_m[firsts[-1]] >= visit_m and i - firsts[-1] >= VISIT_SCANS:
             firsts.append(i)
-    return [*firsts, len(way_m)] if len(way_m) else [0]
+    return [*firsts, len(path_m)] if len(path_m) else [0]
 
 
-def _seen(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]) -> View:
-    """Return what was seen, in the frame of the middle scan."""
+def _view_at(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]) -> View:
+    """Return the view of some scans, in the frame of the middle one."""
     visit_from_robot = between(poses[(part[0] + part[-1]) // 2], poses[part])
     returns = [
         transform_points(pose, scans[i].points_m())

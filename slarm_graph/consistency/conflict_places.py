@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a map contradicts itself: contradicting pairs of visits that belong together."""
+"""Places where a map contradicts itself: clusters of contradictory pairs of visits."""
 
 from __future__ import annotations
 
@@ -17,28 +17,28 @@ from slarm_graph.consistency.pairs import VisitPairs
 from slarm_graph.consistency.visits import Visits
 from slarm_graph.geometry import Floats, between, transform_points
 
-NEIGHBOURS = 2
-"""VisitPairs whose visits are so few apart, both the earlier and the later, are one place."""
+ADJACENT_VISITS = 2
+"""Pairs whose earlier and later visits differ by at most so many are of one place."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConflictPlace:
-    """A place that two parts of the trajectory see differently.
+    """A place where the scans of two parts of the trajectory contradict each other.
 
     Parameters
     ----------
     earlier_ns, later_ns : (int, int)
-        Stamps of the first and of the last scan of either part [ns].
+        Stamps of the first and the last scan of either part [ns].
     position_m : (float, float)
-        Middle of the walls in conflict, in the map [m].
+        Median of the walls in conflict, in the map [m].
     extent_m : float
-        Radius about it that holds nine in ten of them [m].
+        Radius about it of nine in ten of them [m].
     evidence_nat : float
         Log-likelihood ratio of a wrong pose, of the strongest pair of visits [nat].
     confirmed, contradicted : int
         Wall cells of that pair.
     pairs : int
-        VisitPairs of visits that say so.
+        Contradictory pairs of visits.
     """
 
     earlier_ns: tuple[int, int]
@@ -51,10 +51,10 @@ class ConflictPlace:
     pairs: int
 
 
-def places(
+def conflict_places(
     visits: Visits, pairs: VisitPairs, stamps_ns: NDArray[np.int64], least_nat: float
 ) -> tuple[tuple[ConflictPlace, ...], Floats]:
-    """Gather the pairs with so much evidence of a wrong place, the strongest first.
+    """Cluster the pairs with evidence of a wrong pose by place, the strongest first.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def places(
     stamps_ns : (N,) int64
         Of every scan [ns].
     least_nat : float
-        Evidence from which a pair contradicts itself [nat].
+        Evidence from which a pair is contradictory [nat].
 
     Returns
     -------
@@ -82,8 +82,8 @@ def places(
 
 
 def _groups(visits: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number the connected groups (P,) of pairs whose visits lie next to each other."""
-    edges = cKDTree(visits).query_pairs(NEIGHBOURS + 0.5, p=np.inf, output_type="ndarray")
+    """Label the connected components (P,) of pairs of adjacent visits."""
+    edges = cKDTree(visits).query_pairs(ADJACENT_VISITS + 0.5, p=np.inf, output_type="ndarray")
     size = len(visits)
     graph = coo_matrix((np.ones(len(edges)), (edges[:, 0], edges[:, 1])), shape=(size, size))
     return np.asarray(connected_components(graph, directed=False)[1], dtype=np.int64)
@@ -94,7 +94,7 @@ def _place(
 ) -> tuple[ConflictPlace, Floats]:
     evidence = pairs.evidence()
     best = int(np.argmax(evidence))
-    points = conflicts_m(visits, *pairs.visits[best])
+    points = conflict_points_m(visits, *pairs.visits[best])
     middle = np.median(points, axis=0)
     stamps = stamps_ns[visits.scans[pairs.visits]]
     first, last = stamps[..., 0].min(axis=0), stamps[..., 1].max(axis=0)
@@ -111,8 +111,8 @@ def _place(
     return place, points
 
 
-def conflicts_m(visits: Visits, first: int, second: int) -> Floats:
-    """Return the walls (M, 2) [m] in the map of either visit that the other looks through."""
+def conflict_points_m(visits: Visits, first: int, second: int) -> Floats:
+    """Return the walls (M, 2) [m] in the map of either visit that the other saw as free."""
     parts = []
     for a, b in ((first, second), (second, first)):
         walls = visits.walls[visits.wall_start[a] : visits.wall_start[a + 1]]
