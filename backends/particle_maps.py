@@ -6,8 +6,8 @@ A map is a table of tile numbers. Resampling copies tables and counts references
 only when a particle writes into a tile that another one also uses.
 
 A cell holds what its end points have in common: their number, mean position and mean surface
-normal. Means make a 5 cm cell good to millimetres, and the normal tells the two sides of a thin
-wall apart.
+normal. Means make a 5 cm cell good to millimetres, and the normal separates the two sides of a
+thin wall.
 """
 
 from __future__ import annotations

@@ -82,7 +82,7 @@ def associate(
     tables, corner, cells, resolution = tiles
     table = tables[particle]
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    found = 0
+    associated = 0
     for k in range(len(points)):
         x = (pose[0] + c * points[k, 0] - s * points[k, 1]) / resolution
         y = (pose[1] + s * points[k, 0] + c * points[k, 1]) / resolution
@@ -118,8 +118,8 @@ def associate(
                     lines[k, 2], lines[k, 3] = 0.0, 0.0
                 lines[k, 4] = 1.0
         if lines[k, 4] > 0.0:
-            found += 1
-    return found
+            associated += 1
+    return associated
 
 
 @kernel_with(inline=True)

@@ -111,12 +111,12 @@ def optimize_from_anywhere(graph: PoseGraph, *, heartbeat: Heartbeat = silent) -
     for name, poses in starting_poses(graph):
         heartbeat(f"optimising the pose graph from {name}")
         try:
-            found = optimize(replace(graph, poses=poses), heartbeat=heartbeat)
+            optimized = optimize(replace(graph, poses=poses), heartbeat=heartbeat)
         except RunFailed as error:
             _LOG.info("start from %s failed: %s", name, error)
             continue
-        if best is None or found.chi2 < best.chi2 * (1.0 - 1e-9):
-            best = found
+        if best is None or optimized.chi2 < best.chi2 * (1.0 - 1e-9):
+            best = optimized
     if best is None:
         raise RunFailed("the pose graph could not be optimised from any start")
     return best

@@ -22,7 +22,7 @@ _SLIP_SIGMAS = 2.0
 """Scale of the Cauchy kernel on steps: half of it makes mit-csail hard_1_of_2 8 % better, double
 2 % worse; plain recordings stay, edmonton moves less than by 2 mm of noise in its ranges."""
 _INLIER = 0.5
-"""Truncated least squares ends with weights of 0 or 1: the middle tells them apart."""
+"""Truncated least squares ends with weights of 0 or 1: the middle separates them."""
 _MIN_WEIGHT = 1e-6
 """Keeps an inflated step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
@@ -59,13 +59,13 @@ def optimize_robustly(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Robust
     mixtures = tuple(_mixture(inflated[k], inflated[other]) for k, other in pairs)
     closures = [k for k, c in enumerate(inflated) if c.kind is ConstraintKind.LOOP_CLOSURE]
     suspects = sorted({*closures, *doubtful})
-    found = optimize_gnc(PoseGraph(soft.poses, inflated + mixtures), suspects, heartbeat=heartbeat)
-    is_inlier = found.weights >= _INLIER
+    hard = optimize_gnc(PoseGraph(soft.poses, inflated + mixtures), suspects, heartbeat=heartbeat)
+    is_inlier = hard.weights >= _INLIER
     is_inlier[len(inflated) :] = False
     kept = [c for c, ok in zip(inflated + mixtures, is_inlier.tolist(), strict=True) if ok]
     joined = {(c.i, c.j) for c in kept}
     kept += [c for c in mixtures if (c.i, c.j) not in joined]
-    return RobustSolution(PoseGraph(found.poses, tuple(kept)), found.weights[: len(inflated)])
+    return RobustSolution(PoseGraph(hard.poses, tuple(kept)), hard.weights[: len(inflated)])
 
 
 def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[str, ...]:
@@ -98,14 +98,14 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
 def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     """Return the indices, in pairs, of steps whose match and odometry fail a chi-square test."""
     by_wheels = {c.i: k for k, c in enumerate(constraints) if c.kind is ConstraintKind.WHEELS}
-    found = []
+    indices = []
     for k, c in enumerate(constraints):
         other = by_wheels.get(c.i) if c.kind is ConstraintKind.ODOMETRY else None
         if other is None:
             continue
         if _contradict(_difference(c, constraints[other]), c, constraints[other]):
-            found += [k, other]
-    return found
+            indices += [k, other]
+    return indices
 
 
 def _contradict(difference: Floats, one: Constraint, other: Constraint) -> bool:

@@ -247,14 +247,14 @@ class SubmapGraph:
     def optimize_with(self, accepted: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
         """Move the nodes to the optimum with these closures only, with a Cauchy kernel on steps."""
         steps = [e for e in self._edges if e.kind is not ConstraintKind.LOOP_CLOSURE]
-        found = optimizer.optimize(
+        optimized = optimizer.optimize(
             PoseGraph(np.array(self._nodes), (*steps, *map(self.edge, accepted))),
             kernel=optimizer.Kernel.HUBER,
             slip_sigmas=_SLIP_SIGMAS,
             heartbeat=heartbeat,
         )
         self._solution = None
-        self._set_poses(0, found.poses)
+        self._set_poses(0, optimized.poses)
 
     def gated(self) -> list[Closure]:
         """Return the closures that the chi-square gate rejected."""
@@ -332,14 +332,14 @@ class SubmapGraph:
         else:
             first = count - _LOCAL_NODES // 2
             graph = sliding_window(self._nodes, self._edges, first)
-        found = optimizer.optimize(
+        optimized = optimizer.optimize(
             graph,
             kernel=optimizer.Kernel.CAUCHY,
             slip_sigmas=_SLIP_SIGMAS,
             tolerance=1e-4,
             heartbeat=heartbeat,
         )
-        self._set_poses(first, found.poses[1:] if first else found.poses)
+        self._set_poses(first, optimized.poses[1:] if first else optimized.poses)
         self._pending = 0
         self._is_urgent = False
 

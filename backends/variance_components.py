@@ -79,20 +79,20 @@ def _scaled_by_kind(
         return graph
     of_each = [c.kind for c in graph.constraints]
     factors = dict.fromkeys(of_each, 1.0)
-    found = graph
+    scaled_graph = graph
     for _ in range(_ROUNDS):
-        redundancy = redundancies(found)
+        redundancy = redundancies(scaled_graph)
         if redundancy is None:
             return graph
-        squared = chi2_each(found)
+        squared = chi2_each(scaled_graph)
         for kind in (kind for kind in factors if kind in kinds):
             of = np.array([k is kind for k in of_each])
             if redundancy[of].sum() >= _MIN_REDUNDANCY:
                 factor = factors[kind] * float(squared[of].sum() / redundancy[of].sum())
                 factors[kind] = max(factor, _MIN_FACTOR)
         scaled = (_scaled(c, factors[c.kind], c.kind in keeping) for c in graph.constraints)
-        found = replace(graph, constraints=tuple(scaled))
-    return found
+        scaled_graph = replace(graph, constraints=tuple(scaled))
+    return scaled_graph
 
 
 def redundancies(graph: PoseGraph) -> Floats | None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans that could have had another place are decided by what came later, too."""
+"""Ambiguous scans are matched again once later scans are known."""
 
 from __future__ import annotations
 
@@ -49,33 +49,33 @@ def seen(pose: Floats) -> Floats:
     return np.ascontiguousarray(points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))])
 
 
-def tracked(scan: int, pose: Floats, told: Floats, **other: object) -> TrackedScan:
-    place, sure = Pose2.from_array(told), np.diag([1e-4, 1e-4, 1e-5])
+def tracked(scan: int, pose: Floats, estimate: Floats, **other: object) -> TrackedScan:
+    place, sure = Pose2.from_array(estimate), np.diag([1e-4, 1e-4, 1e-5])
     match = MatchResult(place, sure, 0.9, 300, 5, "")
     kept = {"odom_from_robot": None, "is_keyframe": True, **other}
     return TrackedScan(scan * 10**9, seen(pose), place, Pose2(STEP_M), sure, match, **kept)
 
 
-def built(told: dict[int, Floats], *, is_open: bool = True) -> tuple[Floats, ClosedGraph]:
+def built(misplaced: dict[int, Floats], *, is_open: bool = True) -> tuple[Floats, ClosedGraph]:
     """True poses (S, 3), and the graph of scans of which the tracker placed some elsewhere."""
     true = np.zeros((SCANS, 3))
     true[:, 0] = STEP_M * np.arange(SCANS)
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     for k, pose in enumerate(true):
-        here = told.get(k, pose)
-        builder.add_scan(tracked(k, pose, here, is_keyframe=k not in told, is_open=is_open))
+        here = misplaced.get(k, pose)
+        builder.add_scan(tracked(k, pose, here, is_keyframe=k not in misplaced, is_open=is_open))
     return true, builder.close_loops()
 
 
 @pytest.mark.parametrize("off_m", [-0.2, 0.15])
-def test_what_lies_elsewhere_is_brought_back(off_m: float) -> None:
+def test_a_misplaced_scan_is_relocated(off_m: float) -> None:
     off = {k: np.array([STEP_M * k + off_m, 0.0, 0.0]) for k in (3, 16, 41)}
     true, closed = built(off)
     assert np.abs(closed.poses - true)[:, :2].max() < 0.03
     assert np.flatnonzero(closed.relocations.any(axis=1)).tolist() == list(off)
 
 
-def test_what_was_never_in_doubt_stays() -> None:
+def test_an_unambiguous_scan_stays() -> None:
     true, closed = built({16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}, is_open=False)
     assert closed.poses[16, 0] - true[16, 0] == pytest.approx(0.2, abs=0.02)
     assert not closed.relocations.any()
@@ -87,8 +87,8 @@ def test_a_scan_stays_where_it_fits_best() -> None:
     assert np.abs(closed.poses - true)[:, :2].max() < 0.03
 
 
-def test_what_was_placed_again_is_told_with_how_sure_it_is() -> None:
-    """A scan whose niches lie within its view is sure of its way along the corridor."""
+def test_a_relocation_has_a_notice_and_a_covariance() -> None:
+    """A scan with niches in view is well constrained along the corridor."""
     off = {16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}
     _, closed = built(off)
     (notice,) = [n for n in closed.notices if "another place" in n]
@@ -101,7 +101,7 @@ def test_what_was_placed_again_is_told_with_how_sure_it_is() -> None:
     assert not closed.lag_covariances[17].any()
 
 
-def test_a_bare_corridor_does_not_say_how_far_along_it_a_scan_is(
+def test_a_bare_corridor_leaves_the_position_along_it_uncertain(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setitem(globals(), "NICHES_M", (0.5,))
@@ -111,7 +111,7 @@ def test_a_bare_corridor_does_not_say_how_far_along_it_a_scan_is(
     assert along > 0.1
 
 
-def test_where_it_fits_worse_a_scan_is_not_placed(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_scan_that_fits_worse_is_not_relocated(monkeypatch: pytest.MonkeyPatch) -> None:
     def worse(grid: object, points: Floats, start: Floats, *_: object) -> tuple[object, ...]:
         return start + np.array([0.1, 0.0, 0.0]), np.eye(3), 0.3, 100, 5
 
@@ -122,8 +122,8 @@ def test_where_it_fits_worse_a_scan_is_not_placed(monkeypatch: pytest.MonkeyPatc
     assert not any("another place" in n for n in closed.notices)
 
 
-def test_a_scan_is_asked_for_where_it_was_taken() -> None:
-    """In the submap around it, from where the tracker had it."""
+def test_a_scan_is_matched_to_the_submap_around_it() -> None:
+    """From the tracker's estimate."""
     graph, local = SubmapGraph(PoseGraphConfig()), np.zeros((SCANS, 3))
     local[:, 0] = STEP_M * np.arange(SCANS)
     for k, pose in enumerate(local):
@@ -141,33 +141,33 @@ def test_a_scan_is_asked_for_where_it_was_taken() -> None:
             return start, np.zeros((3, 3))
 
     scans = {k: seen(local[k]) for k in (1, 17, 33, 55)}
-    moved, _ = relocated_scans(scans, graph, Spy(), local)  # type: ignore[arg-type]
+    relocations, _ = relocated_scans(scans, graph, Spy(), local)  # type: ignore[arg-type]
     assert list(asked) == list(scans)
     long_m = max(STEP_M * 2 * (s.last - s.first) for s in graph.submaps)
     assert all(asked[k] <= long_m for k in (1, 17, 33))
-    np.testing.assert_allclose(moved, 0.0, atol=1e-12)
+    np.testing.assert_allclose(relocations, 0.0, atol=1e-12)
 
 
-def test_particles_go_the_way_of_the_scans_between_their_updates() -> None:
-    """What the filter was told at its updates it has used already."""
+def test_scans_between_updates_of_the_filter_are_relocated() -> None:
+    """Those at updates stay, as their motion was used already."""
     state = _State(ScanTracker(FrontendConfig()), MappingFilter.empty(GmappingConfig()), None)
     state.local = [np.array([0.4 * k, 0.0, 0.1 * k]) for k in range(5)]
     state.updates = [0, 2, 4]
     _, closed = built({})
-    moved = np.zeros((5, 3))
-    moved[1], moved[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
-    told = state.relocated_path(replace(closed, relocations=moved))
+    relocations = np.zeros((5, 3))
+    relocations[1], relocations[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
+    path = state.relocated_path(replace(closed, relocations=relocations))
     expected = np.array(state.local)
-    expected[1] = compose(expected[1], moved[1])
-    np.testing.assert_allclose(told, expected)
+    expected[1] = compose(expected[1], relocations[1])
+    np.testing.assert_allclose(path, expected)
     np.testing.assert_array_equal(state.relocated_path(None), state.motion_path())
     state.closed_path = np.array(state.local)
     np.testing.assert_array_equal(
-        state.relocated_path(replace(closed, relocations=moved)), state.motion_path()
+        state.relocated_path(replace(closed, relocations=relocations)), state.motion_path()
     )
 
 
-def test_before_the_first_submap_is_complete_nothing_is_asked() -> None:
+def test_before_the_first_submap_nothing_is_relocated() -> None:
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     start, off = np.zeros(3), np.array([0.1, 0.0, 0.0])
     builder.add_scan(tracked(0, start, start))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Finds held against the way driven by matches alone and by odometry alone."""
+"""Loop closures against the chains of matches alone and of odometry alone."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MATCHES, WHEELS = ConstraintKind.ODOMETRY, ConstraintKind.WHEELS
 
 
 def chain(kind: ConstraintKind, sigmas: Floats = NOISE, turned: float = 0.0) -> list[Constraint]:
-    """A way of equal steps, the fifth of which may be turned wrongly."""
+    """A chain of equal steps, the fifth of which may be turned wrongly."""
     return [
         Constraint(
             k,
@@ -52,8 +52,8 @@ def found_at(pose: Floats) -> Constraint:
     return Constraint(0, COUNT, Pose2.from_array(pose), SURE, ConstraintKind.LOOP_CLOSURE)
 
 
-def test_a_find_is_contradicted_where_the_way_rarely_leads() -> None:
-    """The spread of ways drawn by chance is the oracle for how far they may lead apart."""
+def test_the_gate_is_that_of_the_drawn_covariance() -> None:
+    """The covariance of drawn chains is the oracle."""
     rng = np.random.default_rng(0)
     expected = driven(COUNT)
     off = between(expected, np.array([led_to(rng) for _ in range(2000)]))
@@ -66,7 +66,7 @@ def test_a_find_is_contradicted_where_the_way_rarely_leads() -> None:
 
 
 @pytest.mark.parametrize("wrong", [MATCHES, WHEELS])
-def test_what_one_of_both_allows_is_not_contradicted_twice(wrong: ConstraintKind) -> None:
+def test_a_closure_that_one_chain_allows_is_kept(wrong: ConstraintKind) -> None:
     right = WHEELS if wrong is MATCHES else MATCHES
     sure = np.array([1e-3, 1e-3, 1e-3])
     true = driven(COUNT)
@@ -78,7 +78,7 @@ def test_what_one_of_both_allows_is_not_contradicted_twice(wrong: ConstraintKind
     assert not contradicts_both_chains(found_at(true), silent)
 
 
-def test_only_the_way_between_the_nodes_counts() -> None:
+def test_only_the_steps_between_the_nodes_count() -> None:
     sure = np.array([1e-3, 1e-3, 1e-3])
     steps = [*chain(MATCHES, sure, turned=0.3), *chain(WHEELS, sure, turned=0.3)]
     there = driven(6)

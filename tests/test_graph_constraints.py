@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure steps of the graph and the filter are: in sweeps, and after scans that fit nowhere."""
+"""Covariances of steps of graph and filter: with sweeps, and after scans that fit nowhere."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def keyframe(k: int, lag: Floats) -> Keyframe:
     return Keyframe(k, np.zeros((0, 2)), Pose2(0.5 * k), covariance, np.zeros(2), wheels, lag)
 
 
-def test_the_middle_of_sweeps_is_as_sure_as_their_matches() -> None:
+def test_matches_of_sweeps_keep_their_covariance() -> None:
     swept, still = ([keyframe(k, lag) for k in range(5)] for lag in (LAG, np.zeros((3, 3))))
     np.testing.assert_array_equal(
         matched_step(1, swept).covariance, matched_step(1, still).covariance
@@ -67,7 +67,7 @@ def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
     )
 
 
-def test_what_readings_of_odometry_are_off_counts_at_both_ends_and_not_between() -> None:
+def test_reading_errors_of_odometry_count_at_both_ends_and_not_between() -> None:
     reading = np.array([0.05, 0.0, 0.02]) ** 2
     plain = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
     wheels = replace(keyframe(0, LAG).wheels, reading=reading)
@@ -78,15 +78,15 @@ def test_what_readings_of_odometry_are_off_counts_at_both_ends_and_not_between()
     np.testing.assert_allclose(np.diag(more), [2 * 0.05**2, (2 * 0.02) ** 2, 2 * 0.02**2])
 
 
-def test_no_step_is_less_sure_than_nothing_known() -> None:
+def test_no_step_is_less_certain_than_an_uninformed_one() -> None:
     """Minutes of silence, in which a robot at 1 m/s may have gone anywhere and turned at will."""
     lost = np.diag([1e12, 1e12, 1e8])
     silent = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
     wheels = WheelMotion(np.array([0.5, 0.0, 0.0]), lost, lost)
     silent = [replace(k, wheels=wheels, covariance=lost) for k in silent]
-    told = wheels_step(1, silent)
-    assert told is not None
-    steps_of_graph = [matched_step(1, silent), told]
+    by_wheels = wheels_step(1, silent)
+    assert by_wheels is not None
+    steps_of_graph = [matched_step(1, silent), by_wheels]
     for step in steps_of_graph:
         sd_m, _, sd_rad = np.sqrt(np.diag(step.covariance))
         assert 100.0 < sd_m <= 301.0
@@ -95,7 +95,7 @@ def test_no_step_is_less_sure_than_nothing_known() -> None:
 
 
 def test_where_nothing_was_matched_odometry_counts_once() -> None:
-    """A local map begun anew lies where odometry has it: that is no second opinion."""
+    """A restarted local map is placed by odometry: no second measurement."""
     keyframes = [
         replace(keyframe(k, np.zeros((3, 3))), covariance=1e-2 * np.eye(3)) for k in (0, 1)
     ]
@@ -112,16 +112,16 @@ def test_where_nothing_was_matched_odometry_counts_once() -> None:
     assert matched_step(1, alone).covariance[0, 0] == pytest.approx(3e-2, rel=1e-2)
 
 
-def test_stories_a_building_apart_leave_a_graph_that_can_be_solved() -> None:
+def test_measurements_a_building_apart_leave_a_solvable_graph() -> None:
     sure = np.diag([1e-4, 1e-4, 1e-4])
     steps = [
         Constraint(0, 1, Pose2(x), sure, kind)
         for x, kind in ((5000.0, ConstraintKind.WHEELS), (0.0, ConstraintKind.ODOMETRY))
     ]
-    settled = optimize_robustly(
+    solution = optimize_robustly(
         PoseGraph(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), tuple(steps))
     )
-    check_graph(settled.graph)
+    check_graph(solution.graph)
 
 
 def test_a_node_begins_where_matches_and_odometry_together_have_it() -> None:
@@ -175,17 +175,17 @@ def broken_off(readings: list[Reading]) -> list[Reading]:
     return out
 
 
-def test_a_match_settles_what_was_unsure_before_it(lap: list[Reading]) -> None:
+def test_a_match_ends_the_uncertainty_before_it(lap: list[Reading]) -> None:
     assert np.all(step_sigmas(broken_off(lap)) < 2.0 * step_sigmas(lap))
 
 
 def test_the_filter_is_not_lost_where_the_frontend_has_matched_again(lap: list[Reading]) -> None:
-    told = filtered(broken_off(lap))
-    assert len(told) > 5
-    assert not any(m.is_lost for m in told)
+    measurements = filtered(broken_off(lap))
+    assert len(measurements) > 5
+    assert not any(m.is_lost for m in measurements)
 
 
-def test_the_filter_is_told_of_a_step_without_a_match(lap: list[Reading]) -> None:
+def test_a_step_without_a_match_widens_the_proposal(lap: list[Reading]) -> None:
     """For a second the laser shows a place of its own, to which no match leads."""
     rng = np.random.default_rng(0)
     elsewhere = rng.uniform(1.0, 8.0, len(lap[0].scan.ranges_m)).astype(np.float32)
@@ -197,7 +197,7 @@ def test_the_filter_is_told_of_a_step_without_a_match(lap: list[Reading]) -> Non
 
 
 def filtered(readings: list[Reading]) -> list[Measurement]:
-    """What the particles were told of a drive."""
+    """Measurements of the particle filter of a drive."""
     settings = GmappingConfig(particles=2)
     backend = GmappingBackend(settings, FrontendConfig(), np.random.default_rng(0))
     for reading in readings:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Old places are found however far off and turned the robot is believed to be."""
+"""Loop closures are found however far off and turned the estimated pose is."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_submap_is_aligned_in_a_region(twice: list[Keyframe]) -> None:
 
 
 def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
-    """Carried off without a word: 25 m and two radians are found out by how places look."""
+    """Kidnapped by 25 m and two radians: recovered by place recognition."""
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
@@ -134,7 +134,7 @@ def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
     assert error_m(closed) < 0.1
 
 
-def test_a_find_is_followed_to_both_sides_while_places_match(twice: list[Keyframe]) -> None:
+def test_a_closure_is_propagated_to_both_sides_while_submaps_match(twice: list[Keyframe]) -> None:
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
@@ -144,21 +144,21 @@ def test_a_find_is_followed_to_both_sides_while_places_match(twice: list[Keyfram
     true[half:] = compose(AWAY.inverse().as_array(), nodes[half:])
     query = (half + len(graph.submaps)) // 2
     near = int(np.argmin(np.hypot(*(true[: half - 1] - true[query])[:, :2].T)))
-    find = matcher.align(query, near, between(true[near], true[query]))
-    assert not find.reason
-    further = list(propagated([find], graph, matcher))
+    closure = matcher.align(query, near, between(true[near], true[query]))
+    assert not closure.reason
+    further = list(propagated([closure], graph, matcher))
     assert {graph.node_of(c.keyframe) - query for c in further} >= {-2, -1, 1, 2}
     for c in further:
         there = between(true[c.submap], true[graph.node_of(c.keyframe)])
         assert np.abs(between(there, c.submap_from_keyframe)).max() < 0.1
         assert not c.searched
     wrong = replace(
-        find, submap_from_keyframe=find.submap_from_keyframe + np.array([4.0, -3.0, 1.0])
+        closure, submap_from_keyframe=closure.submap_from_keyframe + np.array([4.0, -3.0, 1.0])
     )
     assert len(list(propagated([wrong], graph, matcher))) < 2
 
 
-def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> None:
+def test_closures_with_a_consistent_loop_agree(twice: list[Keyframe]) -> None:
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
@@ -172,7 +172,7 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
         return Closure(submap, keyframe, pose, np.eye(3), 0.9, True)
 
     one = found(first, 0)
-    finds = [
+    closures = [
         one,
         found(second, 1),
         found(second, 1, off_m=0.5),
@@ -180,15 +180,15 @@ def test_finds_agree_where_they_tell_the_same_story(twice: list[Keyframe]) -> No
         found(first, 1),
     ]
     pairs = np.array([(0, k) for k in range(1, 5)])
-    told = pairwise_consistent(finds, pairs, graph).tolist()
-    assert told == [True, False, False, False], "one scan cannot confirm itself"
+    agree = pairwise_consistent(closures, pairs, graph).tolist()
+    assert agree == [True, False, False, False], "one scan cannot confirm itself"
     three = [one, found(second, 1), found(half + 22, 2), found(half + 16, 1, off_m=3.0)]
     assert consistent_sets(three, graph) == three[:3]
     assert consistent_sets([three[0], three[2]], graph) == []
 
 
-def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Keyframe]) -> None:
-    """The graph of a way without a doubt has no room for a closure two metres off."""
+def test_an_aliased_closure_fails_the_gate(twice: list[Keyframe]) -> None:
+    """A graph of small covariance rejects a closure two metres off."""
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice[: len(twice) // 2]:
         graph.add(keyframe)
@@ -196,24 +196,24 @@ def test_a_place_that_looks_the_same_but_cannot_be_is_turned_down(twice: list[Ke
     old, new = twice[graph.submaps[0].anchor].local_from_robot, twice[last].local_from_robot
     expected = old.between(new)
 
-    def told(away_m: float) -> Closure:
+    def closure_off(away_m: float) -> Closure:
         pose = (expected @ Pose2(away_m, 0.0, 0.0)).as_array()
         return Closure(0, last, pose, np.eye(3) * 1e6, 0.95, True)
 
-    graph.add_closures(graph.apply_gate([told(0.05), told(2.0), told(-0.05)]))
+    graph.add_closures(graph.apply_gate([closure_off(0.05), closure_off(2.0), closure_off(-0.05)]))
     assert [not c.reason for c in graph.closures] == [True, False, True]
     assert (
-        closure_sets.log_odds_nat(graph, told(0.0), 10.0)
+        closure_sets.log_odds_nat(graph, closure_off(0.0), 10.0)
         > 5.0
-        > closure_sets.log_odds_nat(graph, told(2.0), 10.0)
+        > closure_sets.log_odds_nat(graph, closure_off(2.0), 10.0)
     )
-    assert closure_sets.log_odds_nat(graph, told(0.0), 1.0) < closure_sets.log_odds_nat(
-        graph, told(0.0), 10.0
+    assert closure_sets.log_odds_nat(graph, closure_off(0.0), 1.0) < closure_sets.log_odds_nat(
+        graph, closure_off(0.0), 10.0
     )
 
 
 def corridor(there_m: float) -> SubmapGraph:
-    """A way along a line and back on it, of which every step may be short by 2 cm."""
+    """A path along a line and back, with a standard deviation of 2 cm a step."""
     out = np.arange(0.0, there_m, 0.4)
     poses = [*(Pose2(x) for x in out), *(Pose2(x, 0.0, np.pi) for x in out[::-1])]
     graph = SubmapGraph(PoseGraphConfig())
@@ -223,10 +223,10 @@ def corridor(there_m: float) -> SubmapGraph:
     return graph
 
 
-def test_what_came_first_has_no_right_of_its_own() -> None:
-    """Doors alike a metre on: three finds of the wrong ones were believed, then four turned down.
+def test_the_outcome_does_not_depend_on_what_was_accepted_first() -> None:
+    """Aliased doors a metre on: three false closures were accepted, then four true ones gated.
 
-    The drive has room for either, so that there is more to say for the four.
+    Odometry allows either, and the four outnumber the three.
     """
     graph = corridor(30.0)
     last = len(graph.keyframes) - 1
@@ -243,18 +243,18 @@ def test_what_came_first_has_no_right_of_its_own() -> None:
     graph.optimize_robustly()
     graph.add_closures(graph.apply_gate(right))
     assert [c.reason for c in graph.closures] == 3 * [""] + 4 * [GATED]
-    contested_closures = closure_sets.contested_closures(graph)
-    assert contested_closures == wrong
-    graph = reassess_closures(graph, contested_closures)
+    contested = closure_sets.contested_closures(graph)
+    assert contested == wrong
+    graph = reassess_closures(graph, contested)
     _, weights = graph.optimize_robustly()
-    believed = [c for c, w in zip(graph.closures, weights, strict=True) if w > 0.5]
-    told = [c.submap_from_keyframe.tobytes() for c in right]
-    assert [c.submap_from_keyframe.tobytes() for c in believed] == told
+    accepted = [c for c, w in zip(graph.closures, weights, strict=True) if w > 0.5]
+    expected = [c.submap_from_keyframe.tobytes() for c in right]
+    assert [c.submap_from_keyframe.tobytes() for c in accepted] == expected
     np.testing.assert_allclose(graph.map_from_local().as_array(), 0.0, atol=0.1)
 
 
-def test_what_the_graph_has_outvoted_makes_it_no_surer() -> None:
-    """A wrong find that was taken in, and outvoted by the way, hides no true one beside it."""
+def test_a_rejected_closure_does_not_lower_covariances() -> None:
+    """A false closure that robust optimisation rejected hides no true one beside it."""
     graph = corridor(30.0)
     last = len(graph.keyframes) - 1
     node = graph.node_of(last)
@@ -279,10 +279,10 @@ def test_what_the_graph_has_outvoted_makes_it_no_surer() -> None:
     assert graph.sigmas_between(0, node)[0] < 0.2 * alone[0]
 
 
-def test_all_of_a_chain_of_finds_is_heard(
+def test_a_long_chain_of_closures_is_one_set(
     twice: list[Keyframe], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Pair by pair they agree along a way whose ends are too far apart to be compared."""
+    """Pairwise consistent along a path whose ends are too far apart to be compared."""
     graph = SubmapGraph(PoseGraphConfig())
     for keyframe in twice:
         graph.add(keyframe)
@@ -303,7 +303,7 @@ def test_all_of_a_chain_of_finds_is_heard(
 
 
 @pytest.mark.parametrize(("i", "j"), [(1, 5), (5, 1), (9, 11)])
-def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
+def test_without_closures_relative_covariances_are_those_of_dead_reckoning(
     twice: list[Keyframe], i: int, j: int
 ) -> None:
     graph = SubmapGraph(PoseGraphConfig())
@@ -315,10 +315,10 @@ def test_drift_of_a_way_without_closures_is_all_its_graph_knows(
     assert sigma_rad == pytest.approx(np.sqrt(covariance[2, 2]))
 
 
-def test_only_what_the_graph_is_sure_of_is_looked_for_without_a_search(
+def test_candidates_near_the_prediction_need_a_certain_graph(
     twice: list[Keyframe],
 ) -> None:
-    """Lost between two rounds, nothing is near for sure; by odometry that held, places are."""
+    """None after being lost between two laps; some where odometry held."""
     half = len(twice) // 2
     back = [replace(k, local_from_robot=AWAY.inverse() @ k.local_from_robot) for k in twice[half:]]
     asked = {}

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Particles that missed loops: which are missed, and what a second pass makes of it."""
+"""Loop closures that particles missed, and the second pass of the filter."""
 
 from __future__ import annotations
 
@@ -56,23 +56,23 @@ def test_a_closure_is_contradicted_beyond_999_in_1000(axis: int, allowed: float)
         closed = square(Pose2())
         path = closed.poses.copy()
         path[-1, axis] += off
-        assert contradicted(closed, path, CELL_M) == expected
+        assert missed_count(closed, path, CELL_M) == expected
         sigmas = off / np.hypot(SIGMAS[axis], allowed)
         assert closure_mahalanobis(closed, path, CELL_M) == pytest.approx([sigmas])
 
 
-def test_only_closures_speak_and_each_speaks_for_itself() -> None:
+def test_only_closures_count_and_each_by_itself() -> None:
     closed = square(Pose2(), Pose2(1, 0, 0), Pose2(0, 0, 2 * np.pi - 1e-9))
-    assert contradicted(closed, closed.poses, CELL_M) == 1
-    assert contradicted(square(), bent(closed.poses) + 9.0, CELL_M) == 0
+    assert missed_count(closed, closed.poses, CELL_M) == 1
+    assert missed_count(square(), bent(closed.poses) + 9.0, CELL_M) == 0
 
 
-def contradicted(closed: ClosedGraph, path: Floats, cell_m: float) -> int:
+def missed_count(closed: ClosedGraph, path: Floats, cell_m: float) -> int:
     return int((closure_mahalanobis(closed, path, cell_m) > MISSED_SIGMAS).sum())
 
 
-def test_what_a_path_is_off_is_the_graphs_error_and_what_lies_between() -> None:
-    """Errors drawn for the graph, and seen from the path."""
+def test_second_moments_are_covariance_plus_squared_offset() -> None:
+    """Against errors drawn from the graph's covariance, about the path."""
     closed, rng = chained(), np.random.default_rng(0)
     known = second_moments(closed.poses, closed)
     beside = np.array([0.03, -0.05, 0.4])
@@ -86,7 +86,7 @@ def test_what_a_path_is_off_is_the_graphs_error_and_what_lies_between() -> None:
     np.testing.assert_allclose(found[-1], off.T @ off / len(off), rtol=0.02, atol=2e-6)
 
 
-def test_a_graph_that_says_nothing_of_itself_says_nothing_of_a_path() -> None:
+def test_a_graph_without_covariances_gives_no_second_moments() -> None:
     closed = chained()
     gap = PoseGraph(closed.graph.poses, closed.graph.constraints[:1])
     assert second_moments(closed.poses, replace(closed, graph=gap)) is None
@@ -115,20 +115,20 @@ def bent(poses: Floats) -> Floats:
     return out
 
 
-def test_the_filter_follows_the_path_it_is_told() -> None:
+def test_the_filter_follows_the_given_path() -> None:
     readings, truth = recorded(noiseless=True)
     backend = made(particles=3)
     run(backend, readings)
     state = backend._state
     stamps_ns = truth.stamps_ns[state.updates]
-    told = truth.poses[state.updates]
+    given = truth.poses[state.updates]
     paths = [
         filter_along(
             poses, state.first_points, state.measurements, backend._config, np.random.default_rng(0)
         ).best_path()
-        for poses in (told, bent(told))
+        for poses in (given, bent(given))
     ]
-    there = Trajectory(stamps_ns, told)
+    there = Trajectory(stamps_ns, given)
     assert ate_m(Trajectory(stamps_ns, paths[0]), there) < 0.01
     assert ate_m(Trajectory(stamps_ns, paths[1]), there) > 0.05
 
@@ -145,7 +145,7 @@ def torn(places: PoseGraphConfig | None) -> GmappingBackend:
     return backend
 
 
-def test_particles_that_missed_the_loops_are_brought_back() -> None:
+def test_a_second_pass_recovers_particles_that_missed_the_loops() -> None:
     readings, truth = recorded()
     backend = torn(PoseGraphConfig())
     result = backend.result()
@@ -169,7 +169,7 @@ def test_particles_alone_stay_where_they_are() -> None:
     assert ate_m(torn(None).result().trajectory, so_far) > 0.3
 
 
-def test_what_is_off_the_path_decays_in_the_paths_own_frame() -> None:
+def test_deviations_from_the_path_decay_in_its_own_frame() -> None:
     path = np.array([3.0, -2.0, np.pi / 2])
     off = np.array([[0.5, 0.2, 0.1], [0.0, 0.0, 0.0]])
     left = between(path, mean_reverted(compose(path, off), path, 10.0))

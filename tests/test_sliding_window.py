@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The newest part of a graph by itself misses what the whole graph misses, with the rest held."""
+"""A sliding window has the residuals of the whole graph, with older nodes fixed."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ def constraint(rng: np.random.Generator, i: int, j: int, kind: ConstraintKind) -
     return Constraint(i, j, Pose2(*rng.normal(size=3)), 0.1 * (root @ root.T + np.eye(3)), kind)
 
 
-def misses(graph: PoseGraph) -> Floats:
-    """What constraints miss (M, 3), in the frames of their later ends."""
+def residuals(graph: PoseGraph) -> Floats:
+    """Residuals (M, 3) of constraints, in the frames of their later ends."""
     away = [
         between(between(graph.poses[c.i], graph.poses[c.j]), c.i_from_j.as_array())
         for c in graph.constraints
@@ -33,15 +33,15 @@ def misses(graph: PoseGraph) -> Floats:
 
 
 @pytest.mark.parametrize("first", [1, 5, 11])
-def test_only_what_ends_there_counts_and_older_ends_are_held(first: int) -> None:
+def test_constraints_into_the_window_count_and_older_nodes_are_fixed(first: int) -> None:
     rng = np.random.default_rng(first)
-    told = []
+    constraints = []
     for j in range(1, COUNT):
-        told.append(constraint(rng, j - 1, j, STEP))
-        told += [constraint(rng, int(i), j, CLOSURE) for i in rng.integers(0, j, 2)]
+        constraints.append(constraint(rng, j - 1, j, STEP))
+        constraints += [constraint(rng, int(i), j, CLOSURE) for i in rng.integers(0, j, 2)]
     nodes = list(rng.normal(size=(COUNT, 3)))
-    part = sliding_window(nodes, told, first)
-    kept = [c for c in reversed(told) if c.j >= first]
+    part = sliding_window(nodes, constraints, first)
+    kept = [c for c in reversed(constraints) if c.j >= first]
     assert [(c.kind, id(c.covariance)) for c in part.constraints] == [
         (c.kind, id(c.covariance)) for c in kept
     ]
@@ -49,13 +49,13 @@ def test_only_what_ends_there_counts_and_older_ends_are_held(first: int) -> None
     nodes[first:] = list(rng.normal(size=(COUNT - first, 3)))
     whole = PoseGraph(np.array(nodes), tuple(kept))
     moved = replace(part, poses=np.array([np.zeros(3), *nodes[first:]]))
-    np.testing.assert_allclose(misses(moved), misses(whole), atol=1e-12)
+    np.testing.assert_allclose(residuals(moved), residuals(whole), atol=1e-12)
     assert len(part.poses) == COUNT - first + 1
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_one_story_or_the_other_is_their_mixture_by_sureness(seed: int) -> None:
-    """Each weighs by the inverse of its variance along what they disagree about."""
+def test_contradictory_steps_become_their_mixture(seed: int) -> None:
+    """Weighted by the inverse variance along their difference."""
     rng = np.random.default_rng(seed)
     one = constraint(rng, 3, 4, STEP)
     apart = rng.normal(size=3) * [1.0, 1.0, 0.3]

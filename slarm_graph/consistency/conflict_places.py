@@ -76,9 +76,9 @@ def conflict_places(
     if not len(wrong.visits):
         return (), np.zeros((0, 2))
     groups = _groups(wrong.visits)
-    found = [_place(visits, wrong.only(groups == g), stamps_ns) for g in range(groups.max() + 1)]
-    found.sort(key=lambda item: -item[0].evidence_nat)
-    return tuple(place for place, _ in found), np.concatenate([points for _, points in found])
+    clusters = [_place(visits, wrong.only(groups == g), stamps_ns) for g in range(groups.max() + 1)]
+    clusters.sort(key=lambda item: -item[0].evidence_nat)
+    return tuple(place for place, _ in clusters), np.concatenate([points for _, points in clusters])
 
 
 def _groups(visits: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -80,12 +80,12 @@ def find_tears(
     if len(known) < 3:
         return ()
     nodes = _nodes(poses, odometry, known)
-    found: list[tuple[float, int, int, Floats]] = []
+    outliers: list[tuple[float, int, int, Floats]] = []
     for span in SPANS:
-        found += _differences(poses, odometry, nodes, span)
-    found.sort(key=lambda row: -row[0])
+        outliers += _differences(poses, odometry, nodes, span)
+    outliers.sort(key=lambda row: -row[0])
     chosen: list[tuple[int, int, Floats]] = []
-    for _, a, b, off in found:
+    for _, a, b, off in outliers:
         if len(chosen) < MAX_TEARS and all(b <= other[0] or a >= other[1] for other in chosen):
             chosen.append((a, b, off))
     path_m = path_lengths_m(poses)

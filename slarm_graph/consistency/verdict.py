@@ -118,7 +118,7 @@ def contradictions(
         raise ValueError(f"{len(scans)} scans for {len(trajectory)} poses")
     visits = build_visits(scans, trajectory.poses) if visits is None else visits
     pairs = cross_check(visits)
-    found, points = conflict_places(visits, pairs, trajectory.stamps_ns, DOUBTFUL_NAT)
+    places, points = conflict_places(visits, pairs, trajectory.stamps_ns, DOUBTFUL_NAT)
     candidates = () if odometry is None else find_tears(scans, trajectory, odometry)
     torn = tuple(t for t in candidates if t.evidence_nat >= TEAR_DOUBTFUL_NAT)
     checked = checked_share(visits, pairs)
@@ -129,7 +129,7 @@ def contradictions(
         expected_sigma=sigma,
         checked_share=checked,
         compared=int(pairs.confirmed.sum() + pairs.contradicted.sum()),
-        places=found,
+        places=places,
         tears=torn,
         points_m=points,
     )
@@ -165,10 +165,14 @@ def _expected(pairs: VisitPairs) -> tuple[float, float]:
 def _with_verdict(result: Contradictions) -> Contradictions:
     """Add the verdict and its reasons."""
     torn = [t.evidence_nat for t in result.tears]
-    lies_wrong = bool(result.places) and result.share - result.expected_share >= INCONSISTENT_EXCESS
-    sure = lies_wrong or max(torn, default=0.0) >= TEAR_INCONSISTENT_NAT
+    is_misplaced = (
+        bool(result.places) and result.share - result.expected_share >= INCONSISTENT_EXCESS
+    )
+    is_inconsistent = is_misplaced or max(torn, default=0.0) >= TEAR_INCONSISTENT_NAT
     reasons = _reasons(result)
-    verdict: Verdict = "inconsistent" if sure else "doubtful" if reasons else "consistent"
+    verdict: Verdict = (
+        "inconsistent" if is_inconsistent else "doubtful" if reasons else "consistent"
+    )
     return replace(result, verdict=verdict, reasons=reasons)
 
 
