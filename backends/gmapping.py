@@ -62,7 +62,12 @@ _MAX_SIGMA_M, _MAX_SIGMA_RAD = 0.1, 0.05
 
 @dataclass
 class _State:
-    """All mutable state of the backend."""
+    """All mutable state of the backend.
+
+    `step_covariance` is the uncertainty of the motion since the last good match,
+    `restart_covariance` that of steps to restarted local maps since the last update, and
+    `previous_covariance` the first of these as of the last update.
+    """
 
     tracker: ScanTracker
     filter: MappingFilter
@@ -97,7 +102,7 @@ class _State:
         since = between(local[closed - 1], local[closed:])
         return np.concatenate([self.closed_path, compose(self.closed_path[-1], since)])
 
-    def relocated_path(self, closed: ClosedGraph | None) -> Floats:
+    def relocated(self, closed: ClosedGraph | None) -> Floats:
         """The same with the ambiguous scans between updates relocated (S, 3)."""
         if closed is None or len(self.closed_path):
             return self.motion_path()
@@ -212,11 +217,7 @@ class GmappingBackend:
         return closure_mahalanobis(closed, path.poses, self._config.maps.delta_m)
 
     def _assemble_result(self, closed: ClosedGraph | None) -> SlamResult:
-        state, particles, motion = (
-            self._state,
-            self._state.filter,
-            self._state.relocated_path(closed),
-        )
+        state, particles, motion = self._state, self._state.filter, self._state.relocated(closed)
         path = self._interpolated(motion, particles.best_path())
         mean = self._interpolated(motion, particles.mean_path())
         stamps_ns = np.array(state.stamps_ns)[state.updates]

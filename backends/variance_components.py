@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Variance components: scale the covariances of a graph by kind so that its residuals match them.
+"""Variance components: scale the covariances of each kind of constraint to its residuals.
 
 A constraint's covariance is in part measured and in part an assumption that has to hold for any
 recording. At the optimum of a graph with loops, the covariances of each kind are scaled until its
@@ -29,7 +29,7 @@ _REOPTIMIZATIONS = 2
 _MIN_REDUNDANCY = 10.0
 """Redundancy from which a factor is estimated: it is then known within a half."""
 _MIN_FACTOR = 1e-3
-"""Of a factor: a millimetre's floor becomes a thirtieth of it, and covariances stay invertible."""
+"""Least factor: a millimetre's floor becomes a thirtieth of it, and covariances stay invertible."""
 
 
 def reoptimized(graph: PoseGraph, heartbeat: Heartbeat = silent) -> PoseGraph:

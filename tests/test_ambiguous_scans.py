@@ -156,14 +156,14 @@ def test_scans_between_updates_of_the_filter_are_relocated() -> None:
     _, closed = built({})
     relocations = np.zeros((5, 3))
     relocations[1], relocations[2] = (0.2, 0.01, 0.0), (0.3, 0.0, 0.0)
-    path = state.relocated_path(replace(closed, relocations=relocations))
+    path = state.relocated(replace(closed, relocations=relocations))
     expected = np.array(state.local)
     expected[1] = compose(expected[1], relocations[1])
     np.testing.assert_allclose(path, expected)
-    np.testing.assert_array_equal(state.relocated_path(None), state.motion_path())
+    np.testing.assert_array_equal(state.relocated(None), state.motion_path())
     state.closed_path = np.array(state.local)
     np.testing.assert_array_equal(
-        state.relocated_path(replace(closed, relocations=relocations)), state.motion_path()
+        state.relocated(replace(closed, relocations=relocations)), state.motion_path()
     )
 
 

@@ -185,7 +185,7 @@ def test_the_filter_is_not_lost_where_the_frontend_has_matched_again(lap: list[R
     assert not any(m.is_lost for m in measurements)
 
 
-def test_a_step_without_a_match_widens_the_proposal(lap: list[Reading]) -> None:
+def test_the_filter_is_lost_after_a_step_without_a_match(lap: list[Reading]) -> None:
     """For a second the laser shows a place of its own, to which no match leads."""
     rng = np.random.default_rng(0)
     elsewhere = rng.uniform(1.0, 8.0, len(lap[0].scan.ranges_m)).astype(np.float32)
