@@ -56,38 +56,32 @@ def consistent_sets(closures: Sequence[Closure], graph: SubmapGraph) -> list[Clo
     list of Closure
         Members of sets of at least three, consistent pair by pair given the odometry between them.
     """
-    neighbourhood, consistency = nx.Graph(), nx.Graph()
+    near, agree = nx.Graph(), nx.Graph()
     pairs = _neighbour_pairs(closures, graph)
-    neighbourhood.add_edges_from(pairs.tolist())
+    near.add_edges_from(pairs.tolist())
     # networkx takes integer weights only.
-    consistency.add_nodes_from(
-        (k, {"permille": round(1000 * c.score)}) for k, c in enumerate(closures)
-    )
-    consistency.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
+    agree.add_nodes_from((k, {"permille": round(1000 * c.score)}) for k, c in enumerate(closures))
+    agree.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
     accepted: set[int] = set()
-    components = [set(part) for part in nx.connected_components(consistency)]
+    components = [set(part) for part in nx.connected_components(agree)]
     while components:
         component = components.pop()
         # A copy: a view looks through all closures at every look-up.
-        inliers = _largest_set(consistency.subgraph(component).copy(), closures, graph)
+        inliers = _largest_set(agree.subgraph(component).copy(), closures, graph)
         if inliers:
             accepted |= inliers
             # The rest may hold further sets, less what mostly contradicts this one.
-            rest = {
-                k
-                for k in component - inliers
-                if not _disagrees(k, inliers, neighbourhood, consistency)
-            }
-            components += [set(p) for p in nx.connected_components(consistency.subgraph(rest))]
+            rest = {k for k in component - inliers if not _disagrees(k, inliers, near, agree)}
+            components += [set(p) for p in nx.connected_components(agree.subgraph(rest))]
     return [closures[k] for k in sorted(accepted)]
 
 
 def agreeing_groups(closures: Sequence[Closure], graph: SubmapGraph) -> list[list[Closure]]:
     """Partition closures into the connected components of their pairwise consistency."""
-    consistency, pairs = nx.Graph(), _neighbour_pairs(closures, graph)
-    consistency.add_nodes_from(range(len(closures)))
-    consistency.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
-    return [[closures[k] for k in sorted(part)] for part in nx.connected_components(consistency)]
+    agree, pairs = nx.Graph(), _neighbour_pairs(closures, graph)
+    agree.add_nodes_from(range(len(closures)))
+    agree.add_edges_from(pairs[pairwise_consistent(closures, pairs, graph)].tolist())
+    return [[closures[k] for k in sorted(part)] for part in nx.connected_components(agree)]
 
 
 def contested_closures(graph: SubmapGraph) -> list[Closure]:
@@ -100,11 +94,9 @@ def contested_closures(graph: SubmapGraph) -> list[Closure]:
     return [candidates[k] for k in np.unique(inconsistent).tolist() if is_accepted[k]]
 
 
-def _disagrees(k: int, inliers: set[int], neighbourhood: nx.Graph, consistency: nx.Graph) -> bool:
+def _disagrees(k: int, inliers: set[int], near: nx.Graph, agree: nx.Graph) -> bool:
     """Whether a closure is consistent with fewer than half of the members of a set near it."""
-    return 2 * len(inliers.intersection(consistency[k])) < len(
-        inliers.intersection(neighbourhood[k])
-    )
+    return 2 * len(inliers.intersection(agree[k])) < len(inliers.intersection(near[k]))
 
 
 def _neighbour_pairs(closures: Sequence[Closure], graph: SubmapGraph) -> Pairs:
@@ -126,15 +118,9 @@ def _neighbour_pairs(closures: Sequence[Closure], graph: SubmapGraph) -> Pairs:
     return np.column_stack([later, np.concatenate([*near, np.zeros(0, dtype=np.int64)])])
 
 
-def _largest_set(
-    consistency: nx.Graph, closures: Sequence[Closure], graph: SubmapGraph
-) -> set[int]:
+def _largest_set(agree: nx.Graph, closures: Sequence[Closure], graph: SubmapGraph) -> set[int]:
     """Return the best clique and all that agree with half of it; empty when it is too small."""
-    core = (
-        nx.max_weight_clique(consistency, "permille")[0]
-        if len(consistency) <= 60
-        else _greedy_clique(consistency)
-    )
+    core = nx.max_weight_clique(agree, "permille")[0] if len(agree) <= 60 else _greedy_clique(agree)
     lengths_m = [graph.path_length_at(closures[k].keyframe) for k in core]
     # Where the graph itself is certain, it counts as one more member.
     graph_agrees = any(
@@ -146,16 +132,16 @@ def _largest_set(
     )
     if graph_agrees + len(core) < least or max(lengths_m) - min(lengths_m) < span_m:
         return set()
-    return {
-        k for k in consistency if sum(consistency.has_edge(k, c) for c in core) >= 0.5 * len(core)
-    } | set(core)
+    return {k for k in agree if sum(agree.has_edge(k, c) for c in core) >= 0.5 * len(core)} | set(
+        core
+    )
 
 
-def _greedy_clique(consistency: nx.Graph) -> list[int]:
+def _greedy_clique(agree: nx.Graph) -> list[int]:
     """Grow a clique in the order of node degree: for many closures."""
     core: list[int] = []
-    for k in sorted(consistency, key=lambda n: -consistency.degree(n)):
-        if all(consistency.has_edge(k, c) for c in core):
+    for k in sorted(agree, key=lambda n: -agree.degree(n)):
+        if all(agree.has_edge(k, c) for c in core):
             core.append(k)
     return core
 
