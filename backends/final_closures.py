@@ -112,7 +112,7 @@ def reassess_closures(
 
 
 def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
-    """Appearance descriptor of a submap with its neighbours, about the median of its returns."""
+    """Descriptor of a submap with its neighbours, about the median of its returns."""
     middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
     return appearance_of(matcher.points_of(matcher.region(submap)), middle)
 
