@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from slarm_graph.backends.submap_graph import FAR_OFF, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
-from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
+from slarm_graph.frontends.scans.small_pose import log_det_2pi, squared_mahalanobis
 from slarm_graph.geometry import Floats, adjoints, between, compose, invert
 
 _LEAST_SET = 3
@@ -146,7 +146,7 @@ def speaks_for_nat(graph: SubmapGraph, closure: Closure, within_m: float) -> flo
     """
     miss, covariance = graph.miss(closure)
     anywhere = math.log(2.0 * math.pi**2 * within_m**2)
-    return anywhere - 0.5 * (squared_sigmas(miss, covariance) + log_volume(covariance))
+    return anywhere - 0.5 * (squared_mahalanobis(miss, covariance) + log_det_2pi(covariance))
 
 
 def agreeing(found: Sequence[Closure], pairs: Pairs, graph: SubmapGraph) -> NDArray[np.bool_]:

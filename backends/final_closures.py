@@ -23,8 +23,12 @@ from slarm_graph.backends.misfits import reconciled
 from slarm_graph.backends.step_chains import is_contradicted_twice
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.counts import count_of
-from slarm_graph.frontends.scans.closures import SIGMAS, Closure
-from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
+from slarm_graph.frontends.scans.place_recognition import (
+    PlaceDescriptor,
+    PlaceIndex,
+    describe_place,
+)
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, compose, transform_points
 
@@ -111,10 +115,10 @@ def reopened(
     return other
 
 
-def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
+def _appearance(matcher: SubmapMatcher, submap: int) -> PlaceDescriptor:
     """Describe a submap with its neighbours, around the middle of its own returns."""
     middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
-    return appearance_of(matcher.points_of(matcher.region(submap)), middle)
+    return describe_place(matcher.points_of(matcher.region(submap)), middle)
 
 
 def _aligned(matcher: SubmapMatcher, asked: Sequence[_Question]) -> list[Closure]:
@@ -152,16 +156,16 @@ def _alike(
     nodes = graph.poses()
     for j, old in _unlinked(graph):
         sigmas_m, _ = graph.sigmas_from(j)
-        reach_m = SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
+        reach_m = GATE_SIGMAS * sigmas_m[old] + _SEEN_TOGETHER_M
         possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + SIDEWAYS_M]
         fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
         if not len(fresh):
             continue
-        for alike in index.alike(j, fresh, _ALIKE)[:_ALIGNED]:
+        for alike in index.most_similar(j, fresh, _ALIKE)[:_ALIGNED]:
             i = alike.place
             tried.add((i, j))
             shift = between(between(nodes[i], nodes[j]), alike.place_from_query)
-            if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
+            if math.hypot(shift[0], shift[1]) > GATE_SIGMAS * sigmas_m[i] + _SEEN_TOGETHER_M:
                 continue
             yield j, i, alike.place_from_query
 

@@ -50,7 +50,7 @@ from slarm_graph.backends.second_pass import (
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
-from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import NO_MOTION, WheelMotion, chained
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
@@ -79,7 +79,7 @@ class _State:
     begun: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     doubt: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     doubted: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    unmatched: WheelMotion | None = STOOD
+    unmatched: WheelMotion | None = NO_MOTION
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     brought_back: str = ""
 
@@ -266,7 +266,7 @@ class GmappingBackend:
         state.turned_rad += abs(scan.motion.theta)
         sigma = np.sqrt(np.diag(scan.local_covariance)).tolist()
         is_sure = scan.match and max(sigma[:2]) <= _SURE_M and sigma[2] <= _SURE_RAD
-        state.unmatched = STOOD if scan.match else joined(state.unmatched, scan.wheels)
+        state.unmatched = NO_MOTION if scan.match else chained(state.unmatched, scan.wheels)
         if scan.match or state.unmatched is None:
             unsure = scan.local_covariance
         else:
@@ -274,7 +274,7 @@ class GmappingBackend:
         state.doubt = np.zeros((3, 3)) if is_sure else unsure * limits_of(unsure)
         if scan.is_keyframe and not scan.match:
             state.begun, state.doubt = state.begun + state.doubt, np.zeros((3, 3))
-            state.unmatched = STOOD
+            state.unmatched = NO_MOTION
 
     def _is_due(self, scan: TrackedScan) -> bool:
         state = self._state

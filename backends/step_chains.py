@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from slarm_graph.constraint import Constraint, ConstraintKind
-from slarm_graph.frontends.scans.closures import SURPRISING
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.closures import GATE_CHI2
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.geometry import Pose2
 
 _WITNESSES = (ConstraintKind.ODOMETRY, ConstraintKind.WHEELS)
@@ -44,4 +44,4 @@ def _is_contradicted(
         way, carry = way @ step.i_from_j, step.i_from_j.inverse().adjoint()
         drift = carry @ drift @ carry.T + step.covariance
     miss = way.between(closure.i_from_j).as_array()
-    return squared_sigmas(miss, drift + closure.covariance) > SURPRISING
+    return squared_mahalanobis(miss, drift + closure.covariance) > GATE_CHI2

@@ -23,8 +23,8 @@ from slarm_graph.backends.path_filling import spread
 from slarm_graph.backends.variance_components import adjusted
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.closures import GATE_CHI2, GATE_SIGMAS, Closure, ClosureCandidates
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import (
     Floats,
@@ -170,7 +170,7 @@ class SubmapGraph:
         return [c if c.reason or self._is_near(c) else replace(c, reason=FAR_OFF) for c in closures]
 
     def _is_near(self, closure: Closure) -> bool:
-        return squared_sigmas(*self.miss(closure)) <= SURPRISING
+        return squared_mahalanobis(*self.miss(closure)) <= GATE_CHI2
 
     def miss(self, closure: Closure) -> tuple[Floats, Floats]:
         """How far (3,) a closure is from what the graph has, and the covariance (3, 3) of that."""
@@ -202,22 +202,22 @@ class SubmapGraph:
         """Move all scans from the tracker's frame (N, 3) into the map (N, 3); see `spread`."""
         return spread(local, self.node_scans(), np.array(self._nodes), variances)
 
-    def expectations(self) -> Expectations:
+    def expectations(self) -> ClosureCandidates:
         """Where the newest keyframe should be in old submaps within reach, nearest first."""
         count = self._old_submaps()
         if not count:
-            return Expectations.none()
+            return ClosureCandidates.none()
         here = (self.map_from_local() @ self.keyframes[-1].local_from_robot).as_array()
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
         sigma_m, sigma_rad = (s[:count] for s in self.sigmas_from(len(self._nodes) - 1))
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
-        reach = np.minimum(SIGMAS * sigma_m, self._config.loops.window_m)
+        reach = np.minimum(GATE_SIGMAS * sigma_m, self._config.loops.window_m)
         near = np.flatnonzero(distance < _VIEW_REACH_M + reach)
         # Among submaps about as near, the oldest: later visits then all hang on the first.
         near = near[np.lexsort((near, np.floor(distance[near] / _AS_NEAR_M)))]
-        return Expectations(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
+        return ClosureCandidates(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
 
     def _old_submaps(self) -> int:
         """Count the submaps whose keyframes are all older than the recent ones."""

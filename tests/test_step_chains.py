@@ -9,7 +9,7 @@ import pytest
 
 from slarm_graph.backends.step_chains import is_contradicted_twice
 from slarm_graph.constraint import Constraint, ConstraintKind
-from slarm_graph.frontends.scans.closures import SURPRISING
+from slarm_graph.frontends.scans.closures import GATE_CHI2
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
 STEP, COUNT = np.array([1.0, 0.1, 0.08]), 20
@@ -59,7 +59,7 @@ def test_a_find_is_contradicted_where_the_way_rarely_leads() -> None:
     off = between(expected, np.array([led_to(rng) for _ in range(2000)]))
     spread = np.cov(off.T)
     steps = [*chain(MATCHES), *chain(WHEELS)]
-    least, most = 0.85 * np.sqrt(SURPRISING), 1.15 * np.sqrt(SURPRISING)
+    least, most = 0.85 * np.sqrt(GATE_CHI2), 1.15 * np.sqrt(GATE_CHI2)
     for direction in np.linalg.cholesky(spread).T:
         assert not is_contradicted_twice(found_at(compose(expected, least * direction)), steps)
         assert is_contradicted_twice(found_at(compose(expected, most * direction)), steps)

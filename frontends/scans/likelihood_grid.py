@@ -29,7 +29,7 @@ _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astyp
 """Likelihood by squared distance, from none to that of the reach."""
 
 _WIDE_CELLS = 2.0
-"""Fall-off, in cells, from which a grid is drawn by distances first: at 2.3 cells that takes two
+"""Fall-off, in cells, from which a grid is built from a distance field: at 2.3 cells that takes two
 thirds as long, at 0.8 cells longer."""
 
 
