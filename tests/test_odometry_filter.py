@@ -13,7 +13,11 @@ import pytest
 from slarm_graph.frontends.scans.hypotheses import Hypothesis
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
 from slarm_graph.frontends.scans.odometry_fusion import _with_heading_lever, path_motion
-from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior, unmatched
+from slarm_graph.frontends.scans.pose_candidates import (
+    PoseCandidate,
+    PosePrior,
+    unmatched_candidate,
+)
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion, chained
@@ -248,16 +252,16 @@ def test_what_is_not_matched_is_told_with_all_that_may_have_moved_it() -> None:
     hypothesis = Hypothesis()
     for step in (1, 2):
         here = replace(prior, base=hypothesis.pose)
-        hypothesis.update(unmatched(covariance_if_working, here), here, 0.1)
+        hypothesis.update(unmatched_candidate(covariance_if_working, here), here, 0.1)
         np.testing.assert_allclose(hypothesis.covariance, covariance_if_working.covariance)
         of_step = 0.9 * 1e-4 + 0.1 * (1e-2 + 0.5**2)
         if step == 1:
-            assert hypothesis.spread[0, 0] == pytest.approx(of_step)
+            assert hypothesis.mixture_covariance[0, 0] == pytest.approx(of_step)
         else:
-            assert hypothesis.spread[0, 0] > 1.9 * of_step
+            assert hypothesis.mixture_covariance[0, 0] > 1.9 * of_step
     match = PoseCandidate(hypothesis.pose, 1e6 * np.eye(3), 0.9, 99, 1)
     hypothesis.update(match, replace(prior, base=hypothesis.pose), 0.1)
-    np.testing.assert_array_equal(hypothesis.spread, hypothesis.covariance)
+    np.testing.assert_array_equal(hypothesis.mixture_covariance, hypothesis.covariance)
 
 
 def test_systematic_errors_add_up_along_a_path() -> None:
@@ -323,6 +327,6 @@ def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     true_fit = OdometryFilter()
     true_fit.predict(0.1, Pose2())
     true_fit.predict(0.1, Pose2(0.4, 0.0, 0.1))
-    one, other = odometry._measured, true_fit._measured
+    one, other = odometry._odometry_alone, true_fit._measured
     assert one is not None and other is not None
     np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-12)

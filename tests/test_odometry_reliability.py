@@ -119,7 +119,7 @@ def test_a_slip_in_a_room_contradicts_no_match(room: Sequence[Reading]) -> None:
         assert pose is not None
         slipped = Pose2(pose.x + (0.5 if k >= 60 else 0.0), pose.y, pose.theta)
         wheels = tracker.track(replace(reading, odom_from_robot=slipped)).wheels
-        held.append(0.0 if wheels is None else float(np.sqrt(wheels.held[0, 0])))
+        held.append(0.0 if wheels is None else float(np.sqrt(wheels.covariance_if_working[0, 0])))
     assert held[60] > 0.2
     assert max(held[40:60]) < 0.05
     assert max(held[65:]) < 0.05

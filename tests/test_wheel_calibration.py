@@ -67,7 +67,9 @@ def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floa
         match, reading = now, read
         wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
         one = wheels.noise.variance_factor * guess, wheels.noise.path_variance_factor * guess
-        found.append((wheels.noise.match_variance_factor * 0.004**2, *one, wheels.noise.reading))
+        found.append(
+            (wheels.noise.match_variance_factor * 0.004**2, *one, wheels.noise.reading_variances)
+        )
     return tuple(np.mean(found[500:], axis=0))
 
 
@@ -100,7 +102,7 @@ def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
         wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
     assert wheels.noise.path_variance_factor[0] < 0.1
     assert wheels.noise.match_variance_factor[0] < 10.0
-    assert wheels.noise.reading[0] < 0.003**2
+    assert wheels.noise.reading_variances[0] < 0.003**2
     # Nor does what follows upon such a match, since it takes back what that was off.
     for claimed_m2 in (1e-6, 1.0):
         product = wheels.noise._product[0]

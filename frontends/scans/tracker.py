@@ -135,7 +135,7 @@ class ScanTracker:
         return self._tracked(reading, points, rate if sweep_s else None, middle)
 
     def _candidates(self, points: Floats, priors: Sequence[PosePrior]) -> list[list[PoseCandidate]]:
-        """Pose candidates of each hypothesis; relocalise after 1, 2, 4, 8, ... unmatched scans."""
+        """Pose candidates by hypothesis; relocalise after 0, 1, 2, 4, 8, ... unmatched scans."""
         relocalise = not self._unmatched_scans & (self._unmatched_scans - 1)
         single = len(priors) == 1
         candidates = [
@@ -152,7 +152,7 @@ class ScanTracker:
         span_s: float,
         count: int,
     ) -> None:
-        """Branch every hypothesis into its pose candidates, prune, and commit once one remains."""
+        """Branch every hypothesis into its candidates, prune; commit if unambiguous or too far."""
         branches: list[Hypothesis] = []
         for hypothesis, own, prior in zip(self._hypotheses, candidates, priors, strict=True):
             branches += branch(hypothesis, own, prior, span_s)
