@@ -327,6 +327,6 @@ def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     true_fit = OdometryFilter()
     true_fit.predict(0.1, Pose2())
     true_fit.predict(0.1, Pose2(0.4, 0.0, 0.1))
-    one, other = odometry._odometry_alone, true_fit._measured
+    one, other = odometry._odometry_alone, true_fit._odometry_alone
     assert one is not None and other is not None
     np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-12)

@@ -48,7 +48,7 @@ def test_a_place_is_its_picture_and_rings_of_its_spectrum(seed: int) -> None:
     assert {tuple(cell) for cell in kept} == cells
     picture = drawn(looks.walls_m, 0.5, 96)
     expected = np.fft.rfft2(picture / np.linalg.norm(picture))
-    np.testing.assert_allclose(looks.picture, expected, atol=2e-5)
+    np.testing.assert_allclose(looks.image_transform, expected, atol=2e-5)
     spectrum = np.fft.fftshift(np.abs(np.fft.fft2(drawn(looks.walls_m, 0.25, 192))))
     angles, radii = np.pi * np.arange(96) / 96, np.linspace(2.0, 32.0, 30)[:, None]
     at = [96 + radii * np.sin(angles), 96 + radii * np.cos(angles)]
@@ -56,7 +56,7 @@ def test_a_place_is_its_picture_and_rings_of_its_spectrum(seed: int) -> None:
     rings -= rings.mean(axis=1, keepdims=True)
     expected = np.fft.rfft(rings / np.linalg.norm(rings), axis=1)
     # Places between two cells are rounded to a thirty-second of one.
-    assert np.linalg.norm(looks.rings - expected) < 0.02 * np.linalg.norm(expected)
+    assert np.linalg.norm(looks.ring_transforms - expected) < 0.02 * np.linalg.norm(expected)
 
 
 def moved(points: Floats, pose: Pose2) -> PlaceDescriptor:

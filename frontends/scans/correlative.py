@@ -24,7 +24,7 @@ from slarm_graph.kernels import kernel
 _STACK = 256
 """Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
 
-_NONE = cast(int, np.int64(0))
+_ZERO = cast(int, np.int64(0))
 """To count from, as a value: for a literal numba compiles a kernel anew."""
 
 
@@ -168,7 +168,7 @@ def _best_first(
     queue = np.empty((max(1024, 2 * len(roots)), 6), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count, bound, ties, scored = _NONE, _NONE, _NONE, _NONE
+    count, bound, ties, scored = _ZERO, _ZERO, _ZERO, _ZERO
     for r in range(len(roots)):
         count = _enqueue(queue, first, count, roots[r], top)
         bound = max(bound, roots[r, 3])
@@ -186,7 +186,7 @@ def _best_first(
             for field in range(4):
                 best[field] = queue[at, field]
             continue
-        found, half = _NONE, 1 << (level - 1)
+        found, half = _ZERO, 1 << (level - 1)
         for k_child in range(k, min(k + half, window.turns) + 1, half):
             _score_offsets(cells, layout, level - 1, window, k_child, i, j, sums)
             scored += 4
@@ -253,7 +253,7 @@ def _roots(
     scored = 4 * angles * per_angle * per_angle
     roots = np.empty((scored, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count = _NONE
+    count = _ZERO
     for a in range(angles):
         k = -turns + a * size
         for q in range(per_angle):
@@ -286,7 +286,7 @@ def _descend(
                 best[field] = stack[depth, field]
             continue
         half = 1 << (level - 1)
-        found = _NONE
+        found = _ZERO
         for side in range(2):
             k_child = k + side * half
             if k_child > window.turns:

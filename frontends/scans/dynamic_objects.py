@@ -92,12 +92,12 @@ def _explained(
         evidence = _log_probability(objects, known) + other.evidence if objects else -math.inf
         if evidence > best:
             best, count = evidence, objects
-    both = float(np.logaddexp(candidate.evidence, best))
+    total = float(np.logaddexp(candidate.evidence, best))
     return replace(
         candidate,
-        log_posterior=candidate.log_posterior + both - candidate.evidence,
-        evidence=both,
-        dynamic_objects=(math.exp(best - both), count),
+        log_posterior=candidate.log_posterior + total - candidate.evidence,
+        evidence=total,
+        dynamic_objects=(math.exp(best - total), count),
     )
 
 

@@ -103,10 +103,10 @@ def refine(
     inliers : points with likelihood above a half, iterations : int
     """
     pose = start.copy()
-    used = 0
+    iterations = 0
     long_steps = _LONG
     for iteration in range(max_iterations):
-        used = iteration + 1
+        iterations = iteration + 1
         h, g, _, _ = _normal_equations(lattice, points, tangents, pose, long_steps)
         a, b = scaled3(h, point_information), np.empty(3)
         for k in range(3):
@@ -126,11 +126,11 @@ def refine(
         pose[2] += step[2]
         if long_steps:
             is_near = length < _NEAR_SIGMAS * lattice.sigma and abs(step[2]) < _NEAR_RAD
-            long_steps = not is_near and used < _LONG_STEPS
+            long_steps = not is_near and iterations < _LONG_STEPS
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
     h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, _SHORT)
-    return pose, scaled3(h, point_information), score, inliers, used
+    return pose, scaled3(h, point_information), score, inliers, iterations
 
 
 @kernel

@@ -67,7 +67,7 @@ def match_on_grid(
     """
     prior = moved(mixture.base, motion)
     tangents = wall_tangents(points)
-    pose, weighted, score, inliers, used = refine(
+    pose, weighted, score, inliers, iterations = refine(
         lattice,
         points,
         tangents,
@@ -80,4 +80,4 @@ def match_on_grid(
     unweighted = scaled3(weighted, 1.0 / effective_share)
     information = discounted_information(unweighted, lattice, points, tangents, pose, mixture)
     agreement = agreement_at(lattice, observed, observed_step, points, pose, neutral)
-    return pose, information, score, inliers, used, agreement
+    return pose, information, score, inliers, iterations, agreement

@@ -53,6 +53,6 @@ def kalman_update(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tupl
     """
     cross = matmul3(P, H.T)
     gain = matmul3(cross, invert3(add3(matmul3(H, cross), R)))
-    rest = add3(np.eye(3), scaled3(matmul3(gain, H), -1.0))
+    I_KH = add3(np.eye(3), scaled3(matmul3(gain, H), -1.0))
     state = add_vectors3(x, matvec3(gain, subtract3(z, matvec3(H, x))))
-    return state, add3(sandwich3(rest, P), sandwich3(gain, R))
+    return state, add3(sandwich3(I_KH, P), sandwich3(gain, R))

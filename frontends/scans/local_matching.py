@@ -248,7 +248,7 @@ class LocalMatcher:
         grid = local_map.grid
         assert grid is not None
         weight = effective_share * min(1.0, len(points) / _PLENTY_OF_POINTS)
-        pose, information, score, inliers, used, agreement = match_on_grid(
+        pose, information, score, inliers, iterations, agreement = match_on_grid(
             grid.lattice,
             local_map.observed,
             local_map.observed_step,
@@ -263,10 +263,10 @@ class LocalMatcher:
             self._config.max_iterations,
         )
         if self.true_fit.count < _FIRST_FITS:
-            return PoseCandidate(pose, information, score, inliers, used)
+            return PoseCandidate(pose, information, score, inliers, iterations)
         fit = agreement / len(points)
         discount = misfit_discount(fit / max(self.true_fit.mean, _LEAST_FIT))
-        return PoseCandidate(pose, discount * information, score, inliers, used, fit=fit)
+        return PoseCandidate(pose, discount * information, score, inliers, iterations, fit=fit)
 
     def _relocalised(
         self,

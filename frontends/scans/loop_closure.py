@@ -195,9 +195,9 @@ class LoopCloser:
             )
             if hit is None:
                 continue
-            found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
-            if not found.reason:
-                self._tentative.append(replace(found, searched=True))
+            match = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
+            if not match.reason:
+                self._tentative.append(replace(match, searched=True))
 
     def _window(self, e: int, candidates: ClosureCandidates) -> tuple[float, float]:
         """Half the search window by the gate of the predicted pose, bounded [m, rad]."""
@@ -220,19 +220,21 @@ class LoopCloser:
     ) -> Closure:
         points, target = keyframes[k].points_m, submaps[submap]
         grid, sides = self._fine.of(target, keyframes), self._sides.of(target, keyframes)
-        attempts, reach_m = 2 * self._matching.max_iterations, GATE_SIGMAS * self._config.sure_m
+        iterations, reach_m = 2 * self._matching.max_iterations, GATE_SIGMAS * self._config.sure_m
 
         def align(scans: Sequence[Floats], start_pose: Floats) -> LineSearchMatch:
             """Align the keyframe with the submap."""
-            settings = _START_INFORMATION, POINT_INFORMATION, attempts, reach_m
+            settings = _START_INFORMATION, POINT_INFORMATION, iterations, reach_m
             return line_search_match(grid, scans[0], start_pose, *settings)
 
-        seen, least = own_surfaces(points), self._matching.min_points
-        found, _ = align_by_faces(align, sides, [points], [seen], np.zeros((1, 3)), start, least)
-        behind = share_from_behind(sides, seen, found.pose)
-        score = mean_likelihood(grid, points, found.pose)
-        reason = rejection_reason(score, found.information, behind, self._config)
-        return Closure(submap, k, found.pose, found.marginal_information, score, False, reason)
+        surfaces, min_points = own_surfaces(points), self._matching.min_points
+        match, _ = align_by_faces(
+            align, sides, [points], [surfaces], np.zeros((1, 3)), start, min_points
+        )
+        behind = share_from_behind(sides, surfaces, match.pose)
+        score = mean_likelihood(grid, points, match.pose)
+        reason = rejection_reason(score, match.information, behind, self._config)
+        return Closure(submap, k, match.pose, match.marginal_information, score, False, reason)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
         """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""

@@ -81,23 +81,25 @@ def discounted_information(
     eigenvalues, axes = eigen2(information)
     if eigenvalues[0] <= 0.0:
         return information
-    here, segment, segment_share = _dominant_object(lattice, points, tangents, pose, axes[:, 0])
-    rest = (1.0 - segment_share) * eigenvalues[0]
-    weak_drop, noise, own = _likelihood_drop(here, lattice, points, segment, pose, axes[:, 0])
-    strong_drop, _, _ = _likelihood_drop(here, lattice, points, segment, pose, axes[:, 1])
+    values, segment, segment_share = _dominant_object(lattice, points, tangents, pose, axes[:, 0])
+    others = (1.0 - segment_share) * eigenvalues[0]
+    weak_drop, noise, segment_drop = _likelihood_drop(
+        values, lattice, points, segment, pose, axes[:, 0]
+    )
+    strong_drop, _, _ = _likelihood_drop(values, lattice, points, segment, pose, axes[:, 1])
     count = segment[1] - segment[0]
     if strong_drop > 0.0:
-        drop = (
+        significant_drop = (
             weak_drop
             if weak_drop > SIGMAS_1_PERCENT * noise / math.sqrt(max(len(points) - count, 1))
             else 0.0
         )
-        rest = min(rest, drop / strong_drop * eigenvalues[1])
-    if segment_share > 0.0 and own <= _SIGMAS_OF_STRONGEST * noise / math.sqrt(count):
+        others = min(others, significant_drop / strong_drop * eigenvalues[1])
+    if segment_share > 0.0 and segment_drop <= _SIGMAS_OF_STRONGEST * noise / math.sqrt(count):
         segment_share = 0.0
-    variance = 1.0 / max(rest + segment_share * eigenvalues[0], _LEAST * eigenvalues[0])
+    variance = 1.0 / max(others + segment_share * eigenvalues[0], _LEAST * eigenvalues[0])
     # Everything else bounds how far a moved object can drag the match.
-    moved_variance = 1.0 / max(rest, 1.0 / DYNAMIC_STEP_M**2) if segment_share > 0.0 else 0.0
+    moved_variance = 1.0 / max(others, 1.0 / DYNAMIC_STEP_M**2) if segment_share > 0.0 else 0.0
     variance += moved_variance * _moved_probability(
         axes[:, 0], variance, moved_variance, pose, mixture
     )
@@ -162,7 +164,7 @@ def _density(squared: float, variance: float) -> float:
 
 @kernel
 def _likelihood_drop(
-    here: Floats,
+    values: Floats,
     lattice: Lattice,
     points: Floats,
     segment: tuple[int, int],
@@ -173,33 +175,33 @@ def _likelihood_drop(
 
     Returns
     -------
-    least, noise : float
+    drop, noise : float
         Drop of the points outside the segment, and the noise of one of them, by those that fit
         better there: where the likelihood is flat, as many fit worse.
-    of_segment : float
+    segment_drop : float
         Drop of the segment's points; either is 0 where there are none.
     """
-    own = segment[1] - segment[0]
-    others = len(points) - own
-    least, noise = np.inf if others else 0.0, 0.0
-    of_segment = np.inf if own else 0.0
+    segment_size = segment[1] - segment[0]
+    other_count = len(points) - segment_size
+    drop, noise = np.inf if other_count else 0.0, 0.0
+    segment_drop = np.inf if segment_size else 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _DROP_STEP_M * axis[0], sign * _DROP_STEP_M * axis[1], 0.0])
         there = likelihoods(lattice, points, compose3(pose, shift))
-        total, better, own_loss = 0.0, 0.0, 0.0
+        total, squared_gains, segment_loss = 0.0, 0.0, 0.0
         for i in range(len(points)):
-            loss = here[i] - there[i]
+            loss = values[i] - there[i]
             if segment[0] <= i < segment[1]:
-                own_loss += loss
+                segment_loss += loss
             else:
                 total += loss
-                better += min(loss, 0.0) ** 2
-        if others and total / others < least:
-            least = total / others
-            noise = math.sqrt(2.0 * better / others)
-        if own:
-            of_segment = min(of_segment, own_loss / own)
-    return least, noise, of_segment
+                squared_gains += min(loss, 0.0) ** 2
+        if other_count and total / other_count < drop:
+            drop = total / other_count
+            noise = math.sqrt(2.0 * squared_gains / other_count)
+        if segment_size:
+            segment_drop = min(segment_drop, segment_loss / segment_size)
+    return drop, noise, segment_drop
 
 
 @kernel
@@ -220,27 +222,31 @@ def _dominant_object(
     share : float
         Of the information along the axis.
     """
-    here, squared_slopes = np.empty(len(points)), np.empty(len(points))
+    values, squared_slopes = np.empty(len(points)), np.empty(len(points))
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     for i in range(len(points)):
-        jx, jy, here[i], weight = slope(lattice, points, tangents, i, pose, c, s)
+        jx, jy, values[i], weight = slope(lattice, points, tangents, i, pose, c, s)
         squared_slopes[i] = weight * (jx * axis[0] + jy * axis[1]) ** 2
         total += squared_slopes[i]
     gap_ratio = gap_per_range(points)
     if math.isinf(gap_ratio):
-        return here, (0, 0), 0.0
-    most, segment, first, last, own, wide = 0.0, (0, 0), -1, -1, 0.0, 0.0
+        return values, (0, 0), 0.0
+    largest, segment, first, last, strength, width_m = 0.0, (0, 0), -1, -1, 0.0, 0.0
     for i in range(len(points) + 1):
         is_end = i == len(points)
         if not is_end and squared_slopes[i] * len(points) <= total:
             continue
         if first >= 0 and (is_end or is_breakpoint(points, last, i, gap_ratio)):
-            if own > most and wide < SMALL_M:
-                most, segment = own, (first, last + 1)
+            if strength > largest and width_m < SMALL_M:
+                largest, segment = strength, (first, last + 1)
             first = -1
         if first < 0:
-            first, own, wide = i, 0.0, 0.0
+            first, strength, width_m = i, 0.0, 0.0
         if not is_end:
-            last, own, wide = i, own + squared_slopes[i], max(wide, distance_m(points, first, i))
-    return here, segment, most / max(total, 1e-12)
+            last, strength, width_m = (
+                i,
+                strength + squared_slopes[i],
+                max(width_m, distance_m(points, first, i)),
+            )
+    return values, segment, largest / max(total, 1e-12)

@@ -89,32 +89,23 @@ def fused_predictions(
         Of these, and of errors that are correlated over steps.
     """
     (x, P), motions, covariances = velocity, np.empty((3, 3)), np.empty((4, 3, 3))
-    odometry_motion, noise = calibrated_motion(
+    z, R = calibrated_motion(
         increment, parameters.variance_factor, parameters.errors, parameters.covariance
     )
-    noise = add_diagonal3(_with_heading_lever(noise, odometry_motion, steps), lag)
-    velocity_motion, velocity_covariance = integrated_velocity(x, P, span_s)
-    fused, fused_covariance = odometry_motion, noise
-    if (
-        squared_mahalanobis(
-            subtract3(odometry_motion, velocity_motion), add3(velocity_covariance, noise)
-        )
-        < CHI2_1_PERCENT
-    ):
-        x, P = kalman_update(x, P, odometry_motion, noise, scaled3(np.eye(3), span_s))
+    R = add_diagonal3(_with_heading_lever(R, z, steps), lag)
+    predicted, covariance = integrated_velocity(x, P, span_s)
+    fused, fused_covariance = z, R
+    if squared_mahalanobis(subtract3(z, predicted), add3(covariance, R)) < CHI2_1_PERCENT:
+        x, P = kalman_update(x, P, z, R, scaled3(np.eye(3), span_s))
         fused, fused_covariance = integrated_velocity(x, P, span_s)
     correlated = correlated_covariance(
         increment, parameters.variance_factor, parameters.path_variance_factor
     )
     for row in range(3):
-        motions[0, row], motions[1, row], motions[2, row] = (
-            velocity_motion[row],
-            odometry_motion[row],
-            fused[row],
-        )
+        motions[0, row], motions[1, row], motions[2, row] = predicted[row], z[row], fused[row]
         for col in range(3):
-            covariances[0, row, col] = velocity_covariance[row, col]
-            covariances[1, row, col] = noise[row, col]
+            covariances[0, row, col] = covariance[row, col]
+            covariances[1, row, col] = R[row, col]
             covariances[2, row, col] = fused_covariance[row, col]
             covariances[3, row, col] = correlated[row, col]
     return x, P, motions, covariances
@@ -166,18 +157,18 @@ def log_likelihood_ratios(
         Odometry against velocity, and velocity against a false match. A false match (odometry
         works then) has a log-uniform distance to odometry, from the basin to the search reach.
     """
-    residual, innovation = (
+    residual, S = (
         subtract3(odometry_motion, match_motion),
         add3(odometry_covariance, match_covariance),
     )
     by_velocity = log_density(
         subtract3(velocity_motion, match_motion), add3(velocity_covariance, match_covariance)
     )
-    by_odometry = log_density(residual, innovation) - by_velocity
-    innovation = add3(innovation, BASIN_COVARIANCE)
-    scale = max(math.sqrt(squared_mahalanobis(residual, innovation)), 1.0)
+    by_odometry = log_density(residual, S) - by_velocity
+    S = add3(S, BASIN_COVARIANCE)
+    scale = max(math.sqrt(squared_mahalanobis(residual, S)), 1.0)
     # An ellipsoid of that many sigmas has a volume of 4 pi / 3 times their cube times its axes.
-    log_det = 0.5 * log_det_2pi(innovation) - 1.5 * math.log(2.0 * math.pi)
+    log_det = 0.5 * log_det_2pi(S) - 1.5 * math.log(2.0 * math.pi)
     if_false = -math.log(4.0 * math.pi * _LOG_SCALES) - 3.0 * math.log(scale) - log_det
     return by_odometry, by_velocity - if_false
 

@@ -52,16 +52,16 @@ class PlaceDescriptor:
         Middle of the image, in the place's frame [m].
     walls_m : (M, 2) float64
         One return per cell, from the middle [m].
-    rings : (R, H) complex64
+    ring_transforms : (R, H) complex64
         Transform, along each ring, of the logarithmic magnitude spectrum.
-    picture : (S, S // 2 + 1) complex64
+    image_transform : (S, S // 2 + 1) complex64
         Transform of the image, of unit energy.
     """
 
     middle_m: Floats
     walls_m: Floats
-    rings: Complexes
-    picture: Complexes
+    ring_transforms: Complexes
+    image_transform: Complexes
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,51 +84,57 @@ class PlaceMatch:
 
 def describe_place(points: Floats, middle_m: Floats) -> PlaceDescriptor:
     """Describe a place by its returns (K, 2) [m] around a middle (2,) [m] of its frame."""
-    away = points - middle_m
-    walls = one_per_cell(away[np.hypot(away[:, 0], away[:, 1]) < _REACH_M], _RING_CELL_M)
-    picture = _rasterised(walls, _SHIFT_CELL_M, _SHIFT_SIDE)
-    energy = max(float(np.linalg.norm(picture)), 1e-12)
-    transform = np.asarray(rfft2(picture / energy), dtype=np.complex64)
+    centered = points - middle_m
+    walls = one_per_cell(
+        centered[np.hypot(centered[:, 0], centered[:, 1]) < _REACH_M], _RING_CELL_M
+    )
+    image = _rasterised(walls, _SHIFT_CELL_M, _SHIFT_SIDE)
+    energy = max(float(np.linalg.norm(image)), 1e-12)
+    transform = np.asarray(rfft2(image / energy), dtype=np.complex64)
     return PlaceDescriptor(middle_m, walls, _spectrum_on_rings(walls), transform)
 
 
 class PlaceIndex:
     """Database of place descriptors, queried for the most similar ones."""
 
-    def __init__(self, appearances: Sequence[PlaceDescriptor]) -> None:
-        self._appearances = appearances
-        self._rings = np.array([place.rings for place in appearances])
+    def __init__(self, descriptors: Sequence[PlaceDescriptor]) -> None:
+        self._descriptors = descriptors
+        self._rings = np.array([place.ring_transforms for place in descriptors])
 
-    def most_similar(self, query: int, among: NDArray[np.int64], most: int) -> list[PlaceMatch]:
+    def most_similar(
+        self, query: int, candidates: NDArray[np.int64], limit: int
+    ) -> list[PlaceMatch]:
         """Return the most similar places with relative poses, the highest correlation first.
 
         Parameters
         ----------
         query : int
-        among : (A,) int64
+        candidates : (A,) int64
             Places that are compared with it.
-        most : int
+        limit : int
             Places whose images are correlated (two rotations each).
         """
-        query_descriptor = self._appearances[query]
-        product = np.einsum("rh,arh->ah", np.conj(query_descriptor.rings), self._rings[among])
-        correlation_by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
-        likeliest = np.argsort(-correlation_by_turn.max(axis=1))[:most]
-        turns = np.pi * np.argmax(correlation_by_turn[likeliest], axis=1) / _ANGLES
-        places = np.repeat(among[likeliest], len(_HALF_TURNS)).tolist()
-        orientations = zip(places, np.add.outer(turns, _HALF_TURNS).ravel().tolist(), strict=True)
-        found = _best_shifts(
-            query_descriptor,
-            [(place, self._appearances[place], turn) for place, turn in orientations],
+        query_descriptor = self._descriptors[query]
+        product = np.einsum(
+            "rh,arh->ah", np.conj(query_descriptor.ring_transforms), self._rings[candidates]
         )
-        return sorted(found, key=lambda f: -f.correlation)
+        correlation_by_turn = np.fft.irfft(product, n=_ANGLES, axis=1)
+        likeliest = np.argsort(-correlation_by_turn.max(axis=1))[:limit]
+        turns = np.pi * np.argmax(correlation_by_turn[likeliest], axis=1) / _ANGLES
+        places = np.repeat(candidates[likeliest], len(_HALF_TURNS)).tolist()
+        orientations = zip(places, np.add.outer(turns, _HALF_TURNS).ravel().tolist(), strict=True)
+        matches = _best_shifts(
+            query_descriptor,
+            [(place, self._descriptors[place], turn) for place, turn in orientations],
+        )
+        return sorted(matches, key=lambda f: -f.correlation)
 
 
 def _rotated_transform(walls: Floats, turn_rad: float) -> tuple[Complexes, float]:
     """Conjugate transform of the image of rotated walls (M, 2) [m], and its energy."""
     c, s = math.cos(turn_rad), math.sin(turn_rad)
-    picture = _rasterised(walls @ np.array([[c, s], [-s, c]]), _SHIFT_CELL_M, _SHIFT_SIDE)
-    return np.conj(rfft2(picture)), max(float(np.linalg.norm(picture)), 1e-12)
+    image = _rasterised(walls @ np.array([[c, s], [-s, c]]), _SHIFT_CELL_M, _SHIFT_SIDE)
+    return np.conj(rfft2(image)), max(float(np.linalg.norm(image)), 1e-12)
 
 
 def _best_shifts(
@@ -137,7 +143,7 @@ def _best_shifts(
     """Find the shifts of highest correlation of a place, rotated by angles [rad], with others."""
     rotated = cache(partial(_rotated_transform, query.walls_m))
     products = np.array(
-        [other.picture * rotated(turn_rad)[0] for _, other, turn_rad in orientations]
+        [other.image_transform * rotated(turn_rad)[0] for _, other, turn_rad in orientations]
     )
     correlations = irfft2(products, s=(_SHIFT_SIDE, _SHIFT_SIDE)).reshape(len(orientations), -1)
     peaks = np.argmax(correlations, axis=1)
@@ -156,25 +162,25 @@ def _best_shifts(
 
 
 def _rasterised(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
-    picture = _occupancy(walls, cell_m, side)
-    return np.asarray(cv2.GaussianBlur(picture, (0, 0), _BLUR_CELLS), dtype=np.float32)
+    image = _occupancy(walls, cell_m, side)
+    return np.asarray(cv2.GaussianBlur(image, (0, 0), _BLUR_CELLS), dtype=np.float32)
 
 
 @kernel
 def _occupancy(walls: Floats, cell_m: float, side: int) -> NDArray[np.float32]:
     """Binary image (side, side) of walls (M, 2) [m]."""
-    picture = np.zeros((side, side), dtype=np.float32)
+    image = np.zeros((side, side), dtype=np.float32)
     for k in range(len(walls)):
         col = math.floor(walls[k, 0] / cell_m) + side // 2
         row = math.floor(walls[k, 1] / cell_m) + side // 2
         if 0 <= col < side and 0 <= row < side:
-            picture[row, col] = 1.0
-    return picture
+            image[row, col] = 1.0
+    return image
 
 
 def _spectrum_on_rings(walls: Floats) -> Complexes:
-    picture = _rasterised(walls, _RING_CELL_M, _RING_SIDE)
-    spectrum = np.fft.fftshift(np.abs(np.fft.fft2(picture))).astype(np.float32)
+    image = _rasterised(walls, _RING_CELL_M, _RING_SIDE)
+    spectrum = np.fft.fftshift(np.abs(np.fft.fft2(image))).astype(np.float32)
     columns, rows = _rings()
     sampled = np.log1p(cv2.remap(spectrum, columns, rows, cv2.INTER_LINEAR))
     sampled -= sampled.mean(axis=1, keepdims=True)

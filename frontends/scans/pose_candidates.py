@@ -217,11 +217,11 @@ def log_prior(motion: Floats, covariance: Floats, prior: PosePrior) -> float:
 
 @kernel
 def _log_prior(motion: Floats, covariance: Floats, mixture: MotionMixture) -> float:
-    own, total = log_det_2pi(add3(covariance, BASIN_COVARIANCE)), -np.inf
+    log_det, total = log_det_2pi(add3(covariance, BASIN_COVARIANCE)), -np.inf
     for k in range(len(mixture.motions)):
         S = add3(mixture.covariances[k], covariance)
         term = math.log(max(mixture.probabilities[k], 1e-12))
-        term += 0.5 * (own - log_det_2pi(add3(S, BASIN_COVARIANCE)))
+        term += 0.5 * (log_det - log_det_2pi(add3(S, BASIN_COVARIANCE)))
         term += log_student_t(squared_mahalanobis(subtract3(mixture.motions[k], motion), S))
         largest = max(total, term)
         total = largest + math.log(math.exp(total - largest) + math.exp(term - largest))

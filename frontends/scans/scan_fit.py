@@ -124,9 +124,9 @@ def local_optima(
     """Find the local optima of a scan (K, 2) in the search window around a pose (3,)."""
     assert local_map.grid is not None
     subsample = np.ascontiguousarray(points[:: max(1, len(points) // _SUBSAMPLE)])
-    around = _around(center)[:_STARTS]
-    poses = _refined_from(around, local_map.grid.lattice, subsample)
-    fits, start_fits = (_scan_fits(subsample, at, local_map, mean_fit) for at in (poses, around))
+    starts = _around(center)[:_STARTS]
+    poses = _refined_from(starts, local_map.grid.lattice, subsample)
+    fits, start_fits = (_scan_fits(subsample, at, local_map, mean_fit) for at in (poses, starts))
     return LocalOptima(poses, fits, start_fits, independent_patches(points))
 
 

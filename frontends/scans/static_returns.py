@@ -102,19 +102,19 @@ def _among(cells: _Cells, known: _Cells) -> NDArray[np.bool_]:
     """Which of some cells (K,) are among known ones (M,) in rising order."""
     if not len(known):
         return np.zeros(len(cells), dtype=np.bool_)
-    found: NDArray[np.bool_] = known[np.searchsorted(known[:-1], cells)] == cells
-    return found
+    is_known: NDArray[np.bool_] = known[np.searchsorted(known[:-1], cells)] == cells
+    return is_known
 
 
-def _seen_repeatedly(cells: _Cells, by: _Cells) -> NDArray[np.bool_]:
+def _seen_repeatedly(cells: _Cells, observers: _Cells) -> NDArray[np.bool_]:
     """Which observations (M,) of a cell lie in a dense enough run of keyframes observing it."""
-    order = np.lexsort((by, cells))
-    cell, look = cells[order], by[order]
+    order = np.lexsort((observers, cells))
+    cell, observer = cells[order], observers[order]
     last = _SEEN_BY - 1
-    begins = (cell[last:] == cell[:-last]) & (look[last:] - look[:-last] < _WITHIN)
-    dense = np.zeros(len(cells), dtype=np.bool_)
+    is_dense_from = (cell[last:] == cell[:-last]) & (observer[last:] - observer[:-last] < _WITHIN)
+    is_dense = np.zeros(len(cells), dtype=np.bool_)
     for shift in range(_SEEN_BY):
-        dense[shift : len(dense) - last + shift] |= begins
-    found = np.zeros(len(cells), dtype=np.bool_)
-    found[order] = dense
-    return found
+        is_dense[shift : len(is_dense) - last + shift] |= is_dense_from
+    is_static = np.zeros(len(cells), dtype=np.bool_)
+    is_static[order] = is_dense
+    return is_static

@@ -137,29 +137,29 @@ class SubmapMatcher:
             self._sides.of(region, self._keyframes),
         )
         wide = self._wide_grids.of(region, self._keyframes)
-        points_of_all, seen = _thinned(scans, poses), [own_surfaces(scan) for scan in scans]
-        coarse_pose, *_ = refine_near(wide, points_of_all, start, *settings, iterations)
+        thinned, surfaces = _thinned(scans, poses), [own_surfaces(scan) for scan in scans]
+        coarse_pose, *_ = refine_near(wide, thinned, start, *settings, iterations)
 
         def align(chosen: Sequence[Floats], start_pose: Floats) -> LineSearchMatch:
             """Align them with the region."""
-            points = points_of_all if chosen is scans else _thinned(chosen, poses)
+            points = thinned if chosen is scans else _thinned(chosen, poses)
             return line_search_match(grid, points, start_pose, *settings, iterations, reach_m)
 
-        least = self._matching.min_points
-        found, kept = align_by_faces(align, sides, scans, seen, poses, coarse_pose, least)
-        pose = found.pose
+        min_points = self._matching.min_points
+        match, used = align_by_faces(align, sides, scans, surfaces, poses, coarse_pose, min_points)
+        pose = match.pose
         discount = misfit_discount(
-            self._fit_where_known(grid, joined_returns(kept, poses), target, pose), _MISFIT
+            self._fit_where_known(grid, joined_returns(used, poses), target, pose), _MISFIT
         )
         scan_poses = compose(pose, poses)
         # Of all returns: a wall's other face is left out of aligning, but still counts against it.
         placed = zip(scans, scan_poses, strict=True)
         score = float(np.median([mean_likelihood(grid, *scan) for scan in placed]))
-        views = zip(seen, scan_poses, strict=True)
-        behind = float(np.median([share_from_behind(sides, *look) for look in views]))
-        reason = rejection_reason(score, discount * found.information, behind, self._loops)
+        views = zip(surfaces, scan_poses, strict=True)
+        behind = float(np.median([share_from_behind(sides, *view) for view in views]))
+        reason = rejection_reason(score, discount * match.information, behind, self._loops)
         reason = reason or self._contradiction(query, target, pose)
-        marginal_information = discount * found.marginal_information
+        marginal_information = discount * match.marginal_information
         return Closure(target, submap.anchor, pose, marginal_information, score, True, reason)
 
     def better_fit(self, points: Floats, submap: int, start: Floats) -> tuple[Floats, Floats]:
@@ -205,8 +205,8 @@ class SubmapMatcher:
     def evidence_against(self, query: int, target: int, pose: Floats, neighbours: int = 0) -> float:
         """Return the evidence of both submaps' views against a relative pose (3,) [nat]."""
         regions = (self.region(k, neighbours) for k in (query, target))
-        seen, old = (self._views.of(region, self._all_returns) for region in regions)
-        return evidence_against(seen, old, pose)
+        own, other = (self._views.of(region, self._all_returns) for region in regions)
+        return evidence_against(own, other, pose)
 
     def _poses_of(self, submap: Submap) -> Floats:
         return between(self._poses[submap.anchor], self._poses[submap.first : submap.last])
@@ -214,8 +214,8 @@ class SubmapMatcher:
 
 def _thinned(scans: Sequence[Floats], poses: Floats) -> Floats:
     """Join scans, each (K, 2) [m], at poses (M, 3), and thin the returns."""
-    kept = one_per_cell(joined_returns(scans, poses), _QUERY_CELL_M)
-    return np.ascontiguousarray(kept[:: 1 + len(kept) // _QUERY_POINTS])
+    thinned = one_per_cell(joined_returns(scans, poses), _QUERY_CELL_M)
+    return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
 def _view(points: Sequence[Floats], poses: Floats) -> View:

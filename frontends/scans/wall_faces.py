@@ -29,7 +29,7 @@ def align_by_faces(
     surfaces: Sequence[Floats],
     poses: Floats,
     start: Floats,
-    least: int,
+    min_points: int,
 ) -> tuple[LineSearchMatch, Sequence[Floats]]:
     """Align scans, without returns from walls that are known from their other side only.
 
@@ -44,7 +44,7 @@ def align_by_faces(
         Of each scan in the source frame, which is aligned.
     start : (3,) float64
         Initial pose of the source in the target frame.
-    least : int
+    min_points : int
         Least number of returns that must remain, else the last match stays.
 
     Returns
@@ -53,13 +53,13 @@ def align_by_faces(
     sequence of M (K, 2) float64
         The returns used.
     """
-    found, kept = align(scans, start), scans
+    match, used = align(scans, start), scans
     for _ in range(_ROUNDS):
-        looks = zip(scans, surfaces, compose(found.pose, poses), strict=True)
-        seen = [facing(sides, *look) for look in looks]
-        counts = [len(scan) for scan in seen]
-        if counts == [len(scan) for scan in kept] or sum(counts) < least:
+        placed = zip(scans, surfaces, compose(match.pose, poses), strict=True)
+        visible = [facing(sides, *scan) for scan in placed]
+        counts = [len(scan) for scan in visible]
+        if counts == [len(scan) for scan in used] or sum(counts) < min_points:
             break
-        kept = seen
-        found = align(kept, start)
-    return found, kept
+        used = visible
+        match = align(used, start)
+    return match, used

@@ -253,7 +253,7 @@ def _kalman_update(
     """Kalman update of a state (3,) and its covariance by a residual (3,), in Joseph's form."""
     S = add_diagonal3(sandwich3(jacobian, covariance), noise)
     gain = matmul3(matmul3(covariance, jacobian.T), invert3(S))
-    rest = add3(np.eye(3), scaled3(matmul3(gain, jacobian), -1.0))
+    I_KH = add3(np.eye(3), scaled3(matmul3(gain, jacobian), -1.0))
     R = add_diagonal3(np.zeros((3, 3)), noise)
-    joseph = add3(sandwich3(rest, covariance), sandwich3(gain, R))
+    joseph = add3(sandwich3(I_KH, covariance), sandwich3(gain, R))
     return add_vectors3(errors, matvec3(gain, residual)), symmetric3(joseph)
