@@ -16,7 +16,7 @@ from slarm_graph.frontends.scans.scan_fit import (
     FalseMatchFit,
     LocalOptima,
     false_match_fit,
-    independent_patches,
+    patch_count,
     local_optima,
 )
 from slarm_graph.geometry import Floats, Pose2
@@ -58,7 +58,7 @@ def test_a_fit_by_chance_knows_how_much_is_seen() -> None:
         false_match_fit(wall, map_of(wall), np.zeros(3), 0.9),
         local_optima(wall, map_of(wall), np.zeros(3), 0.9).false_fit_excluding(np.zeros(3)),
     ):
-        assert found.count == independent_patches(wall) == pytest.approx(4.0)
+        assert found.count == patch_count(wall) == pytest.approx(4.0)
 
 
 def test_what_looks_alike_nearby_says_little_of_a_place_that_was_searched_for() -> None:

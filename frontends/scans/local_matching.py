@@ -37,7 +37,7 @@ from slarm_graph.frontends.scans.scan_fit import (
     UNKNOWN_FIT,
     TrueMatchFit,
     false_match_fit,
-    independent_patches,
+    patch_count,
     local_optima,
 )
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
@@ -48,11 +48,7 @@ from slarm_graph.frontends.scans.small_pose import (
     compose3,
     squared_mahalanobis,
 )
-from slarm_graph.frontends.scans.window_search import (
-    LOST_REACH_M,
-    best_in_window,
-    far_range_m,
-)
+from slarm_graph.frontends.scans.window_search import LOST_REACH_M, best_in_window, far_range_m
 from slarm_graph.geometry import Floats, Pose2
 
 _LOST = 4.0
@@ -131,38 +127,38 @@ class LocalMatcher:
         """Refine from the prediction; search its window, too, where it exceeds the basin."""
         grid, prediction = local_map.grid, prior.predictions[0]
         assert grid is not None
-        widened = _widened(prediction)
-        candidate = self._refine(points, local_map, prior, widened)
+        wide = _widened(prediction)
+        match = self._refine(points, local_map, prior, wide)
         sigma = np.sqrt(prediction.covariance.diagonal())
         if math.hypot(sigma[0], sigma[1], far_range_m(points) * sigma[2]) < _SEES * grid.sigma_m:
-            return [candidate]
-        subsample = points[:: max(1, len(points) // _SEARCH_POINTS)]
+            return [match]
+        sample = points[:: max(1, len(points) // _SEARCH_POINTS)]
         start = best_in_window(
-            subsample, grid, prior.base, prediction, local_map.levels, min_window=(0.0, 0.0)
+            sample, grid, prior.base, prediction, local_map.levels, min_window=(0.0, 0.0)
         )
-        other = self._refine(points, local_map, prior, widened, start)
-        if are_same(candidate.pose, other.pose):
-            return [max(candidate, other, key=lambda c: c.score)]
-        return [candidate, other] if other.inliers else [candidate]
+        other = self._refine(points, local_map, prior, wide, start)
+        if are_same(match.pose, other.pose):
+            return [max(match, other, key=lambda c: c.score)]
+        return [match, other] if other.inliers else [match]
 
     def _passes_gate(
-        self, candidate: PoseCandidate, points: Floats, local_map: LocalMap, prior: PosePrior
+        self, match: PoseCandidate, points: Floats, local_map: LocalMap, prior: PosePrior
     ) -> bool:
         """Whether a match fits as true matches do and lies within the gate of all predictions."""
-        if candidate.score < self._config.min_score or not _agree(prior.predictions):
+        if match.score < self._config.min_score or not _agree(prior.predictions):
             return False
         if len(prior.predictions) > 1 and is_vague(prior.predictions[0].covariance):
             return False
-        if self._sigmas_below(candidate, points, local_map) > SIGMAS_1_PERCENT:
+        if self._sigmas_below(match, points, local_map) > SIGMAS_1_PERCENT:
             return False
         expected = prior.predictions[0]
-        innovation = between3(prior.base, candidate.pose) - expected.motion
-        covariance = expected.covariance + prior.covariance_of(candidate.information)
+        innovation = between3(prior.base, match.pose) - expected.motion
+        covariance = expected.covariance + prior.covariance_of(match.information)
         return squared_mahalanobis(innovation, covariance) <= CHI2_1_PERMILLE
 
-    def _sigmas_below(self, candidate: PoseCandidate, points: Floats, local_map: LocalMap) -> float:
-        fit = candidate.scan_fit(points, local_map, self.true_fit)
-        return self.true_fit.sigmas_below(fit, independent_patches(points))
+    def _sigmas_below(self, match: PoseCandidate, points: Floats, local_map: LocalMap) -> float:
+        fit = match.scan_fit(points, local_map, self.true_fit)
+        return self.true_fit.sigmas_below(fit, patch_count(points))
 
     def _proposed(
         self,
@@ -176,14 +172,12 @@ class LocalMatcher:
         grid, base, predictions = local_map.grid, prior.base, prior.predictions
         assert grid is not None
         matches = list(near)
-        effective_share = independent_patches(points) / len(points)
-        subsample = points[:: max(1, len(points) // _SEARCH_POINTS)]
+        share = patch_count(points) / len(points)
+        sample = points[:: max(1, len(points) // _SEARCH_POINTS)]
         for prediction in predictions:
-            regularised = self._refine(
-                points, local_map, prior, prediction, effective_share=effective_share
-            )
-            if not any(are_same(regularised.pose, c.pose) for c in near):
-                matches.append(regularised)
+            downweighted = self._refine(points, local_map, prior, prediction, effective_share=share)
+            if not any(are_same(downweighted.pose, c.pose) for c in near):
+                matches.append(downweighted)
             if prediction is not predictions[0]:
                 matches.append(self._refine(points, local_map, prior, _widened(prediction)))
         candidates = [
@@ -193,17 +187,17 @@ class LocalMatcher:
         best = max(candidates, key=lambda c: c.log_posterior)
         sigmas_below = min(self._sigmas_below(c, points, local_map) for c in matches)
         if sigmas_below <= SIGMAS_1_PERCENT and any(
-            np.array_equal(best.pose, candidate.pose) for candidate in near
+            np.array_equal(best.pose, c.pose) for c in near
         ):
             return distinct(candidates)
         matches = []
-        for sample, prediction in product(_subsamples(points), predictions):
-            start = best_in_window(sample, grid, base, prediction, local_map.levels)
-            widened = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
-            matches.append(self._refine(points, local_map, prior, widened, start))
+        for half, prediction in product(_subsamples(points), predictions):
+            start = best_in_window(half, grid, base, prediction, local_map.levels)
+            wide = Prediction(prediction.motion, 4.0 * predictions[-1].covariance)
+            matches.append(self._refine(points, local_map, prior, wide, start))
             sigmas_below = min(sigmas_below, self._sigmas_below(matches[-1], points, local_map))
         if relocalise and sigmas_below > _LOST:
-            matches += self._relocalised(points, subsample, local_map, prior)
+            matches += self._relocalised(points, sample, local_map, prior)
         candidates += self._with_search_posterior(matches, points, local_map, prior)
         return distinct(candidates)
 
@@ -222,12 +216,10 @@ class LocalMatcher:
         expected = compose3(prior.base, prior.predictions[0].motion)
         optima = local_optima(points, local_map, expected, self.true_fit.mean)
         candidates = []
-        for candidate in matches:
-            if candidate.inliers:
-                searched = replace(prior, false_fit=optima.false_fit_excluding(candidate.pose))
-                candidates.append(
-                    with_posterior(candidate, points, local_map, searched, self.true_fit)
-                )
+        for match in matches:
+            if match.inliers:
+                searched = replace(prior, false_fit=optima.false_fit_excluding(match.pose))
+                candidates.append(with_posterior(match, points, local_map, searched, self.true_fit))
         return candidates
 
     def _refine(
@@ -269,11 +261,7 @@ class LocalMatcher:
         return PoseCandidate(pose, discount * information, score, inliers, iterations, fit=fit)
 
     def _relocalised(
-        self,
-        points: Floats,
-        subsample: Floats,
-        local_map: LocalMap,
-        prior: PosePrior,
+        self, points: Floats, sample: Floats, local_map: LocalMap, prior: PosePrior
     ) -> list[PoseCandidate]:
         """Search at any heading around the predicted pose and around the last one."""
         grid, base, motion = local_map.grid, prior.base, prior.predictions[0].motion
@@ -285,7 +273,7 @@ class LocalMatcher:
         for center in (expected, base) if is_far else (expected,):
             hit = search(
                 pyramid,
-                subsample,
+                sample,
                 Pose2.from_array(center),
                 reach_m=LOST_REACH_M,
                 min_score=self._config.min_score,

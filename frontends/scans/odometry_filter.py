@@ -210,12 +210,10 @@ class OdometryFilter:
         )
         self.reliability.update(*ratios)
 
-    def calibrate(self, motion: Floats, nominal_variances: Floats) -> None:
+    def calibrate(self, motion: Floats, nominal: Floats) -> None:
         """Calibrate odometry by the motion (3,) between two matches; see `WheelCalibration`."""
         if self._increment is not None:
-            self.wheels.learn(
-                self._increment, motion, nominal_variances, self.reliability.p_working
-            )
+            self.wheels.learn(self._increment, motion, nominal, self.reliability.p_working)
 
     def wheel_motion(self) -> WheelMotion | None:
         """Return the last step's motion by odometry alone; None where there is none.

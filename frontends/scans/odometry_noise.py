@@ -74,44 +74,35 @@ class OdometryNoise:
         self._previous = None
 
     def learn(
-        self,
-        residual: Floats,
-        model_variances: Floats,
-        nominal_variances: Floats,
-        is_informative: NDArray[np.bool_],
+        self, residual: Floats, model: Floats, nominal: Floats, informative: NDArray[np.bool_]
     ) -> None:
         """Update the estimates by the residual between odometry and a match in a step.
 
         Parameters
         ----------
-        residual, model_variances, nominal_variances : (3,) float64
+        residual, model, nominal : (3,) float64
             Difference [m, m, rad], and model variances of odometry and nominal ones of a match.
-        is_informative : (3,) bool
+        informative : (3,) bool
             Along which axes the match is surer than odometry.
         """
         if math.isnan(self._square[0]):
             # A first match less certain than odometry is no prior of the matches' noise.
-            first = np.minimum(nominal_variances, model_variances)
-            self._square, self._product = model_variances + 2.0 * first, -first
-            self._mean_model, self._mean_nominal = model_variances.copy(), first
-            self._sum_square = _PATH_STEPS * model_variances + 2.0 * first
+            first = np.minimum(nominal, model)
+            self._square, self._product = model + 2.0 * first, -first
+            self._mean_model, self._mean_nominal = model.copy(), first
+            self._sum_square = _PATH_STEPS * model + 2.0 * first
         previous, self._previous = self._previous, residual
-        both_informative, self._is_informative = (
-            is_informative & self._is_informative,
-            is_informative,
-        )
+        both_informative, self._is_informative = informative & self._is_informative, informative
         if previous is None:
             self._begin_sum()
             return
         self._steps = min(self._steps + 1.0, _MOST_STEPS)
         averages = self._square, self._product, self._mean_model, self._mean_nominal
-        rates = is_informative / self._steps, both_informative / self._steps
+        rates = informative / self._steps, both_informative / self._steps
         self.variance_factor, self.match_variance_factor, self.reading_variances, taken_back = (
-            _estimated_noise(
-                averages, residual, previous, model_variances, nominal_variances, rates
-            )
+            _estimated_noise(averages, residual, previous, model, nominal, rates)
         )
-        self._update_path_factor(residual, taken_back, is_informative)
+        self._update_path_factor(residual, taken_back, informative)
 
     def _begin_sum(self) -> None:
         self._sum, self._sum_length, self._all_informative = (
@@ -121,11 +112,11 @@ class OdometryNoise:
         )
 
     def _update_path_factor(
-        self, residual: Floats, taken_back: Floats, is_informative: NDArray[np.bool_]
+        self, residual: Floats, taken_back: Floats, informative: NDArray[np.bool_]
     ) -> None:
         """Update the variance of sums of residuals (Allan, Proc. IEEE 54(2), 1966)."""
         self._sum, self._sum_length = self._sum + residual, self._sum_length + 1
-        self._all_informative = self._all_informative & is_informative
+        self._all_informative = self._all_informative & informative
         if self._sum_length < _PATH_STEPS:
             return
         self._sum_count = min(self._sum_count + 1.0, _MOST_STEPS / _PATH_STEPS)
@@ -141,8 +132,8 @@ def _estimated_noise(
     averages: tuple[Floats, Floats, Floats, Floats],
     residual: Floats,
     previous: Floats,
-    model_variances: Floats,
-    nominal_variances: Floats,
+    model: Floats,
+    nominal: Floats,
     rates: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Separate the noise of odometry from that of matches.
@@ -154,7 +145,7 @@ def _estimated_noise(
         variances; updated in place.
     residual, previous : (3,) float64
         Of this step, and of the one before.
-    model_variances, nominal_variances : (3,) float64
+    model, nominal : (3,) float64
         Variances of this step.
     rates : tuple of two (3,) float64
         Weight of this step in the averages, and of the two in that of products.
@@ -170,8 +161,8 @@ def _estimated_noise(
     for k in range(3):
         square[k] += rate[k] * (residual[k] * residual[k] - square[k])
         product[k] += product_rate[k] * (residual[k] * previous[k] - product[k])
-        mean_model[k] += rate[k] * (model_variances[k] - mean_model[k])
-        mean_nominal[k] += rate[k] * (nominal_variances[k] - mean_nominal[k])
+        mean_model[k] += rate[k] * (model[k] - mean_model[k])
+        mean_nominal[k] += rate[k] * (nominal[k] - mean_nominal[k])
         ratio[k] = min(-product[k], 0.5 * square[k]) / mean_nominal[k]
         taken_back[k] = min(max(ratio[k], 1.0), _MAX_MATCH_FACTOR) * mean_nominal[k]
     total, count = 0.0, 0

@@ -13,12 +13,7 @@ import numpy as np
 
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import MotionMixture, Prediction
-from slarm_graph.frontends.scans.scan_fit import (
-    FalseMatchFit,
-    TrueMatchFit,
-    independent_patches,
-    scan_fit,
-)
+from slarm_graph.frontends.scans.scan_fit import FalseMatchFit, TrueMatchFit, patch_count, scan_fit
 from slarm_graph.frontends.scans.small_matrix import (
     add3,
     invert3,
@@ -147,14 +142,12 @@ def nominal_covariance(information: Floats) -> Floats:
 
 
 @kernel
-def _inflated(information: Floats, variance_factor: Floats) -> Floats:
+def _inflated(information: Floats, factor: Floats) -> Floats:
     """Nominal covariance (3, 3) with its variances scaled by factors (3,)."""
     covariance = nominal_covariance(information)
     for row in range(3):
         for col in range(3):
-            covariance[row, col] *= math.sqrt(variance_factor[row]) * math.sqrt(
-                variance_factor[col]
-            )
+            covariance[row, col] *= math.sqrt(factor[row]) * math.sqrt(factor[col])
     return covariance
 
 
@@ -171,21 +164,15 @@ def with_posterior(
     as well at the fused pose, between match and prediction; else it is as certain as its basin.
     """
     motion = between3(prior.base, candidate.pose)
-    match_covariance = prior.covariance_of(candidate.information)
+    covariance = prior.covariance_of(candidate.information)
     fit = candidate.scan_fit(points, local_map, true_fit)
-    fused, _ = _kalman_update(candidate.pose, match_covariance, prior.mixture)
+    fused, _ = _kalman_update(candidate.pose, covariance, prior.mixture)
     if not are_same(candidate.pose, fused):
         loss = fit - scan_fit(points, fused, local_map, true_fit.mean)
-        match_covariance = (
-            BASIN_COVARIANCE
-            if loss > true_fit.sigma(independent_patches(points))
-            else match_covariance
-        )
-    evidence = true_fit.log_density(fit, independent_patches(points)) - prior.false_fit.log_density(
-        fit
-    )
+        covariance = BASIN_COVARIANCE if loss > true_fit.sigma(patch_count(points)) else covariance
+    evidence = true_fit.log_density(fit, patch_count(points)) - prior.false_fit.log_density(fit)
     evidence = min(evidence, _MOST_EVIDENCE)
-    posterior = evidence + log_prior(motion, match_covariance, prior)
+    posterior = evidence + log_prior(motion, covariance, prior)
     return replace(candidate, log_posterior=posterior, evidence=evidence)
 
 

@@ -84,7 +84,7 @@ def false_match_fit(
     subsample = points[:: max(1, len(points) // _SUBSAMPLE)]
     fits = _scan_fits(np.ascontiguousarray(subsample), _around(center), local_map, mean_fit)
     sigma = max(float(fits.std()), _MIN_FALSE_SIGMA)
-    return FalseMatchFit(float(fits.mean()), sigma, independent_patches(points))
+    return FalseMatchFit(float(fits.mean()), sigma, patch_count(points))
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ def local_optima(
     starts = _around(center)[:_STARTS]
     poses = _refined_from(starts, local_map.grid.lattice, subsample)
     fits, start_fits = (_scan_fits(subsample, at, local_map, mean_fit) for at in (poses, starts))
-    return LocalOptima(poses, fits, start_fits, independent_patches(points))
+    return LocalOptima(poses, fits, start_fits, patch_count(points))
 
 
 @kernel
@@ -214,8 +214,8 @@ class TrueMatchFit:
 
 
 @kernel
-def independent_patches(points: Floats) -> float:
-    """Effective number of independent patches, 1 m each, in a scan (K, 2) in beam order."""
+def patch_count(points: Floats) -> float:
+    """Effective number of independent patches, 1 m each, of a scan (K, 2) in beam order."""
     count = 0.0
     for i in range(len(points)):
         step = _PATCH_M

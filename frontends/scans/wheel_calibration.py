@@ -96,9 +96,7 @@ class WheelCalibration:
         """Note that a step is not matched: the next residual does not follow one."""
         self.noise.interrupt()
 
-    def learn(
-        self, increment: Floats, motion: Floats, nominal_variances: Floats, p_working: float
-    ) -> None:
+    def learn(self, increment: Floats, motion: Floats, nominal: Floats, p_working: float) -> None:
         """Update calibration and noise by the motion between two matches, if odometry worked.
 
         Parameters
@@ -107,7 +105,7 @@ class WheelCalibration:
             By odometry [m, m, rad].
         motion : (3,) float64
             From one match, without the prior, to the next [m, m, rad].
-        nominal_variances : (3,) float64
+        nominal : (3,) float64
             Variances of a match by its curvature.
         p_working : float
             Probability that odometry worked in this step.
@@ -117,12 +115,10 @@ class WheelCalibration:
             self.noise.interrupt()
             return
         variance_factors = self.noise.variance_factor, self.noise.match_variance_factor
-        self.errors, self.covariance, residual, model_variances, is_informative = (
-            _calibration_update(
-                self.errors, self.covariance, increment, motion, nominal_variances, variance_factors
-            )
+        self.errors, self.covariance, residual, model, informative = _calibration_update(
+            self.errors, self.covariance, increment, motion, nominal, variance_factors
         )
-        self.noise.learn(residual, model_variances, nominal_variances, is_informative)
+        self.noise.learn(residual, model, nominal, informative)
 
 
 @kernel
@@ -152,9 +148,9 @@ def calibrated_motion(
 ) -> tuple[Floats, Floats]:
     """Correct an increment (3,) for the systematic errors: motion (3,) and covariance (3, 3)."""
     jacobian = error_jacobian(increment)
-    model_variances, spread = _model_variances(increment), sandwich3(jacobian, covariance)
+    model, spread = _model_variances(increment), sandwich3(jacobian, covariance)
     for k in range(3):
-        spread[k, k] += variance_factor[k] * model_variances[k]
+        spread[k, k] += variance_factor[k] * model[k]
     return add_vectors3(increment, matvec3(jacobian, errors)), spread
 
 
@@ -166,11 +162,9 @@ def correlated_covariance(
 
     They add up along a path, but do not show from one scan to the next.
     """
-    model_variances, correlated = _model_variances(increment), np.zeros((3, 3))
+    model, correlated = _model_variances(increment), np.zeros((3, 3))
     for k in range(3):
-        correlated[k, k] = (
-            max(path_variance_factor[k] - variance_factor[k], 0.0) * model_variances[k]
-        )
+        correlated[k, k] = max(path_variance_factor[k] - variance_factor[k], 0.0) * model[k]
     return correlated
 
 
@@ -180,7 +174,7 @@ def _calibration_update(
     covariance: Floats,
     increment: Floats,
     motion: Floats,
-    nominal_variances: Floats,
+    nominal: Floats,
     variance_factors: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
     """Update the systematic errors by one step (robust Kalman update, then aging).
@@ -188,7 +182,7 @@ def _calibration_update(
     Parameters
     ----------
     errors, covariance : (3,), (3, 3) float64
-    increment, motion, nominal_variances : (3,) float64
+    increment, motion, nominal : (3,) float64
         As for `WheelCalibration.learn`.
     variance_factors : tuple of two (3,) float64
         Actual over model variances of odometry, and over nominal ones of a match.
@@ -196,23 +190,20 @@ def _calibration_update(
     Returns
     -------
     errors, covariance : (3,), (3, 3) float64
-    residual, model_variances : (3,) float64
+    residual, model : (3,) float64
         Of the motion, clipped to three sigmas, and odometry's model variances.
-    is_informative : (3,) bool
+    informative : (3,) bool
         Along which axes the match is surer than odometry.
     """
-    jacobian, model_variances = error_jacobian(increment), _model_variances(increment)
+    jacobian, model = error_jacobian(increment), _model_variances(increment)
     residual = subtract3(motion, add_vectors3(increment, matvec3(jacobian, errors)))
     residual[2] = wrapped(residual[2])
     # A match less certain than odometry cannot calibrate it, such as along a bare corridor.
-    is_informative, noise = np.empty(3, dtype=np.bool_), np.empty(3)
+    informative, noise = np.empty(3, dtype=np.bool_), np.empty(3)
     for k in range(3):
-        is_informative[k] = nominal_variances[k] < model_variances[k]
-        noise[k] = (
-            variance_factors[0][k] * model_variances[k]
-            + 2.0 * variance_factors[1][k] * nominal_variances[k]
-        )
-        noise[k] = noise[k] if is_informative[k] else _UNINFORMATIVE
+        informative[k] = nominal[k] < model[k]
+        noise[k] = variance_factors[0][k] * model[k] + 2.0 * variance_factors[1][k] * nominal[k]
+        noise[k] = noise[k] if informative[k] else _UNINFORMATIVE
     inflated = _student_t_variances(residual, noise, sandwich3(jacobian, covariance))
     errors, covariance = _kalman_update(errors, covariance, jacobian, residual, inflated)
     aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _VARIANCE_DOUBLES_M)
@@ -223,7 +214,7 @@ def _calibration_update(
     for k in range(3):
         limit = 3.0 * math.sqrt(noise[k])
         residual[k] = min(max(residual[k], -limit), limit)
-    return errors, scaled3(aged, shrink), residual, model_variances, is_informative
+    return errors, scaled3(aged, shrink), residual, model, informative
 
 
 @kernel
