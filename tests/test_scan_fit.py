@@ -16,8 +16,8 @@ from slarm_graph.frontends.scans.scan_fit import (
     FalseMatchFit,
     LocalOptima,
     false_match_fit,
-    patch_count,
     local_optima,
+    patch_count,
 )
 from slarm_graph.geometry import Floats, Pose2
 

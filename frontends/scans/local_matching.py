@@ -37,8 +37,8 @@ from slarm_graph.frontends.scans.scan_fit import (
     UNKNOWN_FIT,
     TrueMatchFit,
     false_match_fit,
-    patch_count,
     local_optima,
+    patch_count,
 )
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE, SIGMAS_1_PERCENT
