@@ -83,7 +83,7 @@ def _explained(
     min_gain: float,
     known: tuple[float, int],
 ) -> PoseCandidate:
-    """Add to a candidate's evidence that of another candidate times the odds of moved objects."""
+    """Add to a candidate's evidence that of another one, discounted for moved objects."""
     best, count = -math.inf, 0
     for other in others:
         if _log_probability(1, known) + other.evidence <= max(candidate.evidence, best):
@@ -103,11 +103,11 @@ def _explained(
 
 def _log_probability(objects: int, known: tuple[float, int]) -> float:
     """Log probability that so many objects move by the same displacement."""
-    anew = math.log(DYNAMIC_SHARE) + (objects - 1) * _LOG_ANOTHER
+    independent = math.log(DYNAMIC_SHARE) + (objects - 1) * _LOG_ANOTHER
     probability, known_count = known
     if probability <= 0.0:
-        return anew
-    return max(anew, math.log(probability) + max(objects - known_count, 0) * _LOG_ANOTHER)
+        return independent
+    return max(independent, math.log(probability) + max(objects - known_count, 0) * _LOG_ANOTHER)
 
 
 @kernel
@@ -125,10 +125,10 @@ def _moved_objects(
     0 where something wider does, or nothing. A wall may go on in unknown space.
     """
     gains = likelihoods(lattice, points, there) - likelihoods(lattice, points, here)
-    is_static = ~is_wide(points)
+    is_certain = ~is_wide(points)
     c, s = math.cos(here[2]), math.sin(here[2])
     for i in range(len(points)):
         x = here[0] + c * points[i, 0] - s * points[i, 1]
         y = here[1] + s * points[i, 0] + c * points[i, 1]
-        is_static[i] = is_static[i] or is_observed(lattice, observed, observed_step, x, y)
-    return count_small_objects(points, gains > min_gain, is_static)
+        is_certain[i] = is_certain[i] or is_observed(lattice, observed, observed_step, x, y)
+    return count_small_objects(points, gains > min_gain, is_certain)

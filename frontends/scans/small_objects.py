@@ -60,15 +60,17 @@ def distance_m(points: Floats, i: int, k: int) -> float:
 
 
 @kernel
-def count_small_objects(points: Floats, chosen: NDArray[np.bool_], sure: NDArray[np.bool_]) -> int:
+def count_small_objects(
+    points: Floats, chosen: NDArray[np.bool_], certain: NDArray[np.bool_]
+) -> int:
     """Count the small objects that the chosen ones of points (K, 2) belong to.
 
     Parameters
     ----------
     points : (K, 2) float64
         In the order of their beams [m].
-    chosen, sure : (K,) bool
-        An object of which no chosen point is sure is passed over.
+    chosen, certain : (K,) bool
+        An object of which no chosen point is certain is skipped.
 
     Returns
     -------
@@ -79,18 +81,18 @@ def count_small_objects(points: Floats, chosen: NDArray[np.bool_], sure: NDArray
     gap_ratio = gap_per_range(points)
     if math.isinf(gap_ratio):
         return 0
-    count, first, last, width_m, is_sure = 0, -1, -1, 0.0, False
+    count, first, last, width_m, is_certain = 0, -1, -1, 0.0, False
     for i in range(len(points) + 1):
         is_end = i == len(points)
         if not is_end and not chosen[i]:
             continue
         if first < 0 or is_end or is_breakpoint(points, last, i, gap_ratio):
-            if is_sure and width_m > SMALL_M:
+            if is_certain and width_m > SMALL_M:
                 return 0
-            count += is_sure
-            first, width_m, is_sure = i, 0.0, False
+            count += is_certain
+            first, width_m, is_certain = i, 0.0, False
         if not is_end:
-            last, is_sure = i, is_sure or sure[i]
+            last, is_certain = i, is_certain or certain[i]
             width_m = max(width_m, distance_m(points, first, i))
     return count
 
