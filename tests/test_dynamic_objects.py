@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""People about a robot that sees little else: they walk, and do not drag it along."""
+"""Dynamic objects: people around a robot that sees little else do not drag it along."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def map_of(points: Floats) -> LocalMap:
 
 
 def placed(x: float, evidence: float, inliers: int = 10) -> PoseCandidate:
-    """A place whose posterior is two nats below its evidence."""
+    """A candidate whose posterior is two nats below its evidence."""
     at = np.array([x, 0.0, 0.0])
     return PoseCandidate(at, np.eye(3), 0.5, inliers, 5, evidence - 2.0, evidence=evidence)
 
@@ -80,7 +80,7 @@ NOBODY = (0.0, 0)
 def explained(
     discs: Floats, walls: Floats = NOTHING, known: tuple[float, int] = NOBODY
 ) -> PoseCandidate:
-    """The place half a metre behind where the scan fits, with what may have walked."""
+    """The candidate half a metre behind where the scan fits, with what may have moved."""
     points = points_of(scan_of(discs, walls, np.zeros(3), np.zeros(361)))
     found = with_dynamic_objects([[HERE, THERE]], points, map_of(points), USUAL, [known])[0]
     assert found[0].log_posterior >= found[1].log_posterior
@@ -120,7 +120,7 @@ def test_a_wall_that_fits_at_both_places_says_nothing_of_who_walks() -> None:
     assert explained(PILLAR, along).dynamic_objects[0] == pytest.approx(0.98, abs=0.01)
 
 
-def test_places_of_other_stories_are_looked_at_too() -> None:
+def test_candidates_of_other_hypotheses_are_looked_at_too() -> None:
     points = points_of(scan_of(PILLAR, NOTHING, np.zeros(3), np.zeros(361)))
     known = points, map_of(points), USUAL, [(0.8, 1), NOBODY]
     mine, theirs = with_dynamic_objects([[HERE], [THERE]], *known)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A match slides along walls as far as they look the same, and says so."""
+"""The line search along the least certain axis, and its marginal information."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan is found where it belongs, however vaguely it was expected."""
+"""Scan-to-map matching from predictions of any uncertainty."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def test_many_returns_are_searched_for_by_two_samples(count: int) -> None:
     assert 80 <= len(first) < 160
 
 
-def test_stories_agree_as_far_as_both_are_unsure() -> None:
+def test_predictions_agree_as_far_as_both_are_uncertain() -> None:
     """Up to four standard deviations, chi squared of 3 at a thousandth."""
     sure = np.diag([0.03, 0.03, 0.03]) ** 2
     unsure = np.diag([0.04, 0.04, 0.04]) ** 2

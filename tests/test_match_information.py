@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure matches are along bare corridors and in crowds, and where wheels overrule them."""
+"""Information of matches along bare corridors and in crowds, and odometry that overrules them."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def chain(slide_m: float, lidar_m: float, wheels_m: float, closes: bool = False)
     ("lidar_m", "wheels_m", "closes", "expected_m"),
     [(0.2, 0.05, False, 10.0), (0.02, 0.1, False, 8.0), (0.2, 0.05, True, 8.0)],
 )
-def test_of_two_stories_the_surer_is_believed_unless_closures_tell(
+def test_of_odometry_and_matches_the_surer_is_believed_unless_closures_tell(
     lidar_m: float, wheels_m: float, closes: bool, expected_m: float
 ) -> None:
     graph = chain(2.0, lidar_m, wheels_m, closes)

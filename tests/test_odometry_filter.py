@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The motion prediction, and odometry that cannot be believed."""
+"""Motion prediction, and odometry that fails."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ SURE = np.diag([1e-6, 1e-6, 1e-6])
 FORWARD = Pose2(0.1, 0.0, 0.02)
 
 
-def test_squared_sigmas_are_numpys_and_angles_wrap() -> None:
+def test_squared_mahalanobis_is_numpys_and_angles_wrap() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         miss, root = rng.normal(0.0, 0.3, 3), rng.normal(0.0, 0.1, (3, 3))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""When odometry speaks against a match that lies elsewhere."""
+"""When odometry contradicts a match, and when it has failed."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What speaks for a place where a scan may be."""
+"""The posterior of pose candidates."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How probable it is that a scan fits by chance."""
+"""The distribution of the scan fit at false matches."""
 
 from __future__ import annotations
 

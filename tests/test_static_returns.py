@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which returns of keyframes stand: by counting cell by cell, and in a room with passers-by."""
+"""Static returns of keyframes: by counting cell by cell, and in a room with passers-by."""
 
 from __future__ import annotations
 
