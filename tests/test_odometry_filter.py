@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.hypotheses import Hypothesis
+from slarm_graph.frontends.scans.hypotheses import PathHypothesis
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
 from slarm_graph.frontends.scans.odometry_fusion import _with_heading_lever, path_motion
 from slarm_graph.frontends.scans.pose_candidates import (
@@ -249,7 +249,7 @@ def test_what_is_not_matched_is_told_with_all_that_may_have_moved_it() -> None:
     covariance_if_working = Prediction(np.array([0.1, 0.0, 0.0]), 1e-4 * np.eye(3), 0.9)
     failed = Prediction(np.array([0.6, 0.0, 0.0]), 1e-2 * np.eye(3), 0.1)
     prior = PosePrior(np.zeros(3), (covariance_if_working, failed), np.ones(3))
-    hypothesis = Hypothesis()
+    hypothesis = PathHypothesis()
     for step in (1, 2):
         here = replace(prior, base=hypothesis.pose)
         hypothesis.update(unmatched_candidate(covariance_if_working, here), here, 0.1)

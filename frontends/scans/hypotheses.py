@@ -42,7 +42,7 @@ _MAX_HYPOTHESES = 4
 
 
 @dataclass(slots=True)
-class Hypothesis:
+class PathHypothesis:
     """One hypothesis of the robot's path.
 
     Parameters
@@ -91,7 +91,7 @@ class Hypothesis:
             self.pose, tuple(predictions), factor, dynamic_objects=self.dynamic_objects
         )
 
-    def branched(self) -> Hypothesis:
+    def branched(self) -> PathHypothesis:
         """Return an independent copy."""
         return replace(self, odometry=self.odometry.branched(), history=list(self.history))
 
@@ -125,8 +125,8 @@ class Hypothesis:
 
 
 def branch(
-    hypothesis: Hypothesis, candidates: Sequence[PoseCandidate], prior: PosePrior, span_s: float
-) -> list[Hypothesis]:
+    hypothesis: PathHypothesis, candidates: Sequence[PoseCandidate], prior: PosePrior, span_s: float
+) -> list[PathHypothesis]:
     """Branch a hypothesis into its probable pose candidates (likeliest first), one each."""
     best = candidates[0].log_posterior
     probable = [c for c in candidates[:_MAX_HYPOTHESES] if c.log_posterior > best - _PRUNE_LOG_ODDS]
@@ -136,11 +136,11 @@ def branch(
     return branches
 
 
-def prune(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+def prune(hypotheses: Sequence[PathHypothesis]) -> list[PathHypothesis]:
     """Merge equal poses, drop improbable hypotheses; likeliest first, with a log weight of 0."""
     ranked = sorted(hypotheses, key=lambda h: -h.log_weight)
     best = ranked[0].log_weight
-    kept: list[Hypothesis] = []
+    kept: list[PathHypothesis] = []
     for hypothesis in ranked:
         if hypothesis.log_weight > best - _PRUNE_LOG_ODDS and not any(
             are_same(hypothesis.pose, k.pose) for k in kept
@@ -150,6 +150,6 @@ def prune(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     return kept[:_MAX_HYPOTHESES]
 
 
-def is_unambiguous(hypotheses: Sequence[Hypothesis]) -> bool:
+def is_unambiguous(hypotheses: Sequence[PathHypothesis]) -> bool:
     """Whether only one hypothesis (of those sorted by weight) is still probable."""
     return len(hypotheses) == 1 or hypotheses[1].log_weight < -_COMMIT_LOG_ODDS

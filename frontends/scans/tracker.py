@@ -18,7 +18,7 @@ from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.dynamic_objects import with_dynamic_objects
-from slarm_graph.frontends.scans.hypotheses import Hypothesis, branch, is_unambiguous, prune
+from slarm_graph.frontends.scans.hypotheses import PathHypothesis, branch, is_unambiguous, prune
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
 from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior
@@ -100,7 +100,7 @@ class ScanTracker:
         self._config = config
         self._map = LocalMap(config.keyframes, config.matching)
         self._matcher = LocalMatcher(config.matching, chosen_refinement(config, self._map))
-        self._hypotheses = [Hypothesis()]
+        self._hypotheses = [PathHypothesis()]
         self._last_stamp_ns: int | None = None
         self._unmatched_scans = 0
         self._ambiguous_m = 0.0
@@ -153,7 +153,7 @@ class ScanTracker:
         count: int,
     ) -> None:
         """Branch every hypothesis into its candidates, prune; commit if unambiguous or too far."""
-        branches: list[Hypothesis] = []
+        branches: list[PathHypothesis] = []
         for hypothesis, own, prior in zip(self._hypotheses, candidates, priors, strict=True):
             branches += branch(hypothesis, own, prior, span_s)
         self._is_open = len(branches) > 1
@@ -253,7 +253,7 @@ class ScanTracker:
         return True
 
 
-def _last_step_m(hypothesis: Hypothesis) -> float:
+def _last_step_m(hypothesis: PathHypothesis) -> float:
     """Distance between a hypothesis' last two poses [m]; 0 where it has one only."""
     if len(hypothesis.history) < 2:
         return 0.0
