@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from slarm_graph.constraint import Constraint, ConstraintKind
-from slarm_graph.frontends.scans.closures import SURPRISING
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.closures import GATE_CHI2
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.geometry import Pose2
 
 _CHAINS = (ConstraintKind.ODOMETRY, ConstraintKind.WHEELS)
@@ -42,4 +42,4 @@ def _is_rejected(closure: Constraint, steps: Sequence[Constraint], kind: Constra
         pose, adjoint = pose @ step.i_from_j, step.i_from_j.inverse().adjoint()
         covariance = adjoint @ covariance @ adjoint.T + step.covariance
     residual = pose.between(closure.i_from_j).as_array()
-    return squared_sigmas(residual, covariance + closure.covariance) > SURPRISING
+    return squared_mahalanobis(residual, covariance + closure.covariance) > GATE_CHI2

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
-from slarm_graph.frontends.scans.small_pose import log_volume, squared_sigmas
+from slarm_graph.frontends.scans.small_pose import log_det_2pi, squared_mahalanobis
 from slarm_graph.geometry import Floats, adjoints, between, compose, invert
 
 _MIN_SET = 3
@@ -158,7 +158,7 @@ def log_odds_nat(graph: SubmapGraph, closure: Closure, within_m: float) -> float
     """
     residual, covariance = graph.residual(closure)
     log_area = math.log(2.0 * math.pi**2 * within_m**2)
-    return log_area - 0.5 * (squared_sigmas(residual, covariance) + log_volume(covariance))
+    return log_area - 0.5 * (squared_mahalanobis(residual, covariance) + log_det_2pi(covariance))
 
 
 def pairwise_consistent(

@@ -23,8 +23,12 @@ from slarm_graph.backends.closure_sets import MAX_COVISIBLE_M, consistent_sets, 
 from slarm_graph.backends.closure_verification import verify_closures
 from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.counts import count_of
-from slarm_graph.frontends.scans.closures import SIGMAS, Closure
-from slarm_graph.frontends.scans.place_recognition import Appearance, PlaceIndex, appearance_of
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
+from slarm_graph.frontends.scans.place_recognition import (
+    PlaceDescriptor,
+    PlaceIndex,
+    describe_place,
+)
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, compose, transform_points
 
@@ -111,10 +115,10 @@ def reassess_closures(
     return other
 
 
-def _appearance(matcher: SubmapMatcher, submap: int) -> Appearance:
+def _appearance(matcher: SubmapMatcher, submap: int) -> PlaceDescriptor:
     """Descriptor of a submap with its neighbours, about the median of its returns."""
     middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
-    return appearance_of(matcher.points_of(matcher.region(submap)), middle)
+    return describe_place(matcher.points_of(matcher.region(submap)), middle)
 
 
 def _aligned(matcher: SubmapMatcher, candidates: Sequence[_Candidate]) -> list[Closure]:
@@ -152,16 +156,16 @@ def _similar_candidates(
     nodes = graph.poses()
     for j, old in _without_closure(graph):
         sigmas_m, _ = graph.sigmas_from(j)
-        reach_m = SIGMAS * sigmas_m[old] + _COVISIBLE_M
+        reach_m = GATE_SIGMAS * sigmas_m[old] + _COVISIBLE_M
         possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + MAX_COVISIBLE_M]
         fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
         if not len(fresh):
             continue
-        for match in index.alike(j, fresh, _RETRIEVED)[:_ALIGNED]:
+        for match in index.most_similar(j, fresh, _RETRIEVED)[:_ALIGNED]:
             i = match.place
             tried.add((i, j))
             shift = between(between(nodes[i], nodes[j]), match.place_from_query)
-            if math.hypot(shift[0], shift[1]) > SIGMAS * sigmas_m[i] + _COVISIBLE_M:
+            if math.hypot(shift[0], shift[1]) > GATE_SIGMAS * sigmas_m[i] + _COVISIBLE_M:
                 continue
             yield j, i, match.place_from_query
 

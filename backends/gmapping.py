@@ -50,7 +50,7 @@ from slarm_graph.backends.second_pass import (
 from slarm_graph.config import FrontendConfig, GmappingConfig, Stage
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
-from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import NO_MOTION, WheelMotion, chained
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.readings import Reading
 from slarm_graph.snapshots import State, restore_state, state_of
@@ -84,7 +84,7 @@ class _State:
     restart_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     step_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     previous_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    unmatched: WheelMotion | None = STOOD
+    unmatched: WheelMotion | None = NO_MOTION
     closed_path: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     second_pass: str = ""
 
@@ -272,7 +272,7 @@ class GmappingBackend:
         state.turned_rad += abs(scan.motion.theta)
         sigma = np.sqrt(np.diag(scan.local_covariance)).tolist()
         is_good = scan.match and max(sigma[:2]) <= _MAX_SIGMA_M and sigma[2] <= _MAX_SIGMA_RAD
-        state.unmatched = STOOD if scan.match else joined(state.unmatched, scan.wheels)
+        state.unmatched = NO_MOTION if scan.match else chained(state.unmatched, scan.wheels)
         if scan.match or state.unmatched is None:
             covariance = scan.local_covariance
         else:
@@ -285,7 +285,7 @@ class GmappingBackend:
                 state.restart_covariance + state.step_covariance,
                 np.zeros((3, 3)),
             )
-            state.unmatched = STOOD
+            state.unmatched = NO_MOTION
 
     def _is_due(self, scan: TrackedScan) -> bool:
         state = self._state

@@ -28,7 +28,7 @@ from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, view_center
 from slarm_graph.frontends.scans.tracker import TrackedScan
-from slarm_graph.frontends.scans.wheel_motion import STOOD, WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import NO_MOTION, WheelMotion, chained
 from slarm_graph.geometry import Floats, Pose2, between, compose
 from slarm_graph.trajectory import Trajectory
 
@@ -121,7 +121,7 @@ class GraphBuilder:
         else:
             self._unmatched.append(tracked.wheels)
         self._has_odometry |= tracked.odom_from_robot is not None
-        self._wheels = joined(self._wheels, tracked.wheels)
+        self._wheels = chained(self._wheels, tracked.wheels)
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
         elif tracked.is_open and tracked.match:
@@ -207,7 +207,7 @@ class GraphBuilder:
             tracked.lag_covariance,
             bool(tracked.match),
         )
-        self._wheels = STOOD
+        self._wheels = NO_MOTION
         self._graph.add(keyframe)
         keyframes, submaps = self._graph.keyframes, self._graph.submaps
         closures = self._closer.confirm(keyframes, submaps)

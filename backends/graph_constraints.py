@@ -14,7 +14,7 @@ from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.submaps import Keyframe
-from slarm_graph.frontends.scans.wheel_motion import joined
+from slarm_graph.frontends.scans.wheel_motion import chained
 from slarm_graph.geometry import Floats, Pose2
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
@@ -75,13 +75,13 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
     Odometry is read at a scan's stamp, a sweep is matched at its middle: the motion between the two
     and the reading error add to the covariance at either end, and there alone.
     """
-    wheels = functools.reduce(joined, [keyframe.wheels for keyframe in keyframes[1:]])
+    wheels = functools.reduce(chained, [keyframe.wheels for keyframe in keyframes[1:]])
     if wheels is None:
         return None
     motion = Pose2.from_array(wheels.motion)
-    first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading) for k in (0, -1))
+    first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading_variances) for k in (0, -1))
     readings = _ODOMETRY_FLOOR + _transformed(first, motion) + last
-    both = (wheels.total_covariance() + readings, wheels.held_covariance() + readings)
+    both = (wheels.total_covariance() + readings, wheels.total_covariance_if_working() + readings)
     total, nominal = (_symmetric(covariance * clamping_factors(covariance)) for covariance in both)
     return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=nominal)
 

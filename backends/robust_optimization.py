@@ -15,7 +15,7 @@ from slarm_graph.backends.pose_graph_optimizer import Kernel, optimize, optimize
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
 
 _SLIP_SIGMAS = 2.0
@@ -114,7 +114,7 @@ def _contradict(difference: Floats, one: Constraint, other: Constraint) -> bool:
     With nominal covariances: odometry's is inflated where a match contradicts it, so that a false
     match would confirm itself.
     """
-    return squared_sigmas(difference, _nominal(one) + _nominal(other)) > CHI2_1_PERMILLE
+    return squared_mahalanobis(difference, _nominal(one) + _nominal(other)) > CHI2_1_PERMILLE
 
 
 def _difference(one: Constraint, other: Constraint) -> Floats:

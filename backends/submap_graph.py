@@ -28,8 +28,8 @@ from slarm_graph.backends.sliding_window import sliding_window
 from slarm_graph.backends.variance_components import reoptimized
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.scans.closures import SIGMAS, SURPRISING, Closure, Expectations
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.closures import GATE_CHI2, GATE_SIGMAS, Closure, ClosureCandidates
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import Floats, Pose2, adjoints, between, compose, invert, transform_points
 
@@ -167,7 +167,7 @@ class SubmapGraph:
         return [c if c.reason or self._in_gate(c) else replace(c, reason=GATED) for c in closures]
 
     def _in_gate(self, closure: Closure) -> bool:
-        return squared_sigmas(*self.residual(closure)) <= SURPRISING
+        return squared_mahalanobis(*self.residual(closure)) <= GATE_CHI2
 
     def residual(self, closure: Closure) -> tuple[Floats, Floats]:
         """Residual (3,) of a closure at the graph's estimate, and its innovation covariance."""
@@ -199,22 +199,22 @@ class SubmapGraph:
         """Poses (N, 3) in the map of all scans of the tracker's frame (N, 3), by interpolation."""
         return interpolate_corrections(local, self.node_scans(), np.array(self._nodes), variances)
 
-    def expectations(self) -> Expectations:
+    def expectations(self) -> ClosureCandidates:
         """Predict the newest keyframe in the old submaps it may see, nearest first."""
         count = self._old_submaps()
         if not count:
-            return Expectations.none()
+            return ClosureCandidates.none()
         here = (self.map_from_local() @ self.keyframes[-1].local_from_robot).as_array()
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
         sigma_m, sigma_rad = (s[:count] for s in self.sigmas_from(len(self._nodes) - 1))
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
-        bound_m = np.minimum(SIGMAS * sigma_m, self._config.loops.window_m)
+        bound_m = np.minimum(GATE_SIGMAS * sigma_m, self._config.loops.window_m)
         near = np.flatnonzero(distance < _MAX_VIEW_DISTANCE_M + bound_m)
         # Of equally near submaps the oldest first: later visits are then all tied to the first one.
         near = near[np.lexsort((near, np.floor(distance[near] / _DISTANCE_BIN_M)))]
-        return Expectations(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
+        return ClosureCandidates(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
 
     def _old_submaps(self) -> int:
         """Count the submaps whose keyframes are all older than the recent ones."""

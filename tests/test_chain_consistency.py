@@ -9,7 +9,7 @@ import pytest
 
 from slarm_graph.backends.chain_consistency import contradicts_both_chains
 from slarm_graph.constraint import Constraint, ConstraintKind
-from slarm_graph.frontends.scans.closures import SURPRISING
+from slarm_graph.frontends.scans.closures import GATE_CHI2
 from slarm_graph.geometry import Floats, Pose2, between, compose
 
 STEP, COUNT = np.array([1.0, 0.1, 0.08]), 20
@@ -59,7 +59,7 @@ def test_the_gate_is_that_of_the_drawn_covariance() -> None:
     off = between(expected, np.array([led_to(rng) for _ in range(2000)]))
     spread = np.cov(off.T)
     steps = [*chain(MATCHES), *chain(WHEELS)]
-    least, most = 0.85 * np.sqrt(SURPRISING), 1.15 * np.sqrt(SURPRISING)
+    least, most = 0.85 * np.sqrt(GATE_CHI2), 1.15 * np.sqrt(GATE_CHI2)
     for direction in np.linalg.cholesky(spread).T:
         assert not contradicts_both_chains(found_at(compose(expected, least * direction)), steps)
         assert contradicts_both_chains(found_at(compose(expected, most * direction)), steps)

@@ -9,8 +9,8 @@ import pytest
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
 from slarm_graph.frontends.scans import loop_closure
-from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
-from slarm_graph.frontends.scans.loop_closure import LoopCloser, doubt
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure, ClosureCandidates
+from slarm_graph.frontends.scans.loop_closure import LoopCloser, rejection_reason
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import Floats, Pose2
 
@@ -24,15 +24,15 @@ def keyframes(count: int) -> list[Keyframe]:
     return [Keyframe(k, wall, pose, np.eye(3), np.zeros(2)) for k, pose in enumerate(poses)]
 
 
-def expected(sigma_m: list[float], sigma_rad: list[float]) -> Expectations:
+def expected(sigma_m: list[float], sigma_rad: list[float]) -> ClosureCandidates:
     """Of as many submaps as there are sigmas, each expected at its number [m]."""
     count = len(sigma_m)
     poses = np.column_stack([np.arange(float(count)), np.zeros((count, 2))])
-    return Expectations(np.arange(count), poses, np.array(sigma_m), np.array(sigma_rad))
+    return ClosureCandidates(np.arange(count), poses, np.array(sigma_m), np.array(sigma_rad))
 
 
 def examined(
-    monkeypatch: pytest.MonkeyPatch, config: LoopClosureConfig, where: Expectations, count: int
+    monkeypatch: pytest.MonkeyPatch, config: LoopClosureConfig, where: ClosureCandidates, count: int
 ) -> tuple[Calls, list[tuple[int, int]]]:
     """Searches that find nothing, and matches where the graph is sure, over some keyframes."""
     way, searched, matched = keyframes(count), [], []
@@ -99,8 +99,8 @@ def test_a_window_is_as_wide_as_the_graph_may_err_within_bounds(
     where = expected([0.5, 5.0], [0.9, 0.2])
     searched, _ = examined(monkeypatch, config, where, 1)
     assert searched == [
-        (0, 0.0, pytest.approx(SIGMAS * 0.5), 1.5),
-        (0, 1.0, 3.0, pytest.approx(SIGMAS * 0.2)),
+        (0, 0.0, pytest.approx(GATE_SIGMAS * 0.5), 1.5),
+        (0, 1.0, 3.0, pytest.approx(GATE_SIGMAS * 0.2)),
     ]
 
 
@@ -131,7 +131,7 @@ def test_what_is_wrong_with_a_match(
     turn = np.array([[0.8, -0.6], [0.6, 0.8]])
     information = np.full((3, 3), 0.1)
     information[:2, :2] = turn @ np.diag([1.0001 / sigma_m**2, 900.0]) @ turn.T
-    assert doubt(score, information, behind, LoopClosureConfig()) == reason
+    assert rejection_reason(score, information, behind, LoopClosureConfig()) == reason
 
 
 def test_the_latest_keyframes_are_searched_for_together() -> None:

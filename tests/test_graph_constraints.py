@@ -70,7 +70,7 @@ def test_odometry_is_read_at_the_stamps_at_both_ends() -> None:
 def test_reading_errors_of_odometry_count_at_both_ends_and_not_between() -> None:
     reading = np.array([0.05, 0.0, 0.02]) ** 2
     plain = [keyframe(k, np.zeros((3, 3))) for k in range(5)]
-    wheels = replace(keyframe(0, LAG).wheels, reading=reading)
+    wheels = replace(keyframe(0, LAG).wheels, reading_variances=reading)
     rough = [replace(k, wheels=wheels) for k in plain]
     exact, read = wheels_step(1, plain), wheels_step(1, rough)
     assert exact is not None and read is not None

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A scan is found where it belongs, however vaguely it was expected."""
+"""Scan-to-map matching from predictions of any uncertainty."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.keyframes import LocalMap
-from slarm_graph.frontends.scans.local_matching import LocalMatcher, _agree, _samples
+from slarm_graph.frontends.scans.local_map import LocalMap
+from slarm_graph.frontends.scans.local_matching import LocalMatcher, _agree, _subsamples
 from slarm_graph.frontends.scans.odometry_filter import Prediction
-from slarm_graph.frontends.scans.places import Outlook
+from slarm_graph.frontends.scans.pose_candidates import PosePrior
 from slarm_graph.geometry import Floats, Pose2, between, invert, transform_points
 
 VAGUE = np.diag([0.05, 0.05, np.radians(3.0)]) ** 2
@@ -53,10 +53,10 @@ def test_a_turn_that_odometry_has_wrong_is_found_where_things_are_far(off_deg: f
     )
     local_map.add(seen_from(np.zeros(3)), Pose2())
     for fits in [0.5, 0.8, 0.6, 0.7] * 10:
-        matcher.usual.learn(fits)
+        matcher.true_fit.learn(fits)
     expected = TRUE + np.array([0.0, 0.0, np.radians(off_deg)])
-    outlook = Outlook(np.zeros(3), (Prediction(expected, VAGUE),), np.ones(3))
-    places = matcher.places(seen_from(TRUE), local_map, outlook, all_round=False, alone=True)
+    prior = PosePrior(np.zeros(3), (Prediction(expected, VAGUE),), np.ones(3))
+    places = matcher.candidates(seen_from(TRUE), local_map, prior, relocalise=False, single=True)
     away = between(TRUE, places[0].pose)
     assert np.hypot(away[0], away[1]) < 0.05
     assert abs(away[2]) < np.radians(0.3)
@@ -70,11 +70,11 @@ def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
         local_map.add(np.add(front, [0.0, aside_m]), Pose2())
     matcher = LocalMatcher(MatchingConfig())
     for _ in range(30):
-        matcher.usual.learn(0.9)
+        matcher.true_fit.learn(0.9)
     sure = Prediction(np.zeros(3), np.diag([0.07, 0.07, 0.02]) ** 2)
-    outlook = Outlook(np.zeros(3), (sure,), np.ones(3))
-    places = matcher.places(
-        np.subtract(front, [0.0, 0.3]), local_map, outlook, all_round=False, alone=True
+    prior = PosePrior(np.zeros(3), (sure,), np.ones(3))
+    places = matcher.candidates(
+        np.subtract(front, [0.0, 0.3]), local_map, prior, relocalise=False, single=True
     )
     assert places[0].inliers == 0, "the prediction is kept"
     assert any(place.inliers for place in places[1:]), "another front was found"
@@ -84,7 +84,7 @@ def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
 def test_many_returns_are_searched_for_by_two_samples(count: int) -> None:
     """Each of every n-th return, halfway between those of the other; few are searched for whole."""
     points = np.arange(2.0 * count).reshape(count, 2)
-    samples = _samples(points)
+    samples = _subsamples(points)
     if count < 160:
         assert len(samples) == 1
         np.testing.assert_array_equal(samples[0], points)
@@ -96,7 +96,7 @@ def test_many_returns_are_searched_for_by_two_samples(count: int) -> None:
     assert 80 <= len(first) < 160
 
 
-def test_stories_agree_as_far_as_both_are_unsure() -> None:
+def test_predictions_agree_as_far_as_both_are_uncertain() -> None:
     """Up to four standard deviations, chi squared of 3 at a thousandth."""
     sure = np.diag([0.03, 0.03, 0.03]) ** 2
     unsure = np.diag([0.04, 0.04, 0.04]) ** 2

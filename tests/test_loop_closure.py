@@ -14,7 +14,7 @@ from scipy.stats import chi2
 from slarm_graph.config import FrontendConfig, LoopClosureConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans import loop_closure
-from slarm_graph.frontends.scans.closures import Closure, Expectations
+from slarm_graph.frontends.scans.closures import Closure, ClosureCandidates
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker
@@ -51,7 +51,7 @@ def closures(
     for keyframe in later:
         met.append(keyframe)
         true = between(anchor, keyframe.local_from_robot.as_array())
-        expected = Expectations(
+        expected = ClosureCandidates(
             np.array([0]), compose(true, OFF)[None], np.array([0.4]), np.array([0.1])
         )
         done += closer.confirm(met, [submap])
@@ -86,7 +86,7 @@ def test_a_match_that_agrees_too_little_says_its_score(
     submap, met = make_submap(way, 0, OLD, 6), way[:OLD]
     settings = LoopClosureConfig(min_score=least)
     there = between(*(k.local_from_robot.as_array() for k in (met[6], met[-1])))[None]
-    expected = Expectations(np.array([0]), there, np.array([0.01]), np.array([0.01]))
+    expected = ClosureCandidates(np.array([0]), there, np.array([0.01]), np.array([0.01]))
     (found,) = LoopCloser(settings, FrontendConfig().matching).examine(met, [submap], expected)
     assert found.reason == (f"score {found.score:.2f}" if is_told else "")
 
@@ -97,7 +97,7 @@ def test_searches_in_vain_may_go_on_for_ever(way: list[Keyframe]) -> None:
     nothing_alike = replace(way[-1], points_m=np.array([[3.0, 0.0], [-3.0, 0.5]]))
     config = LoopClosureConfig(search_again=1, window_m=0.1)
     closer = LoopCloser(config, FrontendConfig().matching)
-    expected = Expectations(
+    expected = ClosureCandidates(
         np.array([0]), np.zeros((1, 3)), np.array([0.01 + config.sure_m]), np.array([0.01])
     )
     met = way[:OLD]
@@ -121,7 +121,7 @@ def test_a_search_reaches_as_far_as_the_graph_may_err(
     closer = LoopCloser(settings, FrontendConfig().matching)
     met = list(way[:OLD])
     sigmas = np.array([sigma_m]), np.array([sigma_rad])
-    expected = Expectations(np.array([0]), np.zeros((1, 3)), *sigmas)
+    expected = ClosureCandidates(np.array([0]), np.zeros((1, 3)), *sigmas)
     for keyframe in [way[OLD], way[-1]] * 200:
         met.append(keyframe)
         closer.examine(met, [make_submap(way, 0, OLD, 6)], expected)
@@ -188,7 +188,7 @@ def test_a_match_along_one_wall_slides_whichever_way_the_wall_runs(heading: floa
         information = np.eye(3)
         information[:2, :2] = of_along * np.outer(along, along)
         information[:2, :2] += of_across * np.outer(across, across)
-        return loop_closure.doubt(1.0, information, 0.0, config)
+        return loop_closure.rejection_reason(1.0, information, 0.0, config)
 
     assert reason(strong, strong) == ""
     assert reason(weak, strong) == reason(strong, weak) == "slides along a wall"

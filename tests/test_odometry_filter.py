@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The motion prediction, and odometry that cannot be believed."""
+"""Motion prediction, and odometry that fails."""
 
 from __future__ import annotations
 
@@ -10,28 +10,32 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.hypotheses import Story
+from slarm_graph.frontends.scans.hypotheses import PathHypothesis
 from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction
-from slarm_graph.frontends.scans.odometry_weighing import _levered, along_path
-from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
-from slarm_graph.frontends.scans.small_pose import squared_sigmas
+from slarm_graph.frontends.scans.odometry_fusion import _with_heading_lever, path_motion
+from slarm_graph.frontends.scans.pose_candidates import (
+    PoseCandidate,
+    PosePrior,
+    unmatched_candidate,
+)
+from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration
-from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, chained
 from slarm_graph.geometry import Floats, Pose2, between
 
 SURE = np.diag([1e-6, 1e-6, 1e-6])
 FORWARD = Pose2(0.1, 0.0, 0.02)
 
 
-def test_squared_sigmas_are_numpys_and_angles_wrap() -> None:
+def test_squared_mahalanobis_is_numpys_and_angles_wrap() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         miss, root = rng.normal(0.0, 0.3, 3), rng.normal(0.0, 0.1, (3, 3))
         covariance = root @ root.T + 1e-4 * np.eye(3)
         expected = miss @ np.linalg.solve(covariance, miss)
         turned = miss + np.array([0.0, 0.0, 2 * math.pi])
-        assert squared_sigmas(miss, covariance) == pytest.approx(expected, rel=1e-6)
-        assert squared_sigmas(turned, covariance) == pytest.approx(expected, rel=1e-6)
+        assert squared_mahalanobis(miss, covariance) == pytest.approx(expected, rel=1e-6)
+        assert squared_mahalanobis(turned, covariance) == pytest.approx(expected, rel=1e-6)
 
 
 def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFilter:
@@ -40,8 +44,8 @@ def run(steps: int, odom_motion: Pose2 | None, true_motion: Pose2) -> OdometryFi
     odom = Pose2(1.0, 2.0, 0.5)
     for _ in range(steps):
         odometry.predict(0.1, None if odom_motion is None else odom)
-        odometry.judge(true_motion.as_array(), SURE)
-        odometry.learn(true_motion.as_array(), np.diag(SURE))
+        odometry.update_reliability(true_motion.as_array(), SURE)
+        odometry.calibrate(true_motion.as_array(), np.diag(SURE))
         odometry.correct(0.1, true_motion.as_array(), SURE)
         odom = odom @ (odom_motion or Pose2())
     return odometry
@@ -57,12 +61,12 @@ def test_a_step_in_which_odometry_failed_has_room_for_going_on() -> None:
         odometry = run(100, FORWARD, FORWARD)
         fine = odometry.wheel_motion()
         odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 99))
-        odometry.judge(FORWARD.as_array() + np.array([0.0, aside_m, 0.0]), SURE)
+        odometry.update_reliability(FORWARD.as_array() + np.array([0.0, aside_m, 0.0]), SURE)
         hung = odometry.wheel_motion()
         assert fine is not None and hung is not None
         assert math.sqrt(fine.covariance[0, 0]) < 0.3 * way_m
         assert (math.sqrt(hung.covariance[0, 0]) > 0.7 * way_m) != speaks
-        assert (math.sqrt(hung.held[0, 0]) < 0.3 * way_m) == speaks
+        assert (math.sqrt(hung.covariance_if_working[0, 0]) < 0.3 * way_m) == speaks
 
 
 def _moved(motion: Pose2, steps: int) -> Pose2:
@@ -105,7 +109,7 @@ def test_odometry_that_jumps_is_kept_apart() -> None:
 def test_odometry_that_fails_is_told_by_its_probability() -> None:
     odometry = run(40, FORWARD, FORWARD)
     assert odometry.predict(0.1, Pose2(9.0, 9.0, 0.0))[0].probability > 0.9
-    odometry.judge(FORWARD.as_array(), SURE)
+    odometry.update_reliability(FORWARD.as_array(), SURE)
     odometry.correct(0.1, FORWARD.as_array(), SURE)
     likeliest = odometry.predict(0.1, Pose2(9.0, 9.0, 0.0) @ FORWARD)[0]
     np.testing.assert_allclose(likeliest.motion, FORWARD.as_array(), atol=1e-3)
@@ -119,7 +123,7 @@ def hung(found: Pose2, sure: Floats, *, steps: int) -> OdometryFilter:
     seen = [(FORWARD, SURE)] * 2 + [(found, sure)] * steps
     for moved, covariance in seen:
         odometry.predict(0.1, stopped)
-        odometry.judge(moved.as_array(), covariance)
+        odometry.update_reliability(moved.as_array(), covariance)
         odometry.correct(0.1, moved.as_array(), covariance)
     return odometry
 
@@ -143,7 +147,7 @@ def test_what_encoders_that_hung_read_first_may_be_all_that_they_missed() -> Non
     steady, caught_up = hanging.predict(0.1, odom)
     assert caught_up.probability < 0.5 < steady.probability
     for _ in range(20):
-        hanging.judge(FORWARD.as_array(), ALONG_A_CORRIDOR)
+        hanging.update_reliability(FORWARD.as_array(), ALONG_A_CORRIDOR)
         hanging.correct(0.1, FORWARD.as_array(), ALONG_A_CORRIDOR)
         odom = odom @ FORWARD
         wheels = hanging.predict(0.1, odom)[0]
@@ -157,7 +161,7 @@ def test_a_stand_is_not_taken_for_encoders_that_hang() -> None:
     stopped = Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 39)
     for _ in range(600):
         odometry.predict(0.1, stopped)
-        odometry.judge(np.zeros(3), SURE)
+        odometry.update_reliability(np.zeros(3), SURE)
         odometry.correct(0.1, np.zeros(3), SURE)
     assert odometry.predict(0.1, stopped)[0].probability > 0.98
 
@@ -183,13 +187,15 @@ def test_what_many_steps_turn_wrongly_is_carried_aside(turn: float) -> None:
     seen = np.stack([cos * ahead + sin * aside, cos * aside - sin * ahead, end])
     way = 0.25 * steps * np.array([math.cos(to_the_side), math.sin(to_the_side)])
     of_turns = np.diag([0.0, 0.0, steps * of_step**2])
-    told = _levered(of_turns, np.array([*way, turn]), float(steps))
+    told = _with_heading_lever(of_turns, np.array([*way, turn]), float(steps))
     np.testing.assert_allclose(told, np.cov(seen), rtol=0.1, atol=2e-4)
 
 
 def test_one_step_carries_nothing_aside() -> None:
     covariance = np.diag([1e-4, 2e-4, 3e-4])
-    np.testing.assert_array_equal(_levered(covariance, np.array([1.0, 0.5, 0.3]), 1.0), covariance)
+    np.testing.assert_array_equal(
+        _with_heading_lever(covariance, np.array([1.0, 0.5, 0.3]), 1.0), covariance
+    )
 
 
 def test_a_gap_lies_where_odometry_says_whether_it_failed_in_it_or_not() -> None:
@@ -199,7 +205,7 @@ def test_a_gap_lies_where_odometry_says_whether_it_failed_in_it_or_not() -> None
     for prediction in both:
         np.testing.assert_allclose(prediction.motion, way.as_array(), atol=0.1)
     assert both[1].covariance[0, 0] > 0.5
-    assert both[0].covariance[1, 1] > odometry.wheels.known.excess[1] * 1e-3
+    assert both[0].covariance[1, 1] > odometry.wheels.parameters.variance_factor[1] * 1e-3
 
 
 @pytest.mark.parametrize("jitter_m", [0.0, 0.1])
@@ -211,7 +217,7 @@ def test_predictions_know_how_unsteadily_the_robot_moves(jitter_m: float) -> Non
         moved = Pose2(0.1 + jitter_m * rng.standard_normal(), 0.0, 0.0)
         if step >= 100:
             miss = prediction.motion - moved.as_array()
-            squares.append(squared_sigmas(miss, prediction.covariance + SURE))
+            squares.append(squared_mahalanobis(miss, prediction.covariance + SURE))
         odometry.correct(0.1, moved.as_array(), SURE)
     assert np.mean(squares) < 5.0
     assert np.mean(squares) > 1.0 or jitter_m == 0.0
@@ -240,22 +246,22 @@ def test_the_velocity_fades_while_nothing_matches() -> None:
 
 def test_what_is_not_matched_is_told_with_all_that_may_have_moved_it() -> None:
     """One in ten that odometry failed: its half a metre is in the spread alone."""
-    held = Prediction(np.array([0.1, 0.0, 0.0]), 1e-4 * np.eye(3), 0.9)
+    covariance_if_working = Prediction(np.array([0.1, 0.0, 0.0]), 1e-4 * np.eye(3), 0.9)
     failed = Prediction(np.array([0.6, 0.0, 0.0]), 1e-2 * np.eye(3), 0.1)
-    outlook = Outlook(np.zeros(3), (held, failed), np.ones(3))
-    story = Story()
+    prior = PosePrior(np.zeros(3), (covariance_if_working, failed), np.ones(3))
+    hypothesis = PathHypothesis()
     for step in (1, 2):
-        here = replace(outlook, base=story.pose)
-        story.went(unmatched(held, here), here, 0.1)
-        np.testing.assert_allclose(story.covariance, held.covariance)
+        here = replace(prior, base=hypothesis.pose)
+        hypothesis.update(unmatched_candidate(covariance_if_working, here), here, 0.1)
+        np.testing.assert_allclose(hypothesis.covariance, covariance_if_working.covariance)
         of_step = 0.9 * 1e-4 + 0.1 * (1e-2 + 0.5**2)
         if step == 1:
-            assert story.spread[0, 0] == pytest.approx(of_step)
+            assert hypothesis.mixture_covariance[0, 0] == pytest.approx(of_step)
         else:
-            assert story.spread[0, 0] > 1.9 * of_step
-    match = Place(story.pose, 1e6 * np.eye(3), 0.9, 99, 1)
-    story.went(match, replace(outlook, base=story.pose), 0.1)
-    np.testing.assert_array_equal(story.spread, story.covariance)
+            assert hypothesis.mixture_covariance[0, 0] > 1.9 * of_step
+    match = PoseCandidate(hypothesis.pose, 1e6 * np.eye(3), 0.9, 99, 1)
+    hypothesis.update(match, replace(prior, base=hypothesis.pose), 0.1)
+    np.testing.assert_array_equal(hypothesis.mixture_covariance, hypothesis.covariance)
 
 
 def test_systematic_errors_add_up_along_a_path() -> None:
@@ -265,20 +271,29 @@ def test_systematic_errors_add_up_along_a_path() -> None:
     ones, nothing = np.ones(3), np.zeros((3, 3))
 
     def whole(errors: Floats) -> WheelMotion:
-        known = WheelCalibration().known._replace(errors=errors, path_excess=ones)
+        known = WheelCalibration().parameters._replace(errors=errors, path_variance_factor=ones)
         path: WheelMotion | None = None
         for step in steps:
-            motion, covariance, held, effect = along_path(step, known, 1.0, step, nothing, 1.0)
-            one = WheelMotion(motion, covariance, held, np.zeros(3), effect, known.covariance)
-            path = one if path is None else joined(path, one)
+            motion, covariance, covariance_if_working, error_jacobian = path_motion(
+                step, known, 1.0, step, nothing, 1.0
+            )
+            one = WheelMotion(
+                motion,
+                covariance,
+                covariance_if_working,
+                np.zeros(3),
+                error_jacobian,
+                known.covariance,
+            )
+            path = one if path is None else chained(path, one)
         assert path is not None
         return path
 
     at = whole(np.zeros(3))
     numeric = [between(at.motion, whole(1e-6 * e).motion) / 1e-6 for e in np.eye(3)]
-    assert np.allclose(at.effect, np.transpose(numeric), atol=1e-4)
-    of_errors = WheelCalibration().covariance
-    expected = at.covariance + at.effect @ of_errors @ at.effect.T
+    assert np.allclose(at.error_jacobian, np.transpose(numeric), atol=1e-4)
+    error_covariance = WheelCalibration().covariance
+    expected = at.covariance + at.error_jacobian @ error_covariance @ at.error_jacobian.T
     assert np.allclose(at.total_covariance(), expected)
     assert at.total_covariance()[0, 0] > 2.0 * at.covariance[0, 0]
 
@@ -286,19 +301,19 @@ def test_systematic_errors_add_up_along_a_path() -> None:
 def test_what_may_have_failed_unseen_does_not_widen_a_path() -> None:
     """While nothing is matched odometry is as sure as it was; one that was seen to fail is not."""
     odometry = run(100, FORWARD, FORWARD)
-    usual = odometry.wheel_motion()
+    true_fit = odometry.wheel_motion()
     for k in range(100, 150):
         odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, k + 1))
         odometry.coast()
     unseen = odometry.wheel_motion()
     odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 150))
-    odometry.judge(2.0 * FORWARD.as_array(), SURE)
+    odometry.update_reliability(2.0 * FORWARD.as_array(), SURE)
     odometry.coast()
     odometry.predict(0.1, Pose2(1.0, 2.0, 0.5) @ _moved(FORWARD, 151))
     failed = odometry.wheel_motion()
-    assert usual is not None and unseen is not None and failed is not None
-    np.testing.assert_allclose(unseen.covariance, usual.covariance, rtol=1e-2, atol=1e-9)
-    assert failed.covariance[2, 2] > 10.0 * usual.covariance[2, 2]
+    assert true_fit is not None and unseen is not None and failed is not None
+    np.testing.assert_allclose(unseen.covariance, true_fit.covariance, rtol=1e-2, atol=1e-9)
+    assert failed.covariance[2, 2] > 10.0 * true_fit.covariance[2, 2]
 
 
 def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
@@ -309,9 +324,9 @@ def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
         odom = odom @ Pose2(0.4, 0.0, 0.1)
         for one_story in odometry.predict(span_s, odom):
             assert np.linalg.eigvalsh(one_story.covariance).min() > 0.0
-    usual = OdometryFilter()
-    usual.predict(0.1, Pose2())
-    usual.predict(0.1, Pose2(0.4, 0.0, 0.1))
-    one, other = odometry._measured, usual._measured
+    true_fit = OdometryFilter()
+    true_fit.predict(0.1, Pose2())
+    true_fit.predict(0.1, Pose2(0.4, 0.0, 0.1))
+    one, other = odometry._odometry_alone, true_fit._odometry_alone
     assert one is not None and other is not None
     np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-12)

@@ -28,7 +28,14 @@ def told(
         drift[k] = lasting * drift[k - 1] + np.sqrt(1.0 - lasting**2) * drift[k]
     for miss in of_match + of_reading + drift:
         noise.learn(miss, GUESS, CLAIM, ALWAYS)
-        known.append((noise.excess, noise.match_excess, noise.reading, noise.path_excess))
+        known.append(
+            (
+                noise.variance_factor,
+                noise.match_variance_factor,
+                noise.reading_variances,
+                noise.path_variance_factor,
+            )
+        )
     names = ("excess", "match_excess", "reading", "path_excess")
     return {n: np.mean([k[i] for k in known[300:]], axis=0) for i, n in enumerate(names)}
 
@@ -64,30 +71,30 @@ def test_axes_that_matches_say_nothing_of_learn_nothing() -> None:
     noise.learn(np.zeros(3), GUESS, CLAIM, tells)
     for _ in range(200):
         noise.learn(rng.normal(0.0, 0.5, 3), GUESS, CLAIM, tells)
-    assert (noise.excess[[0, 2]] > 50.0).all()
-    assert noise.excess[1] == pytest.approx(1.0)
-    assert (noise.path_excess[[0, 2]] > 50.0).all()
-    assert noise.path_excess[1] == pytest.approx(1.0)
+    assert (noise.variance_factor[[0, 2]] > 50.0).all()
+    assert noise.variance_factor[1] == pytest.approx(1.0)
+    assert (noise.path_variance_factor[[0, 2]] > 50.0).all()
+    assert noise.path_variance_factor[1] == pytest.approx(1.0)
 
 
 def test_a_branch_learns_for_itself_and_nothing_from_over_a_gap() -> None:
     noise = OdometryNoise()
     for sign in (1.0, -1.0, 1.0, -1.0):
         noise.learn(np.full(3, 0.02 * sign), GUESS, CLAIM, ALWAYS)
-    before = noise.excess.copy()
+    before = noise.variance_factor.copy()
     other = noise.branched()
     for _ in range(20):
         other.learn(np.full(3, 0.5), GUESS, CLAIM, ALWAYS)
-    np.testing.assert_array_equal(noise.excess, before)
+    np.testing.assert_array_equal(noise.variance_factor, before)
     noise.learn(np.full(3, 0.02), GUESS, CLAIM, ALWAYS)
     alone = OdometryNoise()
     for sign in (1.0, -1.0, 1.0, -1.0, 1.0):
         alone.learn(np.full(3, 0.02 * sign), GUESS, CLAIM, ALWAYS)
-    np.testing.assert_array_equal(noise.excess, alone.excess)
+    np.testing.assert_array_equal(noise.variance_factor, alone.variance_factor)
     noise.interrupt()
-    known = noise.excess.copy()
+    known = noise.variance_factor.copy()
     noise.learn(np.full(3, 9.0), GUESS, CLAIM, ALWAYS)
-    np.testing.assert_array_equal(noise.excess, known)
+    np.testing.assert_array_equal(noise.variance_factor, known)
 
 
 def by_the_book(
@@ -97,7 +104,7 @@ def by_the_book(
     first = np.minimum(claims[0], guesses[0])
     averages = np.array([guesses[0] + 2.0 * first, -first, guesses[0], first])
     path, since, sums = 10.0 * guesses[0] + 2.0 * first, 1, 2.0
-    path_excess = np.ones(3)
+    path_variance_factor = np.ones(3)
     for k in range(1, len(misses)):
         memory = min(20.0 + k, 100.0)
         new = np.array([misses[k] ** 2, misses[k] * misses[k - 1], guesses[k], claims[k]])
@@ -111,12 +118,15 @@ def by_the_book(
             sums = min(sums + 1.0, 10.0)
             total, heard = misses[since : k + 1].sum(axis=0), tells[since : k + 1].min(axis=0)
             path = path + heard / sums * (total**2 - path)
-            path_excess, since = np.maximum((path - 2.0 * back) / 10.0 / guess, 0.01), k + 1
+            path_variance_factor, since = (
+                np.maximum((path - 2.0 * back) / 10.0 / guess, 0.01),
+                k + 1,
+            )
         alike = (ratio < 2.0 * ratio[1]) & (2.0 * ratio > ratio[1])
         match = min(max(ratio[alike].mean() if alike.any() else 1.0, 1.0), 1000.0)
-        excess = np.maximum((square - 2.0 * match * claim) / guess, 0.01)
+        variance_factor = np.maximum((square - 2.0 * match * claim) / guess, 0.01)
     reading = np.maximum(back - match * claim, 0.0)
-    return excess, np.full(3, match), reading, path_excess
+    return variance_factor, np.full(3, match), reading, path_variance_factor
 
 
 @pytest.mark.parametrize("count", [2, 11, 12, 30, 75, 160, 250])
@@ -131,7 +141,12 @@ def test_what_is_learned_is_what_averages_say(seed: int, count: int) -> None:
     noise = OdometryNoise()
     for told_now in zip(misses, guesses, claims, tells, strict=True):
         noise.learn(*told_now)
-    found = (noise.excess, noise.match_excess, noise.reading, noise.path_excess)
+    found = (
+        noise.variance_factor,
+        noise.match_variance_factor,
+        noise.reading_variances,
+        noise.path_variance_factor,
+    )
     expected = by_the_book(misses, guesses, claims, tells.astype(np.float64))
     for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-15)
@@ -139,6 +154,6 @@ def test_what_is_learned_is_what_averages_say(seed: int, count: int) -> None:
 
 def test_before_anything_is_learned_noise_is_as_guessed() -> None:
     noise = OdometryNoise()
-    for factor in (noise.excess, noise.match_excess, noise.path_excess):
+    for factor in (noise.variance_factor, noise.match_variance_factor, noise.path_variance_factor):
         np.testing.assert_array_equal(factor, [1.0, 1.0, 1.0])
-    np.testing.assert_array_equal(noise.reading, [0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(noise.reading_variances, [0.0, 0.0, 0.0])

@@ -23,7 +23,7 @@ from slarm_graph.config import FrontendConfig, PoseGraphConfig, SimulationConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.likelihood_grid import build_likelihood_grid, mean_likelihood
-from slarm_graph.frontends.scans.place_recognition import PlaceIndex, appearance_of
+from slarm_graph.frontends.scans.place_recognition import PlaceIndex, describe_place
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.frontends.scans.tracker import ScanTracker
@@ -54,8 +54,8 @@ def test_a_place_is_told_from_others_with_how_it_lies(turn_rad: float) -> None:
     seen = np.concatenate([places[5][len(places[5]) // 3 :], walls(100, 4)])
     seen = seen + np.random.default_rng(2).normal(0.0, 0.02, seen.shape)
     query = transform_points(invert(place_from_query), seen)
-    appearances = [appearance_of(p, np.median(p, axis=0)) for p in (*places, query)]
-    best = PlaceIndex(appearances).alike(8, np.arange(8), 3)[0]
+    appearances = [describe_place(p, np.median(p, axis=0)) for p in (*places, query)]
+    best = PlaceIndex(appearances).most_similar(8, np.arange(8), 3)[0]
     assert best.place == 5
     away = between(place_from_query, best.place_from_query)
     assert np.hypot(away[0], away[1]) < 0.75

@@ -14,14 +14,14 @@ from slarm_graph.frontends.scans import likelihood_grid
 from slarm_graph.frontends.scans.likelihood_grid import Lattice
 from slarm_graph.frontends.scans.quantiles import median, quantile
 from slarm_graph.frontends.scans.small_matrix import (
+    add_diagonal3,
     eigen2,
-    product3,
+    matmul3,
+    matvec3,
     sandwich3,
-    times3,
-    with_diagonal3,
 )
-from slarm_graph.frontends.scans.small_pose import log_volume
-from slarm_graph.frontends.scans.standing import _CELL_M, _among, _touched
+from slarm_graph.frontends.scans.small_pose import log_det_2pi
+from slarm_graph.frontends.scans.static_returns import _CELL_M, _among, _occupied_cells
 from slarm_graph.geometry import Floats, one_per_cell
 
 
@@ -30,11 +30,11 @@ def test_products_are_those_of_numpy(seed: int) -> None:
     rng = np.random.default_rng(seed)
     a, b, v = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=3)
     # BLAS rounds as its processor does: the last bit is that of those with fused operations.
-    np.testing.assert_allclose(product3(a, b), a @ b, rtol=1e-14, atol=1e-14)
-    np.testing.assert_allclose(product3(a, b.T), a @ b.T, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(matmul3(a, b), a @ b, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(matmul3(a, b.T), a @ b.T, rtol=1e-14, atol=1e-14)
     np.testing.assert_allclose(sandwich3(a, b), a @ b @ a.T, rtol=1e-14, atol=1e-13)
-    np.testing.assert_allclose(times3(a, v), a @ v, rtol=1e-14, atol=1e-14)
-    np.testing.assert_array_equal(with_diagonal3(a, v), a + np.diag(v))
+    np.testing.assert_allclose(matvec3(a, v), a @ v, rtol=1e-14, atol=1e-14)
+    np.testing.assert_array_equal(add_diagonal3(a, v), a + np.diag(v))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -42,7 +42,7 @@ def test_volume_is_that_of_numpy(seed: int) -> None:
     root = np.random.default_rng(seed).normal(size=(3, 3))
     covariance = root @ root.T
     expected = np.linalg.slogdet(2.0 * np.pi * covariance).logabsdet
-    assert log_volume(covariance) == pytest.approx(expected, abs=1e-9)
+    assert log_det_2pi(covariance) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("coupling", [0.0, 1e-9, 0.3, -2.0, 1e8])
@@ -123,7 +123,7 @@ def test_segments_touch_the_cells_of_points_along_them(stride_m: float) -> None:
         steps = 1 + math.ceil(2.0 * math.dist(start, end) / _CELL_M)
         along = np.linspace(0.0, 1.0, steps)[:, None] if steps > 1 else np.zeros((1, 1))
         cells |= set(map(tuple, np.floor((start + along * (end - start)) / _CELL_M).tolist()))
-    touched = _touched(segments)
+    touched = _occupied_cells(segments)
     assert len(touched) == len(cells)
     assert set(touched.tolist()) == {int(col) * 2**31 + int(row) for col, row in cells}
 

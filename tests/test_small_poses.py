@@ -10,16 +10,20 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from slarm_graph.frontends.scans.odometry_filter import Prediction, spread_about
-from slarm_graph.frontends.scans.odometry_weighing import _levered, accelerated, over
+from slarm_graph.frontends.scans.odometry_filter import Prediction, mixture_covariance
+from slarm_graph.frontends.scans.odometry_fusion import (
+    _with_heading_lever,
+    integrated_velocity,
+    propagated_velocity_covariance,
+)
 from slarm_graph.frontends.scans.small_pose import (
     between3,
-    carried3,
-    carried_by,
     compose3,
+    inverse_adjoint,
     log_density,
     moved,
-    squared_sigmas,
+    squared_mahalanobis,
+    transported3,
     wrapped,
 )
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
@@ -41,8 +45,8 @@ def test_poses_are_those_of_geometry(seed: int) -> None:
     assert moved(a, b)[2] == a[2] + b[2]
     np.testing.assert_allclose(wrap_angles(moved(a, b) - compose(a, b))[2], 0.0, atol=1e-12)
     inverse = Pose2.from_array(b).inverse().adjoint()
-    np.testing.assert_allclose(carried_by(b), inverse, atol=1e-12)
-    np.testing.assert_allclose(carried3(covariance, b), inverse @ covariance @ inverse.T)
+    np.testing.assert_allclose(inverse_adjoint(b), inverse, atol=1e-12)
+    np.testing.assert_allclose(transported3(covariance, b), inverse @ covariance @ inverse.T)
 
 
 def test_angles_are_wrapped_above_minus_pi() -> None:
@@ -60,7 +64,7 @@ def test_densities_are_those_of_student(seed: int) -> None:
     miss, _, covariance = drawn(seed)
     away = np.array([miss[0], miss[1], wrap_angles(miss[2])])
     squared = float(away @ np.linalg.solve(covariance, away))
-    assert squared_sigmas(miss, covariance) == pytest.approx(squared)
+    assert squared_mahalanobis(miss, covariance) == pytest.approx(squared)
     student = stats.multivariate_t(np.zeros(3), covariance, df=4)
     normal = stats.multivariate_normal(np.zeros(3), covariance)
     fall = student.logpdf(away) - student.logpdf(np.zeros(3))
@@ -70,10 +74,10 @@ def test_densities_are_those_of_student(seed: int) -> None:
 
 def test_a_velocity_goes_over_into_a_motion() -> None:
     _, velocity, covariance = drawn(0)
-    motion, spread = over(velocity, covariance, 0.2)
+    motion, spread = integrated_velocity(velocity, covariance, 0.2)
     np.testing.assert_allclose(motion, 0.2 * velocity)
     np.testing.assert_allclose(spread, 0.04 * covariance)
-    gained = accelerated(covariance, 0.2, 3.0) - covariance
+    gained = propagated_velocity_covariance(covariance, 0.2, 3.0) - covariance
     np.testing.assert_allclose(gained, 3.0 * np.diag([0.2, 0.1, 0.4]) ** 2, atol=1e-12)
 
 
@@ -91,7 +95,7 @@ def test_wrong_turns_carry_the_steps_after_them_aside(
         by_turn = np.array([*turn.transform(left * aside), 1.0])
         expected += variance / steps * np.outer(by_turn, by_turn)
     given = np.diag([0.01, 0.02, variance])
-    found = _levered(given, np.array(motion), float(steps))
+    found = _with_heading_lever(given, np.array(motion), float(steps))
     np.testing.assert_allclose(found, expected, atol=1e-12)
     np.testing.assert_array_equal(given, np.diag([0.01, 0.02, variance]))
 
@@ -107,8 +111,8 @@ def test_the_spread_of_predictions_is_that_of_a_mixture() -> None:
     total = np.zeros((3, 3))
     for p in predictions:
         total += p.probability / 0.8 * (p.covariance + np.outer(p.motion - about, p.motion - about))
-    np.testing.assert_allclose(spread_about(about, predictions), total)
+    np.testing.assert_allclose(mixture_covariance(about, predictions), total)
     turned = [
         Prediction(p.motion - [0, 0, 2 * math.pi], p.covariance, p.probability) for p in predictions
     ]
-    np.testing.assert_allclose(spread_about(about, turned), total)
+    np.testing.assert_allclose(mixture_covariance(about, turned), total)

@@ -22,7 +22,7 @@ from slarm_graph.config import (
 )
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
-from slarm_graph.frontends.scans.places import Outlook, Place
+from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior
 from slarm_graph.frontends.scans.tracker import ScanTracker, TrackedScan
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
@@ -238,15 +238,19 @@ def test_a_scan_that_decides_for_another_story_revises_the_one_before(
     fits = {0: [0.0], 1: [0.02], 2: [0.04, 1.04], 3: [1.06], 4: [1.08]}
     now = 0
 
-    def places(_points: Floats, _map: object, outlook: Outlook, **_: object) -> list[Place]:
-        contradicted = now == 3 and outlook.base[0] < 0.5
+    def candidates(
+        _points: Floats, _map: object, prior: PosePrior, **_: object
+    ) -> list[PoseCandidate]:
+        contradicted = now == 3 and prior.base[0] < 0.5
         return [
-            Place(np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, -n - 20.0 * contradicted)
+            PoseCandidate(
+                np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, -n - 20.0 * contradicted
+            )
             for n, x in enumerate(fits[now])
         ]
 
     tracker = ScanTracker(FrontendConfig())
-    monkeypatch.setattr(tracker._matcher, "places", places)
+    monkeypatch.setattr(tracker._matcher, "candidates", candidates)
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     tracked = []
     for now, reading in enumerate(lap[0][:5]):  # noqa: B007
@@ -265,16 +269,21 @@ def test_a_jump_does_not_decide_for_itself(
     """A place three metres off fits better for two scans; then only the way on fits."""
     now = 0
 
-    def places(_points: Floats, _map: object, outlook: Outlook, **_: object) -> list[Place]:
-        on, jumped = 0.02 * now, outlook.base[0] > 1.5
+    def candidates(
+        _points: Floats, _map: object, prior: PosePrior, **_: object
+    ) -> list[PoseCandidate]:
+        on, jumped = 0.02 * now, prior.base[0] > 1.5
         at = {on: 0.0} if now < 2 else {on: -2.0 - 40.0 * jumped, on + 3.0: -40.0 * (now > 3)}
         return sorted(
-            (Place(np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, w) for x, w in at.items()),
+            (
+                PoseCandidate(np.array([x, 0.0, 0.0]), 1e6 * np.eye(3), 0.9, 99, 1, w)
+                for x, w in at.items()
+            ),
             key=lambda place: -place.log_posterior,
         )
 
     tracker = ScanTracker(FrontendConfig())
-    monkeypatch.setattr(tracker._matcher, "places", places)
+    monkeypatch.setattr(tracker._matcher, "candidates", candidates)
     xs = []
     for now, reading in enumerate(lap[0][:6]):  # noqa: B007
         xs.append(tracker.track(replace(reading, odom_from_robot=None)).local_from_robot.x)

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import FrontendConfig
-from slarm_graph.frontends.scans.along_walls import SlidMatch, aligned
 from slarm_graph.frontends.scans.likelihood_grid import (
     LikelihoodGrid,
     build_likelihood_grid,
     scan_segments,
 )
-from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
+from slarm_graph.frontends.scans.line_search import LineSearchMatch, line_search_match
+from slarm_graph.frontends.scans.wall_faces import align_by_faces
 from slarm_graph.frontends.scans.wall_sides import (
     WallSides,
     facing,
@@ -75,16 +75,16 @@ def place() -> tuple[LikelihoodGrid, WallSides]:
 
 def found(
     place: tuple[LikelihoodGrid, WallSides], scans: Sequence[Floats], least: int = 20
-) -> tuple[SlidMatch, Sequence[Floats]]:
+) -> tuple[LineSearchMatch, Sequence[Floats]]:
     grid, sides = place
     loosely = np.diag([1.0, 1.0, 10.0])
 
-    def align(some: Sequence[Floats], near: Floats) -> SlidMatch:
-        return aligned(grid, np.concatenate(some), near, loosely, 1.0, 20, 0.3)
+    def align(some: Sequence[Floats], near: Floats) -> LineSearchMatch:
+        return line_search_match(grid, np.concatenate(some), near, loosely, 1.0, 20, 0.3)
 
     poses = np.zeros((len(scans), 3))
     seen = [own_surfaces(scan) for scan in scans]
-    return aligned_by_faces(align, sides, scans, seen, poses, START, least)
+    return align_by_faces(align, sides, scans, seen, poses, START, least)
 
 
 def test_the_far_face_of_a_partition_does_not_drag_a_match_along(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import FrontendConfig, LoopClosureConfig
-from slarm_graph.frontends.scans.closures import Expectations
+from slarm_graph.frontends.scans.closures import ClosureCandidates
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
@@ -114,7 +114,7 @@ def test_the_next_room_closes_no_loop_a_wall_too_near() -> None:
     ]
     submap = make_submap(keyframes, 0, len(INSIDE), 0)
     closer = LoopCloser(LoopClosureConfig(min_score=0.2), FrontendConfig().matching)
-    expected = Expectations(
+    expected = ClosureCandidates(
         np.array([0]),
         between(INSIDE[0], _shifted(BEYOND, -WALL_M))[None],
         np.array([0.02]),

@@ -9,14 +9,16 @@ import math
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, told
+from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, calibrated_motion
 from slarm_graph.geometry import Floats
 
 
 def test_odometry_noise_grows_with_the_way() -> None:
     wheels = WheelCalibration()
     still, moved, turned = (
-        told(np.array(v), wheels.noise.excess, wheels.errors, wheels.covariance)[1]
+        calibrated_motion(
+            np.array(v), wheels.noise.variance_factor, wheels.errors, wheels.covariance
+        )[1]
         for v in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.5])
     )
     assert np.all(np.diag(moved) >= np.diag(still))
@@ -64,8 +66,10 @@ def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floa
         moved = np.array([0.1, 0.0, 0.0]) + of_step * rng.standard_normal(3) + now - match
         match, reading = now, read
         wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
-        one = wheels.noise.excess * guess, wheels.noise.path_excess * guess
-        found.append((wheels.noise.match_excess * 0.004**2, *one, wheels.noise.reading))
+        one = wheels.noise.variance_factor * guess, wheels.noise.path_variance_factor * guess
+        found.append(
+            (wheels.noise.match_variance_factor * 0.004**2, *one, wheels.noise.reading_variances)
+        )
     return tuple(np.mean(found[500:], axis=0))
 
 
@@ -96,9 +100,9 @@ def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
         is_bare = k % 100 < 60 or (k % 100 >= 80 and k % 2 == 0)
         moved = step + rng.normal(0.0, 0.002, 3) - [0.15 * is_bare, 0.0, 0.0]
         wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
-    assert wheels.noise.path_excess[0] < 0.1
-    assert wheels.noise.match_excess[0] < 10.0
-    assert wheels.noise.reading[0] < 0.003**2
+    assert wheels.noise.path_variance_factor[0] < 0.1
+    assert wheels.noise.match_variance_factor[0] < 10.0
+    assert wheels.noise.reading_variances[0] < 0.003**2
     # Nor does what follows upon such a match, since it takes back what that was off.
     for claimed_m2 in (1e-6, 1.0):
         product = wheels.noise._product[0]

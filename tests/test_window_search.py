@@ -14,8 +14,8 @@ from test_scan_matching import room_grid, room_points
 from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.frontends.scans import BUILT_IN
-from slarm_graph.frontends.scans.keyframes import LocalMap
 from slarm_graph.frontends.scans.likelihood_grid import build_likelihood_grid
+from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.search_pyramid import build_pyramid
@@ -26,7 +26,7 @@ from slarm_graph.frontends.scans.submaps import (
     make_submap,
     view_center,
 )
-from slarm_graph.frontends.scans.window_search import best_in_window, far_m
+from slarm_graph.frontends.scans.window_search import best_in_window, far_range_m
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 
 BASE, MOTION = np.array([0.2, -0.1, 0.3]), np.array([0.3, 0.1, -0.2])
@@ -72,8 +72,8 @@ def test_most_returns_are_three_quarters_and_a_metre_at_least() -> None:
     ranges = np.array([8.0, 2.0, 4.0, 6.0, 100.0])
     bearings = np.arange(5.0)
     points = ranges[:, None] * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
-    assert far_m(points) == pytest.approx(8.0)
-    assert far_m(0.05 * points) == 1.0
+    assert far_range_m(points) == pytest.approx(8.0)
+    assert far_range_m(0.05 * points) == 1.0
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -118,9 +118,9 @@ class Knowing:
         return MatchResult(ANSWER, SURE, score=0.7, inliers=33, iterations=4)
 
 
-@pytest.mark.parametrize("evidence", [1.0, 0.25])
+@pytest.mark.parametrize("effective_share", [1.0, 0.25])
 def test_an_answer_and_the_prediction_are_one_normal_density(
-    evidence: float, monkeypatch: pytest.MonkeyPatch
+    effective_share: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """In the frame of what was expected; the answer counts by the share of its evidence."""
     monkeypatch.setitem(BUILT_IN, "knowing", f"{__name__}:Knowing")
@@ -131,9 +131,9 @@ def test_an_answer_and_the_prediction_are_one_normal_density(
     refinement = chosen_refinement(FrontendConfig(matcher="knowing"), local_map)
     assert refinement is not None
     prediction = Prediction(MOTION, np.diag([0.1, 0.05, 0.02]) ** 2)
-    place = refinement(room_points(ANSWER), BASE, prediction, np.empty(0), evidence)
+    place = refinement(room_points(ANSWER), BASE, prediction, np.empty(0), effective_share)
     away = between(EXPECTED, ANSWER.as_array())
-    mine = evidence * np.linalg.inv(SURE)
+    mine = effective_share * np.linalg.inv(SURE)
     both = np.linalg.inv(mine + np.linalg.inv(prediction.covariance))
     np.testing.assert_allclose(place.pose, compose(EXPECTED, both @ mine @ away), atol=1e-9)
     np.testing.assert_allclose(place.information, np.linalg.inv(SURE), rtol=1e-9)
@@ -143,7 +143,7 @@ def test_an_answer_and_the_prediction_are_one_normal_density(
     np.testing.assert_allclose(guess.as_array(), EXPECTED)
     np.testing.assert_array_equal(target, local_map.latest_points(3))
     start = np.array([0.4, 0.4, 0.4])
-    refinement(room_points(ANSWER), BASE, prediction, start, evidence)
+    refinement(room_points(ANSWER), BASE, prediction, start, effective_share)
     np.testing.assert_allclose(Knowing.asked[1].as_array(), start)
 
 

@@ -27,12 +27,12 @@ _SLOPE = tuple(
 
 
 def _bicubic(_: Any, raster: Any, row: Any, col: Any, u: Any, v: Any) -> tuple[Any, Any]:
-    several: Any = types.UniTuple
-    told = several(types.float64, 3)
-    return told(raster, types.int64, types.int64, types.float64, types.float64), _built
+    tuple_of: Any = types.UniTuple
+    tuple_type = tuple_of(types.float64, 3)
+    return tuple_type(raster, types.int64, types.int64, types.float64, types.float64), _generated
 
 
-def _built(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+def _generated(context: Any, builder: Any, signature: Any, given: Any) -> Any:
     """Value, and its slopes by column and row, from the cells around."""
     raster, row, col, u, v = given
     array = context.make_array(signature.args[0])(context, builder, raster)
@@ -44,9 +44,9 @@ def _built(context: Any, builder: Any, signature: Any, given: Any) -> Any:
     for k in range(4):
         rows = builder.mul(builder.add(row, ir.Constant(row.type, k - 1)), stride)
         cols = builder.mul(builder.sub(col, ir.Constant(col.type, 1)), ir.Constant(col.type, 4))
-        place = builder.gep(at, [builder.add(rows, cols)])
+        pointer = builder.gep(at, [builder.add(rows, cols)])
         cells = ir.VectorType(ir.FloatType(), 4)
-        line = builder.load(builder.bitcast(place, cells.as_pointer()), align=4)
+        line = builder.load(builder.bitcast(pointer, cells.as_pointer()), align=4)
         line = builder.fpext(line, _LANES)
         values = builder.fadd(values, builder.fmul(_lane_of(builder, high, k), line))
         slopes = builder.fadd(slopes, builder.fmul(_lane_of(builder, climb, k), line))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is asked of loop closure, and what it answers."""
+"""Loop closure's input and output: predicted candidates and closures, and the gate."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 
-SURPRISING = 30.66
-"""Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errs with heavy tails. In
-graphs that no false closure has torn up to 3 % of the true finds lie beyond (a hall seen 8 m deep),
+GATE_CHI2 = 30.66
+"""Chi-square quantile of 1 - 1e-6 for 3 degrees of freedom: tracking errors have heavy tails. In
+graphs without a false closure up to 3 % of the true candidates lie beyond (a hall seen 8 m deep),
 of the false ones up to 1 % within. With half a hall is 0.34 m in place of 0.09, with double a
 ward 0.12 in place of 0.38; eight others move by 15 % at most."""
-SIGMAS = math.sqrt(SURPRISING)
-"""Standard deviations within which old places are looked for."""
+GATE_SIGMAS = math.sqrt(GATE_CHI2)
+"""Standard deviations of the predicted pose within which closures are searched."""
 
 
 @dataclass(frozen=True, slots=True)
-class Expectations:
-    """Where the graph expects a keyframe in old submaps, and how sure it is; nearest first.
+class ClosureCandidates:
+    """Loop closure candidates: a keyframe's predicted poses in old submaps, nearest first.
 
     Parameters
     ----------
@@ -39,15 +39,15 @@ class Expectations:
     sigma_rad: Floats
 
     @staticmethod
-    def none() -> Expectations:
-        """No old submap is within reach."""
+    def none() -> ClosureCandidates:
+        """Return no candidates: no old submap is within reach."""
         empty = np.zeros(0)
-        return Expectations(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
+        return ClosureCandidates(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), empty, empty)
 
 
 @dataclass(frozen=True, slots=True)
 class Closure:
-    """A keyframe found again in an old submap.
+    """A keyframe matched in an old submap: a loop closure, accepted or rejected.
 
     Parameters
     ----------
@@ -56,11 +56,11 @@ class Closure:
     information : (3, 3) float64
         In the keyframe's body frame.
     score : float
-        Mean agreement, 0 to 1.
+        Mean likelihood, 0 to 1.
     searched : bool
-        Found by search in a window, not at the predicted pose.
+        Found by a correlative search, not from the predicted pose.
     reason : str
-        Why it was turned down; empty when it was accepted.
+        Why it was rejected; empty when it was accepted.
     """
 
     submap: int

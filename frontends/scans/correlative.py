@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Correlative scan matching: the best pose in a whole window, wherever the guess was.
+"""Correlative scan matching: the best pose in a whole window, exactly.
 
 The window is a lattice of angles and whole-cell offsets (Olson 2009). Branch and bound over blocks
 of both (Hess et al. 2016, there over offsets only) finds the very pose that trying all would find:
@@ -24,7 +24,7 @@ from slarm_graph.kernels import kernel
 _STACK = 256
 """Depth first, each level leaves seven of eight children waiting: enough for 36 levels."""
 
-_NONE = cast(int, np.int64(0))
+_ZERO = cast(int, np.int64(0))
 """To count from, as a value: for a literal numba compiles a kernel anew."""
 
 
@@ -143,9 +143,9 @@ def _branch_and_bound(pyramid: SearchPyramid, window: Window, floor: int) -> tup
     level = _top_level(layout, window)
     roots, visited = _roots(cells, layout, window, level, floor)
     best = np.array([0, 0, 0, floor], dtype=np.int64)
-    alike, scored = _best_first(cells, layout, window, roots, level, best)
+    ties, scored = _best_first(cells, layout, window, roots, level, best)
     visited += scored
-    if alike > 1:
+    if ties > 1:
         best[3] -= 1
         roots = roots[np.argsort(-roots[:, 3], kind="stable")]
         visited += _descend_all(cells, layout, window, roots, level, best)
@@ -156,21 +156,21 @@ def _branch_and_bound(pyramid: SearchPyramid, window: Window, floor: int) -> tup
 def _best_first(
     cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
 ) -> tuple[int, int]:
-    """Improve on the `best` (4,) by what is in blocks, the one with the highest bound first.
+    """Improve on the `best` (4,) within blocks, best first (by bound).
 
-    Depth first goes down to five times as many before it comes to the best.
+    Depth first scores five times as many before it reaches the best.
 
     Returns
     -------
-    How many poses are the best, and how many blocks were scored.
+    Number of poses that are best (ties), and number of blocks scored.
     """
     first = np.full(FULL * len(window.points) + 1, -1, dtype=np.int64)
-    waiting = np.empty((max(1024, 2 * len(roots)), 6), dtype=np.int64)
+    queue = np.empty((max(1024, 2 * len(roots)), 6), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count, bound, alike, scored = _NONE, _NONE, _NONE, _NONE
+    count, bound, ties, scored = _ZERO, _ZERO, _ZERO, _ZERO
     for r in range(len(roots)):
-        count = _wait(waiting, first, count, roots[r], top)
+        count = _enqueue(queue, first, count, roots[r], top)
         bound = max(bound, roots[r, 3])
     reached = best[3] + 1
     while bound >= reached:
@@ -178,40 +178,40 @@ def _best_first(
         if at < 0:
             bound -= 1
             continue
-        k, i, j, level = waiting[at, 0], waiting[at, 1], waiting[at, 2], waiting[at, 4]
-        first[bound] = waiting[at, 5]
+        k, i, j, level = queue[at, 0], queue[at, 1], queue[at, 2], queue[at, 4]
+        first[bound] = queue[at, 5]
         if level == 0:
             reached = bound
-            alike += 1
+            ties += 1
             for field in range(4):
-                best[field] = waiting[at, field]
+                best[field] = queue[at, field]
             continue
-        found, half = _NONE, 1 << (level - 1)
+        found, half = _ZERO, 1 << (level - 1)
         for k_child in range(k, min(k + half, window.turns) + 1, half):
             _score_offsets(cells, layout, level - 1, window, k_child, i, j, sums)
             scored += 4
             found = _admit(children, found, sums, reached - 1, k_child, i, j, half, window.reach)
-        if count + found > len(waiting):
-            longer = np.empty((2 * len(waiting), 6), dtype=np.int64)
+        if count + found > len(queue):
+            longer = np.empty((2 * len(queue), 6), dtype=np.int64)
             for block in range(count):
                 for field in range(6):
-                    longer[block, field] = waiting[block, field]
-            waiting = longer
+                    longer[block, field] = queue[block, field]
+            queue = longer
         for child in range(found):
-            count = _wait(waiting, first, count, children[child], level - 1)
+            count = _enqueue(queue, first, count, children[child], level - 1)
             bound = max(bound, children[child, 3])
             if level == 1:
                 reached = max(reached, children[child, 3])
-    return alike, scored
+    return ties, scored
 
 
 @kernel
-def _wait(waiting: Integers, first: Integers, count: int, block: Integers, level: int) -> int:
-    """Put a block before others of the same bound; returns how many wait now."""
+def _enqueue(queue: Integers, first: Integers, count: int, block: Integers, level: int) -> int:
+    """Queue a block before others of the same bound; returns the new length of the queue."""
     for field in range(4):
-        waiting[count, field] = block[field]
-    waiting[count, 4] = level
-    waiting[count, 5] = first[block[3]]
+        queue[count, field] = block[field]
+    queue[count, 4] = level
+    queue[count, 5] = first[block[3]]
     first[block[3]] = count
     return count + 1
 
@@ -220,7 +220,7 @@ def _wait(waiting: Integers, first: Integers, count: int, block: Integers, level
 def _descend_all(
     cells: Bytes, layout: Integers, window: Window, roots: Integers, top: int, best: Integers
 ) -> int:
-    """Improve on the `best` (4,) by what is in blocks, depth first; returns how many it scored.
+    """Improve on the `best` (4,) within blocks, depth first; returns the number of blocks scored.
 
     Sorting lies outside: numba's own sort takes longer to compile than all of the search.
     """
@@ -253,7 +253,7 @@ def _roots(
     scored = 4 * angles * per_angle * per_angle
     roots = np.empty((scored, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
-    count = _NONE
+    count = _ZERO
     for a in range(angles):
         k = -turns + a * size
         for q in range(per_angle):
@@ -268,7 +268,7 @@ def _roots(
 def _descend(
     cells: Bytes, layout: Integers, window: Window, root: Integers, top: int, best: Integers
 ) -> int:
-    """Improve on the `best` (4,) by what is in one block; returns how many more were scored."""
+    """Improve on the `best` (4,) within one block; returns the number of blocks scored."""
     stack = np.empty((_STACK, 5), dtype=np.int64)
     children = np.empty((8, 4), dtype=np.int64)
     sums = np.zeros(4, dtype=np.int64)
@@ -286,7 +286,7 @@ def _descend(
                 best[field] = stack[depth, field]
             continue
         half = 1 << (level - 1)
-        found = _NONE
+        found = _ZERO
         for side in range(2):
             k_child = k + side * half
             if k_child > window.turns:

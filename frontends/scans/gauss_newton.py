@@ -5,12 +5,12 @@
 With likelihood L = exp(-d^2 / 2 sigma^2) of the distance d to what the map holds, 1 - L is
 Welsch's robust cost of d / sigma: near points count as in point-to-line ICP, far ones not at all.
 
-Of the gradient only the part across the scan's own wall is used where the scan shows a straight
-one: along a wall nothing can be told, and where an old view of it ended says nothing at all.
+Where the scan shows a straight wall only the gradient's component across it is used: along a wall
+the pose is unobservable, and the end of an old view of it is no feature.
 
-Its curvature is taken in two ways. On the way, as that of the residual sqrt(2 (1 - L)), which makes
-long steps. For the last of the way and for the covariance, as L / sigma^2 across the wall, whose
-direction the gradient shows: true also on the ridge itself, where the first one vanishes.
+The Hessian is approximated in two ways. At first by the residual sqrt(2 (1 - L)), which makes long
+steps. For the final steps and for the covariance as L / sigma^2 across the wall, whose direction
+the gradient shows: valid also on the ridge itself, where the first one vanishes.
 """
 
 from __future__ import annotations
@@ -21,24 +21,23 @@ from typing import cast
 import numpy as np
 
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, LikelihoodGrid, interpolate
-from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, mirror3, scaled3, times3
+from slarm_graph.frontends.scans.small_matrix import add_square3, invert3, matvec3, mirror3, scaled3
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel, kernel_with
 
 _FLOOR = 0.02
-"""Of twice the lost likelihood, as a squared residual in sigmas: nearer than a seventh of a sigma,
-where likelihood is flat to a hundredth, a weight grows no further."""
+"""Floor of the squared residual 2 (1 - L) in sigmas: nearer than a seventh of a sigma, where the
+likelihood is flat to a hundredth, the weight grows no further."""
 _FLAT = 0.03
-"""Slope, over that of a sigma, that is none: along a wall the grid's rounding is as steep."""
+"""Gradient, times sigma, below which it is noise: along a wall the grid's rounding is as steep."""
 _LONG_STEPS = 6
-"""Iterations at most with steps as long as the curvature of the likelihood asks for: six of three
-cells reach a metre."""
+"""Largest number of long steps (first Hessian): six of three cells reach a metre."""
 _LONG, _SHORT = cast(bool, np.True_), cast(bool, np.False_)
-"""Of `long_steps`, as values: for a literal numba compiles a kernel anew."""
+"""Values of `long_steps` as variables: for a literal numba compiles a kernel anew."""
 _NEAR_SIGMAS, _NEAR_RAD = 0.2, 0.01
-"""Steps from which on the pose is near: a fifth of the fall-off, and what moves a return 5 m away
-by a cell of 0.05 m. After them steps are as the residuals say."""
+"""Steps below which the second Hessian takes over: a fifth of the fall-off, and what moves a return
+5 m away by a cell of 0.05 m."""
 _CONVERGED_M, _CONVERGED_RAD = 2e-4, 1e-4
 """A hundredth of the noise of a return, 0.02 m, and what moves one 20 m away by a tenth of it."""
 
@@ -47,11 +46,11 @@ def refine_near(
     grid: LikelihoodGrid,
     points: Floats,
     start: Floats,
-    looseness: Floats,
+    prior_information: Floats,
     point_information: float,
     max_iterations: int,
 ) -> tuple[Floats, Floats, float, int, int]:
-    """Align points with a grid from a pose (3,) that is right to within an information (3, 3).
+    """Align points with a grid from a pose (3,) that is also the prior, of an information (3, 3).
 
     Returns
     -------
@@ -65,7 +64,7 @@ def refine_near(
         wall_tangents(points),
         start,
         start,
-        looseness,
+        prior_information,
         point_information,
         max_iterations,
     )
@@ -95,8 +94,8 @@ def refine(
     prior_information : (3, 3) float64
         Inverse covariance of the prior in its own body frame.
     point_information : float
-        Weight that turns the robust costs into honest negative log likelihoods: the ratio of the
-        grid's `sigma` squared to a return's variance.
+        Weight that turns the robust costs into negative log likelihoods: the ratio of the grid's
+        `sigma` squared to a return's variance.
 
     Returns
     -------
@@ -104,10 +103,10 @@ def refine(
     inliers : points with likelihood above a half, iterations : int
     """
     pose = start.copy()
-    used = 0
+    iterations = 0
     long_steps = _LONG
     for iteration in range(max_iterations):
-        used = iteration + 1
+        iterations = iteration + 1
         h, g, _, _ = _normal_equations(lattice, points, tangents, pose, long_steps)
         a, b = scaled3(h, point_information), np.empty(3)
         for k in range(3):
@@ -115,7 +114,7 @@ def refine(
         _add_prior(a, b, pose, prior, prior_information)
         for k in range(3):
             a[k, k] += 1e-6 * a[k, k] + 1e-9
-        step = times3(invert3(a), b)
+        step = matvec3(invert3(a), b)
         length = math.hypot(step[0], step[1])
         longest = 3.0 * lattice.resolution
         share = min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
@@ -127,11 +126,11 @@ def refine(
         pose[2] += step[2]
         if long_steps:
             is_near = length < _NEAR_SIGMAS * lattice.sigma and abs(step[2]) < _NEAR_RAD
-            long_steps = not is_near and used < _LONG_STEPS
+            long_steps = not is_near and iterations < _LONG_STEPS
         elif abs(step[2]) < _CONVERGED_RAD and length < _CONVERGED_M:
             break
     h, _, score, inliers = _normal_equations(lattice, points, tangents, pose, _SHORT)
-    return pose, scaled3(h, point_information), score, inliers, used
+    return pose, scaled3(h, point_information), score, inliers, iterations
 
 
 @kernel
@@ -164,7 +163,7 @@ def _normal_equations(
 def slope(
     lattice: Lattice, points: Floats, tangents: Floats, i: int, pose: Floats, c: float, s: float
 ) -> tuple[float, float, float, float]:
-    """Slope of the likelihood at a point, across its wall, and what it weighs in the curvature.
+    """Gradient of the likelihood at a point, across its wall, and its weight in the Hessian.
 
     Parameters
     ----------
@@ -199,13 +198,13 @@ def slope(
 
 @kernel
 def _add_prior(a: Floats, b: Floats, pose: Floats, prior: Floats, information: Floats) -> None:
-    """Add the pull of the prior, linearised at the pose."""
+    """Add the prior to the normal equations, linearised at the pose."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     dx, dy = prior[0] - pose[0], prior[1] - pose[1]
     turn = prior[2] - pose[2]
     turn -= 2.0 * math.pi * math.floor((turn + math.pi) / (2.0 * math.pi))
-    away = np.array([c * dx + s * dy, -s * dx + c * dy, turn])
+    residual = np.array([c * dx + s * dy, -s * dx + c * dy, turn])
     for r in range(3):
         for k in range(3):
             a[r, k] += information[r, k]
-            b[r] += information[r, k] * away[k]
+            b[r] += information[r, k] * residual[k]

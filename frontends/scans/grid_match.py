@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""All that is found by laying one scan on the local map: pose, what it is worth, how well it fits.
+"""Scan-to-map match on the likelihood grid: pose, corrected information and fit.
 
 In one compiled call, since each call costs some microseconds to begin.
 """
@@ -10,11 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.frontends.scans.fits import agreement_at
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.likelihood_grid import Lattice
-from slarm_graph.frontends.scans.match_certainty import along_the_weakest
-from slarm_graph.frontends.scans.odometry_filter import Expectation
+from slarm_graph.frontends.scans.match_information import discounted_information
+from slarm_graph.frontends.scans.odometry_filter import MotionMixture
+from slarm_graph.frontends.scans.scan_fit import agreement_at
 from slarm_graph.frontends.scans.small_matrix import invert3, scaled3
 from slarm_graph.frontends.scans.small_pose import moved
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
@@ -25,49 +25,49 @@ from slarm_graph.kernels import kernel
 @kernel
 def match_on_grid(
     lattice: Lattice,
-    seen: NDArray[np.bool_],
-    seen_step: int,
+    observed: NDArray[np.bool_],
+    observed_step: int,
     points: Floats,
-    expected: Expectation,
+    mixture: MotionMixture,
     motion: Floats,
     covariance: Floats,
     start: Floats,
     point_information: float,
-    evidence: float,
+    effective_share: float,
     neutral: float,
     max_iterations: int,
 ) -> tuple[Floats, Floats, float, int, int, float]:
-    """Refine a scan on the local map, and tell what its points alone say of its pose.
+    """Refine a scan on the local map; return pose, the match's own information and fit.
 
     Parameters
     ----------
     lattice : Lattice
-    seen, seen_step : (rows, cols) bool, int
-        Blocks of so many cells that were looked at.
+    observed, observed_step : (rows, cols) bool, int
+        Known space, in blocks of so many cells.
     points : (K, 2) float64
         In the robot's frame and in beam order [m].
-    expected : Expectation
-        By all predictions.
+    mixture : MotionMixture
+        All predictions.
     motion, covariance : (3,), (3, 3) float64
-        The prediction that is leant on [m, m, rad].
+        The prediction that is the prior [m, m, rad].
     start : (3,) float64
-        Pose to begin at; empty for the predicted one.
+        Initial guess; empty for the predicted pose.
     point_information : float
         As of `refine`.
-    evidence : float
-        Share of the scan's evidence that is in `point_information`.
+    effective_share : float
+        Factor in `point_information` for correlated points, undone in the information.
     neutral : float
-        What a return counts where nobody looked yet.
+        Fit of a return in unknown space.
     max_iterations : int
 
     Returns
     -------
-    pose : (3,), information : (3, 3) of the scan alone, score, inliers, iterations,
-    agreement : sum of the agreement of the points
+    pose : (3,), information : (3, 3) without the prior, score, inliers, iterations,
+    agreement : sum of the likelihood of the points
     """
-    prior = moved(expected.base, motion)
+    prior = moved(mixture.base, motion)
     tangents = wall_tangents(points)
-    pose, data, score, inliers, used = refine(
+    pose, weighted, score, inliers, iterations = refine(
         lattice,
         points,
         tangents,
@@ -77,7 +77,7 @@ def match_on_grid(
         point_information,
         max_iterations,
     )
-    told = scaled3(data, 1.0 / evidence)
-    information = along_the_weakest(told, lattice, points, tangents, pose, expected)
-    agreement = agreement_at(lattice, seen, seen_step, points, pose, neutral)
-    return pose, information, score, inliers, used, agreement
+    unweighted = scaled3(weighted, 1.0 / effective_share)
+    information = discounted_information(unweighted, lattice, points, tangents, pose, mixture)
+    agreement = agreement_at(lattice, observed, observed_step, points, pose, neutral)
+    return pose, information, score, inliers, iterations, agreement

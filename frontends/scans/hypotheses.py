@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Stories of where the robot went: one as a rule, several while a scan leaves it open.
+"""Multi-hypothesis tracking of the robot's pose: one hypothesis as a rule, several in doubt.
 
-A story is a chain of places with what its odometry and velocity have come to. Each scan grows every
-story by the places it may have there; what is the same place becomes one story again, what has
-become improbable ends. So a slip or a jump is believed when the scans after it agree with it, and
-a crowd before the laser is not, since what it pretends contradicts itself.
+A hypothesis is a sequence of matched poses together with the odometry filter they imply. Every scan
+branches each hypothesis into its pose candidates; hypotheses that meet in one pose are merged,
+improbable ones are pruned. So a slip or a jump is accepted when later scans agree with it, and a
+false match to a crowd before the laser is not, since it contradicts itself.
 """
 
 from __future__ import annotations
@@ -16,120 +16,140 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from slarm_graph.frontends.scans.odometry_filter import OdometryFilter, Prediction, spread_about
-from slarm_graph.frontends.scans.places import Outlook, Place, are_same, best_story, step_to
-from slarm_graph.frontends.scans.reliability import RECOVERS
-from slarm_graph.frontends.scans.small_pose import between3, carried3
+from slarm_graph.frontends.scans.odometry_filter import (
+    OdometryFilter,
+    Prediction,
+    mixture_covariance,
+)
+from slarm_graph.frontends.scans.odometry_reliability import RECOVERS
+from slarm_graph.frontends.scans.pose_candidates import (
+    PoseCandidate,
+    PosePrior,
+    are_same,
+    likeliest_prediction,
+    pose_update,
+)
+from slarm_graph.frontends.scans.small_pose import between3, transported3
 from slarm_graph.geometry import Floats, Pose2
 
-_HOPELESS = 30.0
-"""Log odds at which a story ends: more than the one scan of a slip or a jump costs."""
-_DECIDED = math.log(100.0)
-"""Log odds at which the best story is the right one but for one in a hundred."""
-_MOST = 4
-"""Stories kept: two places after each of two doubtful scans."""
+_PRUNE_LOG_ODDS = 30.0
+"""Log odds against the best at which a hypothesis is pruned: more than the one scan of a slip or a
+jump costs."""
+_COMMIT_LOG_ODDS = math.log(100.0)
+"""Log odds at which the best hypothesis is the right one but for one in a hundred."""
+_MAX_HYPOTHESES = 4
+"""Hypotheses kept: two candidates after each of two doubtful scans."""
 
 
 @dataclass(slots=True)
-class Story:
-    """One account of where the robot went.
+class PathHypothesis:
+    """One hypothesis of the robot's path.
 
     Parameters
     ----------
-    motion : OdometryFilter
-        Velocity, odometry's errors and whether it holds, by this account.
+    odometry : OdometryFilter
+        Velocity, odometry calibration and reliability under this hypothesis.
     pose : (3,) float64
         Last pose in the local map [m, m, rad].
     covariance : (3, 3) float64
-        Of it, in the body frame, by the likeliest of what may have moved the robot.
-    spread : (3, 3) float64
-        Of it by all of that: while nothing is matched, odometry may have failed unseen.
+        Of the pose, in the body frame, by the likeliest motion mode alone.
+    mixture_covariance : (3, 3) float64
+        Of the pose over all motion modes: while nothing is matched, odometry may have failed
+        unnoticed.
     log_weight : float
-        Of this account, up to a constant that all share.
-    place : Place or None
-        Where the last scan fitted; None where it was not matched.
-    raw : (3,) float64 or None
-        Pose by the last match alone.
-    walkers : tuple of float, int
-        Probability that small things walk as they did in the last scan, and how many they are.
-    trail : list of (3,) float64
-        Poses since the stories parted, the last one included.
+        Unnormalised log posterior of the hypothesis.
+    candidate : PoseCandidate or None
+        The last scan's match; None where it was not matched.
+    matched_pose : (3,) float64 or None
+        Pose by the last match alone, without the prior.
+    dynamic_objects : tuple of float, int
+        Probability that small objects move as they did in the last scan, and their number.
+    history : list of (3,) float64
+        Poses since the hypotheses branched, the last one included.
     """
 
-    motion: OdometryFilter = field(default_factory=OdometryFilter)
+    odometry: OdometryFilter = field(default_factory=OdometryFilter)
     pose: Floats = field(default_factory=lambda: np.zeros(3))
     covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    spread: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    mixture_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     log_weight: float = 0.0
-    place: Place | None = None
-    raw: Floats | None = None
-    walkers: tuple[float, int] = (0.0, 0)
-    trail: list[Floats] = field(default_factory=list)
+    candidate: PoseCandidate | None = None
+    matched_pose: Floats | None = None
+    dynamic_objects: tuple[float, int] = (0.0, 0)
+    history: list[Floats] = field(default_factory=list)
 
-    def outlook(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> Outlook:
-        """What this account expects next: motions from a pose that is not quite sure itself."""
+    def predict(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> PosePrior:
+        """Predict the next scan's pose: the predicted motions, last pose's covariance included."""
         predictions = []
-        for told in self.motion.predict(span_s, odom_from_robot, lag_s):
-            covariance = told.covariance + carried3(self.covariance, told.motion)
+        for mode in self.odometry.predict(span_s, odom_from_robot, lag_s):
+            covariance = mode.covariance + transported3(self.covariance, mode.motion)
             predictions.append(
-                Prediction(told.motion, covariance, told.probability, told.unlearned)
+                Prediction(mode.motion, covariance, mode.probability, mode.correlated_covariance)
             )
-        excess = self.motion.wheels.noise.match_excess
-        return Outlook(self.pose, tuple(predictions), excess, walkers=self.walkers)
+        factor = self.odometry.wheels.noise.match_variance_factor
+        return PosePrior(
+            self.pose, tuple(predictions), factor, dynamic_objects=self.dynamic_objects
+        )
 
-    def branched(self) -> Story:
-        """Return an account of its own that is the same so far."""
-        return replace(self, motion=self.motion.branched(), trail=list(self.trail))
+    def branched(self) -> PathHypothesis:
+        """Return an independent copy."""
+        return replace(self, odometry=self.odometry.branched(), history=list(self.history))
 
-    def went(self, place: Place, outlook: Outlook, span_s: float) -> None:
-        """Go on to a place, and learn from it."""
-        is_match = place.inliers > 0
+    def update(self, candidate: PoseCandidate, prior: PosePrior, span_s: float) -> None:
+        """Move to a pose candidate; update covariance, odometry filter and weight."""
+        is_match = candidate.inliers > 0
         if is_match:
-            step = step_to(place, outlook, self.covariance)
-            self.pose, self.covariance = step.pose, step.covariance
-            self.spread = self.covariance
-            self.motion.judge(step.found, step.found_covariance)
-            if self.raw is not None:
-                self.motion.learn(between3(self.raw, place.pose), step.claimed)
-            self.motion.correct(span_s, step.moved, step.moved_covariance)
+            updated = pose_update(candidate, prior, self.covariance)
+            self.pose, self.covariance = updated.pose, updated.covariance
+            self.mixture_covariance = self.covariance
+            self.odometry.update_reliability(updated.match_motion, updated.match_covariance)
+            if self.matched_pose is not None:
+                motion = between3(self.matched_pose, candidate.pose)
+                self.odometry.calibrate(motion, updated.nominal_variances)
+            self.odometry.correct(span_s, updated.motion, updated.motion_covariance)
         else:
-            told, wider = between3(self.pose, place.pose), self.spread - self.covariance
-            self.pose, self.covariance = place.pose, best_story(place, outlook).covariance
-            self.spread = spread_about(told, outlook.predictions) + carried3(wider, told)
-            self.motion.wheels.interrupt()
-            self.motion.coast()
-        probability, things = place.walked
-        self.walkers = (1.0 - RECOVERS) * probability, things
-        self.place = place if is_match else None
-        self.raw = place.pose if is_match else None
-        self.log_weight += place.log_posterior
-        self.trail.append(self.pose)
+            motion = between3(self.pose, candidate.pose)
+            excess = self.mixture_covariance - self.covariance
+            self.pose = candidate.pose
+            self.covariance = likeliest_prediction(candidate, prior).covariance
+            spread = mixture_covariance(motion, prior.predictions)
+            self.mixture_covariance = spread + transported3(excess, motion)
+            self.odometry.wheels.interrupt()
+            self.odometry.coast()
+        probability, count = candidate.dynamic_objects
+        self.dynamic_objects = (1.0 - RECOVERS) * probability, count
+        self.candidate = candidate if is_match else None
+        self.matched_pose = candidate.pose if is_match else None
+        self.log_weight += candidate.log_posterior
+        self.history.append(self.pose)
 
 
-def grown(story: Story, places: Sequence[Place], outlook: Outlook, span_s: float) -> list[Story]:
-    """Continue a story to each of the places worth it."""
-    best = places[0].log_posterior
-    worth = [p for p in places[:_MOST] if p.log_posterior > best - _HOPELESS]
-    branches = [story, *(story.branched() for _ in worth[1:])]
-    for branch, place in zip(branches, worth, strict=True):
-        branch.went(place, outlook, span_s)
+def branch(
+    hypothesis: PathHypothesis, candidates: Sequence[PoseCandidate], prior: PosePrior, span_s: float
+) -> list[PathHypothesis]:
+    """Branch a hypothesis into its probable pose candidates (likeliest first), one each."""
+    best = candidates[0].log_posterior
+    probable = [c for c in candidates[:_MAX_HYPOTHESES] if c.log_posterior > best - _PRUNE_LOG_ODDS]
+    branches = [hypothesis, *(hypothesis.branched() for _ in probable[1:])]
+    for one, candidate in zip(branches, probable, strict=True):
+        one.update(candidate, prior, span_s)
     return branches
 
 
-def pruned(stories: Sequence[Story]) -> list[Story]:
-    """Keep what is different and probable, the likeliest first; its weight becomes 0."""
-    ranked = sorted(stories, key=lambda s: -s.log_weight)
+def prune(hypotheses: Sequence[PathHypothesis]) -> list[PathHypothesis]:
+    """Merge equal poses, drop improbable hypotheses; likeliest first, with a log weight of 0."""
+    ranked = sorted(hypotheses, key=lambda h: -h.log_weight)
     best = ranked[0].log_weight
-    kept: list[Story] = []
-    for story in ranked:
-        if story.log_weight > best - _HOPELESS and not any(
-            are_same(story.pose, k.pose) for k in kept
+    kept: list[PathHypothesis] = []
+    for hypothesis in ranked:
+        if hypothesis.log_weight > best - _PRUNE_LOG_ODDS and not any(
+            are_same(hypothesis.pose, k.pose) for k in kept
         ):
-            story.log_weight -= best
-            kept.append(story)
-    return kept[:_MOST]
+            hypothesis.log_weight -= best
+            kept.append(hypothesis)
+    return kept[:_MAX_HYPOTHESES]
 
 
-def is_decided(stories: Sequence[Story]) -> bool:
-    """Whether the first story is beyond doubt."""
-    return len(stories) == 1 or stories[1].log_weight < -_DECIDED
+def is_unambiguous(hypotheses: Sequence[PathHypothesis]) -> bool:
+    """Whether only one hypothesis (of those sorted by weight) is still probable."""
+    return len(hypotheses) == 1 or hypotheses[1].log_weight < -_COMMIT_LOG_ODDS

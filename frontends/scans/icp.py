@@ -84,9 +84,9 @@ def align(
     """
     pose = start.copy()
     scale = max_distance
-    used = 0
+    iterations = 0
     for iteration in range(max_iterations):
-        used = iteration + 1
+        iterations = iteration + 1
         h, g, _, _ = _normal_equations(source, target, normals, pose, max_distance, scale)
         for k in range(3):
             h[k, k] += 1e-9 + 1e-9 * h[k, k]
@@ -100,7 +100,7 @@ def align(
             break
         scale = max(_SHRINK * scale, _MIN_SCALE_M)
     h, _, score, inliers = _normal_equations(source, target, normals, pose, max_distance, scale)
-    return pose, h / (point_sigma * point_sigma), score, inliers, used
+    return pose, h / (point_sigma * point_sigma), score, inliers, iterations
 
 
 @kernel

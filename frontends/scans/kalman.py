@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from slarm_graph.frontends.scans.small_matrix import (
+    add3,
+    add_vectors3,
     invert3,
-    less3,
-    more3,
-    product3,
+    matmul3,
+    matvec3,
     sandwich3,
     scaled3,
-    sum3,
-    times3,
+    subtract3,
 )
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
@@ -41,7 +41,7 @@ class KalmanState:
 
 
 @kernel
-def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
+def kalman_update(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
     """State (3,) and covariance (3, 3) after a measurement, in Joseph's form.
 
     Parameters
@@ -51,8 +51,8 @@ def updated(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floa
     z, R, H : (3,), (3, 3), (3, 3) float64
         Measurement z = H x with noise of covariance R.
     """
-    cross = product3(P, H.T)
-    gain = product3(cross, invert3(sum3(product3(H, cross), R)))
-    rest = sum3(np.eye(3), scaled3(product3(gain, H), -1.0))
-    state = more3(x, times3(gain, less3(z, times3(H, x))))
-    return state, sum3(sandwich3(rest, P), sandwich3(gain, R))
+    cross = matmul3(P, H.T)
+    gain = matmul3(cross, invert3(add3(matmul3(H, cross), R)))
+    I_KH = add3(np.eye(3), scaled3(matmul3(gain, H), -1.0))
+    state = add_vectors3(x, matvec3(gain, subtract3(z, matvec3(H, x))))
+    return state, add3(sandwich3(I_KH, P), sandwich3(gain, R))

@@ -29,7 +29,7 @@ _FALL_OFF = np.exp(-0.5 * np.linspace(0.0, _REACH_SIGMAS**2, _TABLE_SIZE)).astyp
 """Likelihood by squared distance, from none to that of the reach."""
 
 _WIDE_CELLS = 2.0
-"""Fall-off, in cells, from which a grid is drawn by distances first: at 2.3 cells that takes two
+"""Fall-off, in cells, from which a grid is built from a distance field: at 2.3 cells that takes two
 thirds as long, at 0.8 cells longer."""
 
 
@@ -247,12 +247,12 @@ def mean_likelihood(grid: LikelihoodGrid, points: Floats, pose: Floats) -> float
 def likelihoods(lattice: Lattice, points: Floats, pose: Floats) -> Floats:
     """Likelihood (K,), 0 to 1, of every point (K, 2) [m] in the frame of a pose (3,)."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
-    found = np.empty(len(points))
+    values_at = np.empty(len(points))
     for i in range(len(points)):
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        found[i] = interpolate(lattice, x, y)[0]
-    return found
+        values_at[i] = interpolate(lattice, x, y)[0]
+    return values_at
 
 
 @kernel_with(inline=True)

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """Loop closure in three stages: detect -> refine -> validate.
 
-Detect finds where a keyframe may lie in an old submap: where the graph is sure, that is the
-predicted pose itself; where it is not, a correlative search over a window as large as the
-uncertainty the path has gathered. Refine aligns the keyframe on the submap's likelihood grid.
-Validate asks for agreement with the submap, and on the same side of its walls; for a second,
-independent match by a later keyframe, and for both to tell the same story.
+Detect proposes poses of a keyframe in an old submap: the predicted pose where the graph is certain,
+else a correlative search over a window as large as the uncertainty accumulated along the path.
+Refine aligns the keyframe on the submap's likelihood grid. Validate demands a good fit, on the same
+side of the submap's walls, and for a searched closure a second, independent match by a later
+keyframe that is consistent with the first.
 """
 
 from __future__ import annotations
@@ -20,42 +20,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import LoopClosureConfig, MatchingConfig
-from slarm_graph.frontends.scans.along_walls import SlidMatch, aligned
-from slarm_graph.frontends.scans.closures import SIGMAS, Closure, Expectations
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure, ClosureCandidates
 from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.likelihood_grid import mean_likelihood
+from slarm_graph.frontends.scans.line_search import LineSearchMatch, line_search_match
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
-from slarm_graph.frontends.scans.wall_faces import aligned_by_faces
+from slarm_graph.frontends.scans.wall_faces import align_by_faces
 from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
 
 POINT_INFORMATION = 0.3
-"""Of a return of a scan in an old submap, over that of one in the grid's own noise: neighbouring
-returns of one wall err alike, by what the submap is bent. Half and double move nothing by 0.3 %."""
-_LOOSE_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
-"""Of where a search or the graph puts a scan: five cells of 0.1 m and a step of turns."""
+"""Weight of a return of a scan in an old submap, relative to the grid's own noise: neighbouring
+returns of one wall have correlated errors, by the submap's distortion. Half and double move nothing
+by 0.3 %."""
+_START_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
+"""Information of a searched or predicted start: five cells of 0.1 m and an angular step."""
 _COARSE_GRIDS, _FINE_GRIDS = 64, 24
-"""Submaps kept prepared: the result is the same with any number. Half of these fine ones are
-prepared again in 2 to 4 % more cases, double in 10 % fewer."""
+"""Submaps cached: the result is the same with any number. Half of these fine ones are rebuilt in 2
+to 4 % more cases, double in 10 % fewer."""
 _QUERY_RANGE_M = 12.0
-"""Returns that are searched for: of farther ones a step of turns moves too many past a wall."""
+"""Range of the returns used in a search: an angular step moves farther ones past a wall."""
 _QUERY_POINTS = 250
-"""Of them, evenly: a search takes as long as they are many."""
-_LONG_AGO = -1_000_000
-"""Keyframe of what never happened."""
-_PATIENCE, _MOST_PATIENCE = 1.5, 16.0
-"""By what the time to the next search grows with every one in vain, and how much at most: ways
-that never come back cost little."""
-_MOST_FRUITLESS = 100
-"""Counted no further: windows and patience reached their bounds long before, powers stay finite."""
-_MOST_FROM_BEHIND = 0.5
-"""Share of walls matched from their unknown side: right places have few, the far side of a thin
-wall all."""
+"""Number of returns in a search, evenly thinned: its time is proportional."""
+_NEVER = -1_000_000
+"""Keyframe index that stands for never."""
+_BACKOFF, _MAX_BACKOFF = 1.5, 16.0
+"""Factor on the time to the next search per failed one, and its bound: paths that never return cost
+little."""
+_MAX_FAILED_SEARCHES = 100
+"""Bound of the count: the back-off reached its own long before, and powers stay finite."""
+_MAX_FROM_BEHIND = 0.5
+"""Largest share of walls matched from their unknown side: true closures have few, the far side of a
+thin wall all."""
 
 
 class LoopCloser:
-    """Looks for old places, one keyframe at a time."""
+    """Detects loop closures with old submaps, one keyframe at a time."""
 
     def __init__(self, config: LoopClosureConfig, matching: MatchingConfig) -> None:
         self._config = config
@@ -67,137 +68,143 @@ class LoopCloser:
         self._coarse = SubmapCache(_COARSE_GRIDS, partial(_pyramid, matching=coarse))
         self._sides = SubmapCache(_FINE_GRIDS, wall_sides)
         self._tentative: list[Closure] = []
-        self._last_match = self._last_search = _LONG_AGO
-        self._fruitless = 0
+        self._last_match = self._last_search = _NEVER
+        self._failed_searches = 0
         self._tried: dict[int, int] = {}
 
     def forget_prepared(self) -> None:
-        """Free what was prepared of submaps; it is prepared again when asked for."""
+        """Clear the caches of submaps; they are rebuilt on demand."""
         for cache in (self._fine, self._coarse, self._sides):
             cache.clear()
 
     def is_due(self, keyframe: int) -> bool:
-        """Whether the keyframe is to be compared with old submaps."""
+        """Whether the keyframe is to be matched with old submaps."""
         since = keyframe - max(self._last_match, self._last_search)
         return since >= min(self._config.match_every, self._config.search_every)
 
     def confirm(self, keyframes: Sequence[Keyframe], submaps: Sequence[Submap]) -> list[Closure]:
-        """Validate: match the newest keyframe where an earlier search's match says it must be.
+        """Validate pending searched closures by a second match of the newest keyframe.
 
         Returns
         -------
         list of Closure
-            As from `examine`; of a search that is confirmed, both matches.
+            As from `examine`; of a confirmed search both matches.
         """
         k = len(keyframes) - 1
-        done: list[Closure] = []
-        kept: list[Closure] = []
+        closures: list[Closure] = []
+        pending: list[Closure] = []
         for first in self._tentative:
             moved = keyframes[first.keyframe].local_from_robot.between(
                 keyframes[k].local_from_robot
             )
-            way_m = math.hypot(moved.x, moved.y)
-            if way_m < self._config.confirm_m:
-                kept.append(first)
+            distance_m = math.hypot(moved.x, moved.y)
+            if distance_m < self._config.confirm_m:
+                pending.append(first)
                 continue
             predicted = compose(first.submap_from_keyframe, moved.as_array())
             second = self._refine(k, first.submap, predicted, keyframes, submaps)
-            away = between(predicted, second.submap_from_keyframe)
+            residual = between(predicted, second.submap_from_keyframe)
             reason = second.reason
-            if math.hypot(away[0], away[1]) > 0.05 + 0.05 * way_m or abs(away[2]) > 0.035:
+            if (
+                math.hypot(residual[0], residual[1]) > 0.05 + 0.05 * distance_m
+                or abs(residual[2]) > 0.035
+            ):
                 reason = "a second match disagrees"
             if not reason:
-                self._fruitless = 0
-                done += [first, replace(second, searched=True)]
+                self._failed_searches = 0
+                closures += [first, replace(second, searched=True)]
             else:
-                done.append(replace(first, reason=f"not confirmed: {reason}"))
-        self._tentative = kept
-        return done
+                closures.append(replace(first, reason=f"not confirmed: {reason}"))
+        self._tentative = pending
+        return closures
 
     def examine(
         self,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
-        expected: Expectations,
+        candidates: ClosureCandidates,
     ) -> list[Closure]:
-        """Compare the newest keyframe with old submaps.
+        """Match the newest keyframe with the candidate submaps.
 
         Parameters
         ----------
         keyframes, submaps : sequences
             All so far.
-        expected : Expectations
+        candidates : ClosureCandidates
             Of the newest keyframe.
 
         Returns
         -------
         list of Closure
-            Accepted ones have no reason; those turned down come with one.
+            Accepted ones have no reason, rejected ones have one. Searched ones wait for `confirm`.
         """
-        k, done = len(keyframes) - 1, []
-        sure = (expected.sigma_m <= self._config.sure_m) & (
-            expected.sigma_rad <= self._config.sure_rad
+        k, closures = len(keyframes) - 1, []
+        is_certain = (candidates.sigma_m <= self._config.sure_m) & (
+            candidates.sigma_rad <= self._config.sure_rad
         )
-        if sure.any() and k - self._last_match >= self._config.match_every:
+        if is_certain.any() and k - self._last_match >= self._config.match_every:
             self._last_match = k
-            for e in np.flatnonzero(sure)[: self._config.candidates]:
-                done.append(self._at_prediction(k, int(e), expected, keyframes, submaps))
-        patience = min(_PATIENCE**self._fruitless, _MOST_PATIENCE)
-        if not sure.all() and k - self._last_search >= self._config.search_every * patience:
+            for e in np.flatnonzero(is_certain)[: self._config.candidates]:
+                closures.append(self._at_prediction(k, int(e), candidates, keyframes, submaps))
+        backoff = min(_BACKOFF**self._failed_searches, _MAX_BACKOFF)
+        if not is_certain.all() and k - self._last_search >= self._config.search_every * backoff:
             self._last_search = k
-            self._search(k, np.flatnonzero(~sure), expected, keyframes, submaps)
-        return done
+            self._search(k, np.flatnonzero(~is_certain), candidates, keyframes, submaps)
+        return closures
 
     def _at_prediction(
         self,
         k: int,
         e: int,
-        expected: Expectations,
+        candidates: ClosureCandidates,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> Closure:
-        """Refine where the graph expects the keyframe; earlier closures are the second opinion."""
-        predicted = expected.submap_from_keyframe[e]
-        return self._refine(k, int(expected.submap[e]), predicted, keyframes, submaps)
+        """Refine from the predicted pose; earlier closures stand for the second match."""
+        predicted = candidates.submap_from_keyframe[e]
+        return self._refine(k, int(candidates.submap[e]), predicted, keyframes, submaps)
 
     def _search(
         self,
         k: int,
-        unsure: NDArray[np.int64],
-        expected: Expectations,
+        uncertain: NDArray[np.int64],
+        candidates: ClosureCandidates,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> None:
-        """Detect: best place of the last few keyframes' points in the nearest submaps' windows."""
+        """Detect: correlative search of the last keyframes' points in the nearest submaps."""
         retry = self._config.search_again
-        tries = [
-            e for e in unsure if k - self._tried.get(int(expected.submap[e]), _LONG_AGO) >= retry
+        attempts = [
+            e for e in uncertain if k - self._tried.get(int(candidates.submap[e]), _NEVER) >= retry
         ][: self._config.searches]
-        if not tries:
+        if not attempts:
             return
         query = self._query(k, keyframes)
-        windows = [self._window(int(e), expected) for e in tries]
-        self._fruitless = min(self._fruitless + 1, _MOST_FRUITLESS)
-        for e, (reach_m, reach_rad) in zip(tries, windows, strict=True):
-            submap = int(expected.submap[e])
+        windows = [self._window(int(e), candidates) for e in attempts]
+        self._failed_searches = min(self._failed_searches + 1, _MAX_FAILED_SEARCHES)
+        for e, (reach_m, reach_rad) in zip(attempts, windows, strict=True):
+            submap = int(candidates.submap[e])
             self._tried[submap] = k
             hit = search(
                 self._coarse.of(submaps[submap], keyframes),
                 query,
-                Pose2.from_array(expected.submap_from_keyframe[e]),
+                Pose2.from_array(candidates.submap_from_keyframe[e]),
                 reach_m=reach_m,
                 reach_rad=reach_rad,
                 min_score=self._config.search_score,
             )
             if hit is None:
                 continue
-            found = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
-            if not found.reason:
-                self._tentative.append(replace(found, searched=True))
+            match = self._refine(k, submap, hit.grid_from_robot.as_array(), keyframes, submaps)
+            if not match.reason:
+                self._tentative.append(replace(match, searched=True))
 
-    def _window(self, e: int, expected: Expectations) -> tuple[float, float]:
-        """Half the window to search an old submap in, as far as the graph may err [m, rad]."""
-        reach_m, reach_rad = SIGMAS * expected.sigma_m[e], SIGMAS * expected.sigma_rad[e]
+    def _window(self, e: int, candidates: ClosureCandidates) -> tuple[float, float]:
+        """Half the search window by the gate of the predicted pose, bounded [m, rad]."""
+        reach_m, reach_rad = (
+            GATE_SIGMAS * candidates.sigma_m[e],
+            GATE_SIGMAS * candidates.sigma_rad[e],
+        )
         return (
             min(float(reach_m), self._config.window_m),
             min(float(reach_rad), self._config.window_rad),
@@ -211,21 +218,23 @@ class LoopCloser:
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
     ) -> Closure:
-        points, old = keyframes[k].points_m, submaps[submap]
-        grid, sides = self._fine.of(old, keyframes), self._sides.of(old, keyframes)
-        tries, reach_m = 2 * self._matching.max_iterations, SIGMAS * self._config.sure_m
+        points, target = keyframes[k].points_m, submaps[submap]
+        grid, sides = self._fine.of(target, keyframes), self._sides.of(target, keyframes)
+        iterations, reach_m = 2 * self._matching.max_iterations, GATE_SIGMAS * self._config.sure_m
 
-        def align(scans: Sequence[Floats], near: Floats) -> SlidMatch:
+        def align(scans: Sequence[Floats], start_pose: Floats) -> LineSearchMatch:
             """Align the keyframe with the submap."""
-            how = _LOOSE_INFORMATION, POINT_INFORMATION, tries, reach_m
-            return aligned(grid, scans[0], near, *how)
+            settings = _START_INFORMATION, POINT_INFORMATION, iterations, reach_m
+            return line_search_match(grid, scans[0], start_pose, *settings)
 
-        seen, least = own_surfaces(points), self._matching.min_points
-        found, _ = aligned_by_faces(align, sides, [points], [seen], np.zeros((1, 3)), start, least)
-        behind = share_from_behind(sides, seen, found.pose)
-        score = mean_likelihood(grid, points, found.pose)
-        reason = doubt(score, found.information, behind, self._config)
-        return Closure(submap, k, found.pose, found.over_reach, score, False, reason)
+        surfaces, min_points = own_surfaces(points), self._matching.min_points
+        match, _ = align_by_faces(
+            align, sides, [points], [surfaces], np.zeros((1, 3)), start, min_points
+        )
+        behind = share_from_behind(sides, surfaces, match.pose)
+        score = mean_likelihood(grid, points, match.pose)
+        reason = rejection_reason(score, match.information, behind, self._config)
+        return Closure(submap, k, match.pose, match.marginal_information, score, False, reason)
 
     def _query(self, k: int, keyframes: Sequence[Keyframe]) -> Floats:
         """Points (Q, 2) of the last keyframes in the newest one's frame, one per coarse cell."""
@@ -240,8 +249,10 @@ class LoopCloser:
         return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
-def doubt(score: float, information: Floats, behind: float, config: LoopClosureConfig) -> str:
-    """Say what is wrong with a match on its own; empty when nothing is.
+def rejection_reason(
+    score: float, information: Floats, behind: float, config: LoopClosureConfig
+) -> str:
+    """Return the reason to reject a match by itself; empty when there is none.
 
     Parameters
     ----------
@@ -255,7 +266,7 @@ def doubt(score: float, information: Floats, behind: float, config: LoopClosureC
         return f"score {score:.2f}"
     if np.linalg.eigvalsh(information[:2, :2])[0] < 1.0 / config.max_sigma_m**2:
         return "slides along a wall"
-    return "sees the other side of its walls" if behind > _MOST_FROM_BEHIND else ""
+    return "sees the other side of its walls" if behind > _MAX_FROM_BEHIND else ""
 
 
 def _pyramid(points: Sequence[Floats], poses: Floats, matching: MatchingConfig) -> SearchPyramid:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The seam of scan matching, and three matchers behind it.
+"""The scan matcher interface, and three implementations.
 
 All take returns in beam order, each scan in its own robot's frame, and give back where the source
 is in the target's frame. A match that failed is falsy and says why.
@@ -31,12 +31,12 @@ from slarm_graph.frontends.scans.search_pyramid import build_pyramid
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.geometry import Floats, Pose2
 
-_LOOSE = np.diag([11.0, 11.0, 11.0])
-"""Information of the start of a match: 0.3 m and 0.3 rad, so that it hardly counts."""
+_START_INFORMATION = np.diag([11.0, 11.0, 11.0])
+"""Information of the initial guess as a prior: 0.3 m and 0.3 rad, so that it hardly counts."""
 _WEAK_M, _WEAK_RAD = 1.0, 0.3
-"""A pose that scans fix no better than this [m, rad] is none: a room's half, and 17 degrees."""
+"""Largest standard deviation of a match [m, rad]: a room's half, and 17 degrees."""
 _COARSE = 3.0
-"""Of the fall-off for a first match over the fine one: three times as far to either side."""
+"""Coarse over fine fall-off of the likelihood: three times as far to either side."""
 
 
 class ScanMatcher(Protocol):
@@ -48,7 +48,7 @@ class ScanMatcher(Protocol):
 
 
 class _Matcher(ABC):
-    """What the matchers here have in common: what they refuse, before and after."""
+    """Base of the matchers here: checks input and result."""
 
     def __init__(
         self, settings: Stage | None = None, matching: MatchingConfig | None = None
@@ -61,18 +61,18 @@ class _Matcher(ABC):
         reason = _too_few(source, target, self._config)
         if reason:
             return MatchResult(target_from_source, reason=reason)
-        return judged(self._aligned(source, target, target_from_source), self._config)
+        return validated(self._aligned(source, target, target_from_source), self._config)
 
     @abstractmethod
     def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
-        """Align two scans that have returns enough; the result is still to be judged."""
+        """Align two scans with enough returns; the result is validated afterwards."""
 
     def _fine_grid(self, target: Floats) -> LikelihoodGrid:
         return grid_of(target, self._config, self._config.sigma_m)
 
 
 class LikelihoodMatcher(_Matcher):
-    """Gauss-Newton on smooth likelihood grids, a coarse one first: precise, from nearby."""
+    """Gauss-Newton on smooth likelihood grids, a coarse one first: precise, needs a near guess."""
 
     settings: ClassVar[type[Stage]] = Stage
 
@@ -92,7 +92,7 @@ class CorrelativeConfig(Stage):
 
 
 class CorrelativeMatcher(_Matcher):
-    """Exact search of a window, then Gauss-Newton: finds its way from far off."""
+    """Exact correlative search of a window, then Gauss-Newton: converges from far off."""
 
     settings: ClassVar[type[Stage]] = CorrelativeConfig
 
@@ -136,7 +136,7 @@ class IcpMatcher(_Matcher):
         self._max_distance_m = (settings or IcpConfig()).max_distance_m
 
     def _aligned(self, source: Floats, target: Floats, guess: Pose2) -> MatchResult:
-        found = align(
+        match = align(
             np.ascontiguousarray(source, dtype=np.float64),
             np.ascontiguousarray(target, dtype=np.float64),
             line_normals(target, self._config.max_gap_m),
@@ -145,7 +145,7 @@ class IcpMatcher(_Matcher):
             self._config.point_sigma_m,
             3 * self._config.max_iterations,
         )
-        return _result(*found)
+        return _result(*match)
 
 
 def grid_of(points: Floats, config: MatchingConfig, sigma_m: float) -> LikelihoodGrid:
@@ -157,16 +157,16 @@ def grid_of(points: Floats, config: MatchingConfig, sigma_m: float) -> Likelihoo
 def on_grid(
     grid: LikelihoodGrid, points: Floats, start: Pose2, config: MatchingConfig
 ) -> MatchResult:
-    """Refine a scan on a grid from a nearby pose, leaning on it but loosely."""
+    """Refine a scan on a grid from a nearby pose, which is a weak prior."""
     information = (grid.sigma_m / config.point_sigma_m) ** 2
-    found = refine_near(
-        grid, points, start.as_array(), _LOOSE, information, 2 * config.max_iterations
+    match = refine_near(
+        grid, points, start.as_array(), _START_INFORMATION, information, 2 * config.max_iterations
     )
-    return _result(*found)
+    return _result(*match)
 
 
-def judged(match: MatchResult, config: MatchingConfig) -> MatchResult:
-    """Pass a match on, or turn it into a failure with its reason."""
+def validated(match: MatchResult, config: MatchingConfig) -> MatchResult:
+    """Return a match, or its failure with a reason when score or covariance are bad."""
     if not match:
         return match
     if match.score < config.min_score:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A likelihood grid prepared for searching: the maxima over ever larger blocks of cells."""
+"""Multi-resolution pyramid of a likelihood grid: maxima over ever larger blocks of cells."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ FULL = 255
 
 @dataclass(frozen=True, slots=True)
 class SearchPyramid:
-    """A likelihood grid prepared for searching; prepare once per map, share between threads.
+    """Search pyramid of a likelihood grid; built once per map, shared between threads.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class SearchPyramid:
 def build_pyramid(
     grid: LikelihoodGrid, *, max_radius_m: float = 15.0, levels: int = 7
 ) -> SearchPyramid:
-    """Prepare a likelihood grid for `search`.
+    """Build the pyramid of a likelihood grid for `search`.
 
     Parameters
     ----------

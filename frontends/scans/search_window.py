@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The poses that a search tries: a window of angles and whole-cell offsets, and trying them all."""
+"""The search window of correlative matching, a lattice of poses, and its brute-force search."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slarm_graph.kernels import kernel
 
 
 class Window(NamedTuple):
-    """Poses to be tried: a lattice of angles and of whole-cell offsets.
+    """A search window: a lattice of angles and of whole-cell offsets.
 
     Parameters
     ----------

@@ -20,17 +20,17 @@ from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel, kernel_with
 
 
-def _fused(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
+def _fma(_: Any, a: Any, b: Any, c: Any) -> tuple[Any, Callable[..., Any]]:
     signature = types.float64(types.float64, types.float64, types.float64)
     return signature, lambda _context, builder, _signature, values: builder.fma(*values)
 
 
-fused = cast(Callable[[float, float, float], float], intrinsic(_fused))
+fma = cast(Callable[[float, float, float], float], intrinsic(_fma))
 """a * b + c, rounded once; only for compiled code."""
 
 
 @kernel
-def sum3(a: Floats, b: Floats) -> Floats:
+def add3(a: Floats, b: Floats) -> Floats:
     """Return a + b of two matrices (3, 3): numba takes a quarter of a second for every `+`."""
     out = np.empty((3, 3))
     for row in range(3):
@@ -60,7 +60,7 @@ def symmetric3(a: Floats) -> Floats:
 
 
 @kernel
-def more3(a: Floats, b: Floats) -> Floats:
+def add_vectors3(a: Floats, b: Floats) -> Floats:
     """Return a + b of two vectors (3,)."""
     out = np.empty(3)
     for k in range(3):
@@ -69,7 +69,7 @@ def more3(a: Floats, b: Floats) -> Floats:
 
 
 @kernel
-def less3(a: Floats, b: Floats) -> Floats:
+def subtract3(a: Floats, b: Floats) -> Floats:
     """Return a - b of two vectors (3,)."""
     out = np.empty(3)
     for k in range(3):
@@ -78,35 +78,35 @@ def less3(a: Floats, b: Floats) -> Floats:
 
 
 @kernel
-def product3(a: Floats, b: Floats) -> Floats:
+def matmul3(a: Floats, b: Floats) -> Floats:
     """Return a @ b of two matrices (3, 3)."""
     out = np.empty((3, 3))
     for row in range(3):
         for col in range(3):
-            two = fused(a[row, 1], b[1, col], a[row, 0] * b[0, col])
-            out[row, col] = fused(a[row, 2], b[2, col], two)
+            two = fma(a[row, 1], b[1, col], a[row, 0] * b[0, col])
+            out[row, col] = fma(a[row, 2], b[2, col], two)
     return out
 
 
 @kernel
 def sandwich3(a: Floats, m: Floats) -> Floats:
     """Return a @ m @ a.T of two matrices (3, 3)."""
-    return product3(product3(a, m), a.T)
+    return matmul3(matmul3(a, m), a.T)
 
 
 @kernel
-def times3(a: Floats, v: Floats) -> Floats:
+def matvec3(a: Floats, v: Floats) -> Floats:
     """Return a @ v of a matrix (3, 3) whose rows lie one after the other and a vector (3,)."""
     out = np.empty(3)
     for row in range(3):
-        two = fused(a[row, 0], v[0], a[row, 1] * v[1])
-        out[row] = fused(a[row, 2], v[2], two)
+        two = fma(a[row, 0], v[0], a[row, 1] * v[1])
+        out[row] = fma(a[row, 2], v[2], two)
     return out
 
 
 @kernel
-def with_diagonal3(m: Floats, d: Floats) -> Floats:
-    """Return the sum of a matrix (3, 3) and a diagonal one (3,)."""
+def add_diagonal3(m: Floats, d: Floats) -> Floats:
+    """Return m + diag(d) of a matrix (3, 3) and a vector (3,)."""
     out = m.copy()
     for k in range(3):
         out[k, k] += d[k]
@@ -161,7 +161,7 @@ def eigen2(m: Floats) -> tuple[Floats, Floats]:
 
 @kernel_with(inline=True)
 def add_square3(h: Floats, x: float, y: float, z: float, weight: float) -> None:
-    """Add weight times the square of the row (x, y, z) to the upper half of a matrix (3, 3)."""
+    """Add weight times the outer product of (x, y, z) to the upper half of a matrix (3, 3)."""
     h[0, 0] += weight * x * x
     h[0, 1] += weight * x * y
     h[0, 2] += weight * x * z

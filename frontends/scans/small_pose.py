@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Single poses and normal densities inside compiled loops; `slarm_graph.geometry` has the many."""
+"""SE(2) and densities of single poses in compiled loops; arrays of poses: `geometry`."""
 
 from __future__ import annotations
 
@@ -8,17 +8,18 @@ import math
 
 import numpy as np
 
-from slarm_graph.frontends.scans.small_matrix import invert3, sandwich3, times3
+from slarm_graph.frontends.scans.small_matrix import invert3, matvec3, sandwich3
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
-_TAILS = 4.0
-"""Degrees of freedom of what odometry and velocity miss: of four recordings, 3 to 10 % of the steps
-lie beyond the 99.9 % quantile of a normal distribution."""
-BASIN = np.diag([0.05, 0.05, 0.025]) ** 2
-"""Of a place: poses so near fit alike [m, m, rad]. The fall-off of the likelihood, at 2 m."""
-SEARCHED = np.array([1.5, 1.5, 0.8])
-"""How far around what is expected places are searched for, to either side [m, m, rad]."""
+_DEGREES_OF_FREEDOM = 4.0
+"""Degrees of freedom of the residuals of odometry and velocity: of four recordings, 3 to 10 % of
+the steps lie beyond the 99.9 % quantile of a normal distribution."""
+BASIN_COVARIANCE = np.diag([0.05, 0.05, 0.025]) ** 2
+"""Covariance of the basin of an optimum: poses that fit alike [m^2, m^2, rad^2], by the fall-off of
+the likelihood at 2 m."""
+SEARCH_REACH = np.array([1.5, 1.5, 0.8])
+"""Half the search window around a predicted pose [m, m, rad]."""
 
 
 @kernel
@@ -40,7 +41,7 @@ def moved(pose: Floats, motion: Floats) -> Floats:
 
 @kernel
 def compose3(a: Floats, b: Floats) -> Floats:
-    """Pose (3,) of c in frame a's parent, from a in it and c in a."""
+    """Compose two poses (3,): that of b, given in frame a, in a's parent frame."""
     out = moved(a, b)
     out[2] = wrapped(out[2])
     return out
@@ -48,7 +49,7 @@ def compose3(a: Floats, b: Floats) -> Floats:
 
 @kernel
 def between3(a: Floats, b: Floats) -> Floats:
-    """Pose (3,) of b seen from a."""
+    """Relative pose (3,) of b in frame a: inverse of a, composed with b."""
     c, s = math.cos(a[2]), math.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
     out = np.empty(3)
@@ -59,13 +60,13 @@ def between3(a: Floats, b: Floats) -> Floats:
 
 
 @kernel
-def carried_by(motion: Floats) -> Floats:
-    """Adjoint (3, 3) that carries what a pose is off by into the frame a motion (3,) leads to."""
+def inverse_adjoint(motion: Floats) -> Floats:
+    """Adjoint (3, 3) of the inverse of a motion (3,): maps pose errors to the frame after it."""
     c, s = math.cos(motion[2]), math.sin(motion[2])
     adjoint = np.zeros((3, 3))
     adjoint[0, 0], adjoint[0, 1] = c, s
     adjoint[1, 0], adjoint[1, 1] = -s, c
-    # A turn before the motion swings its end sideways.
+    # A heading error before the motion displaces its end sideways.
     adjoint[0, 2] = -c * motion[1] + s * motion[0]
     adjoint[1, 2] = s * motion[1] + c * motion[0]
     adjoint[2, 2] = 1.0
@@ -73,22 +74,26 @@ def carried_by(motion: Floats) -> Floats:
 
 
 @kernel
-def carried3(covariance: Floats, motion: Floats) -> Floats:
-    """Covariance (3, 3) of a pose in its own frame, in the frame that a motion (3,) leads to."""
-    return sandwich3(carried_by(motion), covariance)
+def transported3(covariance: Floats, motion: Floats) -> Floats:
+    """Transport a body-frame covariance (3, 3) of a pose to the frame after a motion (3,)."""
+    return sandwich3(inverse_adjoint(motion), covariance)
 
 
 @kernel
-def squared_sigmas(miss: Floats, covariance: Floats) -> float:
-    """Squared Mahalanobis length of a difference of motions (3,), its angle wrapped."""
-    away = miss.copy()
-    away[2] = wrapped(away[2])
-    told = times3(invert3(covariance), away)
-    return float(away[0] * told[0] + away[1] * told[1] + away[2] * told[2])
+def squared_mahalanobis(residual: Floats, covariance: Floats) -> float:
+    """Squared Mahalanobis distance of a residual (3,), its angle wrapped."""
+    wrapped_residual = residual.copy()
+    wrapped_residual[2] = wrapped(wrapped_residual[2])
+    scaled = matvec3(invert3(covariance), wrapped_residual)
+    return float(
+        wrapped_residual[0] * scaled[0]
+        + wrapped_residual[1] * scaled[1]
+        + wrapped_residual[2] * scaled[2]
+    )
 
 
 @kernel
-def log_volume(covariance: Floats) -> float:
+def log_det_2pi(covariance: Floats) -> float:
     """Log of the determinant of 2 pi times a covariance (3, 3)."""
     m = covariance
     determinant = (
@@ -100,12 +105,12 @@ def log_volume(covariance: Floats) -> float:
 
 
 @kernel
-def log_tails(squared: float) -> float:
-    """Log of Student's t in 3 dimensions at a squared Mahalanobis length, less that at 0."""
-    return -0.5 * (_TAILS + 3.0) * math.log1p(squared / _TAILS)
+def log_student_t(squared: float) -> float:
+    """Log of Student's t in 3 dimensions at a squared Mahalanobis distance, over that at 0."""
+    return -0.5 * (_DEGREES_OF_FREEDOM + 3.0) * math.log1p(squared / _DEGREES_OF_FREEDOM)
 
 
 @kernel
-def log_density(miss: Floats, covariance: Floats) -> float:
-    """Log density at a difference of motions (3,), its angle wrapped: Student's t."""
-    return log_tails(squared_sigmas(miss, covariance)) - 0.5 * log_volume(covariance)
+def log_density(residual: Floats, covariance: Floats) -> float:
+    """Log density of a residual (3,), its angle wrapped: Student's t."""
+    return log_student_t(squared_mahalanobis(residual, covariance)) - 0.5 * log_det_2pi(covariance)

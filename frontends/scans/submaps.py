@@ -26,12 +26,12 @@ from slarm_graph.kernels import kernel
 Prepared = TypeVar("Prepared")
 
 _VIEW_RANGE_M = 8.0
-"""What a keyframe sees nearby: a room or two, where most returns lie."""
+"""Range of the returns that a view center is the mean of: a room or two."""
 
 
 @dataclass(frozen=True, slots=True)
 class Keyframe:
-    """A scan that the graph has a pose for.
+    """A scan that is a node of the pose graph.
 
     Parameters
     ----------
@@ -44,14 +44,13 @@ class Keyframe:
     covariance : (3, 3) float64
         Of the motion since the keyframe before, in this keyframe's body frame.
     view_center_m : (2,) float64
-        Middle of what it sees nearby, in the robot's frame [m].
+        Mean of its near returns, in the robot's frame [m].
     wheels : WheelMotion or None
         Motion since the keyframe before by odometry alone; None where there is none.
     lag_covariance : (3, 3) float64
-        Of where odometry was read, seen from where the points lie as they were matched.
+        Of the motion from odometry's stamp to that at which the points were matched.
     is_matched : bool
-        Whether its points lie on those before; else it is where odometry has it, or what the robot
-        did before.
+        Whether its scan was matched; else its pose is by odometry, or by constant velocity.
     """
 
     scan: int
@@ -65,7 +64,7 @@ class Keyframe:
 
 
 def view_center(points: Floats) -> Floats:
-    """Middle (2,) [m] of the points (K, 2) within 8 m; the robot itself where there are none."""
+    """Mean (2,) [m] of the points (K, 2) within 8 m; the robot itself where there are none."""
     near = points[np.hypot(points[:, 0], points[:, 1]) < _VIEW_RANGE_M]
     return np.asarray(near.mean(axis=0)) if len(near) else np.zeros(2)
 
@@ -81,7 +80,7 @@ class Submap:
     anchor : int
         Keyframe whose robot frame is the submap's frame.
     center_m : (2,) float64
-        Middle of what its keyframes see, in the anchor's frame [m].
+        Mean of its keyframes' view centers, in the anchor's frame [m].
     """
 
     first: int
@@ -117,18 +116,18 @@ def joined_returns(points: Sequence[Floats], poses: Floats) -> Floats:
 
 
 def _flat(points: Sequence[Floats]) -> tuple[Floats, NDArray[np.int64]]:
-    """Scans one after the other (K, 2), and where each begins and the last one ends."""
+    """Concatenated scans (K, 2), and the offsets of each and of the end."""
     return np.concatenate(points), np.cumsum([0, *(len(p) for p in points)])
 
 
 class SubmapCache(Generic[Prepared]):
-    """Submaps prepared for matching when first asked for; only the latest used are kept.
+    """Least-recently-used cache of what is built of submaps for matching.
 
     Parameters
     ----------
     capacity : int
     prepare : callable
-        What to make of a submap's scans (each (K, 2) [m]) and their poses (M, 3).
+        Builds it from a submap's scans (each (K, 2) [m]) and their poses (M, 3).
     """
 
     def __init__(
@@ -139,15 +138,15 @@ class SubmapCache(Generic[Prepared]):
         self._kept: OrderedDict[tuple[int, int, int], Prepared] = OrderedDict()
 
     def kept_state(self) -> dict[str, object]:
-        """Leave out what can be prepared again."""
+        """Leave out what can be rebuilt."""
         return {**self.__dict__, "_kept": OrderedDict()}
 
     def clear(self) -> None:
-        """Free what was prepared."""
+        """Empty the cache."""
         self._kept.clear()
 
     def of(self, submap: Submap, keyframes: Sequence[Keyframe]) -> Prepared:
-        """Return the prepared submap, in its anchor's frame."""
+        """Return what is built of a submap, in its anchor's frame."""
         key = (submap.first, submap.last, submap.anchor)
         prepared = self._kept.pop(key, None)
         if prepared is None:

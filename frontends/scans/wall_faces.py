@@ -1,65 +1,65 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Matching in an old place by the faces of walls that were seen there.
+"""Matching in an old submap by those faces of walls that were observed from the same side.
 
-What lies beyond a partition sees its other face, a wall's thickness off: laid on the face that is
-known, it drags the match along, by a decimetre in buildings of thin walls.
+A scan from beyond a partition sees its other face, off by the wall's thickness: matched with the
+known face, it biases the match, by a decimetre in buildings of thin walls.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from slarm_graph.frontends.scans.along_walls import SlidMatch
+from slarm_graph.frontends.scans.line_search import LineSearchMatch
 from slarm_graph.frontends.scans.wall_sides import WallSides, facing
 from slarm_graph.geometry import Floats, compose
 
 _ROUNDS = 2
-"""Times that faces are told apart: the first time from where the other ones have dragged the match.
-With once buildings are 6 % worse (six wards, halls and offices, by geometric mean)."""
+"""Rounds of removing other faces: the first one starts from a match that they have biased. With one
+buildings are 6 % worse (six wards, halls and offices, by geometric mean)."""
 
-Align = Callable[[Sequence[Floats], Floats], SlidMatch]
-"""Aligns scans, each (K, 2) [m], from a pose (3,) of theirs on a grid."""
+Align = Callable[[Sequence[Floats], Floats], LineSearchMatch]
+"""Aligns scans, each (K, 2) [m], with a grid from an initial pose (3,)."""
 
 
-def aligned_by_faces(
+def align_by_faces(
     align: Align,
     sides: WallSides,
     scans: Sequence[Floats],
     surfaces: Sequence[Floats],
     poses: Floats,
     start: Floats,
-    least: int,
-) -> tuple[SlidMatch, Sequence[Floats]]:
-    """Align scans by what they see from the side from which it is known, and by what is new.
+    min_points: int,
+) -> tuple[LineSearchMatch, Sequence[Floats]]:
+    """Align scans, without returns from walls that are known from their other side only.
 
     Parameters
     ----------
     align : callable
     sides : WallSides
-        Of the place.
+        Of the target.
     scans, surfaces : sequences of M (K, 2) and M (S, 4) float64
-        Returns in beam order [m], and what each scan sees, by `own_surfaces`.
+        Returns in beam order [m], and surfaces of each scan, by `own_surfaces`.
     poses : (M, 3) float64
-        Where each scan lies in the frame that is aligned.
+        Of each scan in the source frame, which is aligned.
     start : (3,) float64
-        Of that frame in the place's.
-    least : int
-        Returns that have to be left, or it is aligned by all.
+        Initial pose of the source in the target frame.
+    min_points : int
+        Least number of returns that must remain, else the last match stays.
 
     Returns
     -------
-    SlidMatch
+    LineSearchMatch
     sequence of M (K, 2) float64
-        The returns that it was aligned by.
+        The returns used.
     """
-    found, kept = align(scans, start), scans
+    match, used = align(scans, start), scans
     for _ in range(_ROUNDS):
-        looks = zip(scans, surfaces, compose(found.pose, poses), strict=True)
-        seen = [facing(sides, *look) for look in looks]
-        counts = [len(scan) for scan in seen]
-        if counts == [len(scan) for scan in kept] or sum(counts) < least:
+        placed = zip(scans, surfaces, compose(match.pose, poses), strict=True)
+        visible = [facing(sides, *scan) for scan in placed]
+        counts = [len(scan) for scan in visible]
+        if counts == [len(scan) for scan in used] or sum(counts) < min_points:
             break
-        kept = seen
-        found = align(kept, start)
-    return found, kept
+        used = visible
+        match = align(used, start)
+    return match, used

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From which side walls were seen: the two faces of a thin wall look alike, and are not one place.
+"""Sides of walls: the two faces of a thin wall look alike, but belong to different places.
 
-A scan of the far side of a wall lies on the near side's likelihood as well as one of the near side
-would, a wall's thickness off. What tells them apart is that a surface faces who sees it.
+A scan of a wall's far side fits the near side's likelihood as well as one of the near side, off by
+the wall's thickness. Surface normals, towards the viewer, distinguish them.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
 _CELL_M, _REACH_CELLS = 0.05, 2
-"""Sides are known within 0.1 m of a return: the noise of two and what a pose is off by, less than
-a partition is thick."""
+"""Normals are stored within 0.1 m of a return: the noise of two returns and the error of a pose,
+less than a partition's thickness."""
 _CHORD_M = 0.1
-"""Least length that a direction is taken from: five times a laser's noise of 0.02 m."""
+"""Least length of a chord for a normal: five times a laser's noise of 0.02 m."""
 _MAX_GAP_M = 0.3
-"""Returns farther apart are of two things: half a degree at 10 m and 15 degrees to the wall."""
+"""Returns farther apart are of two surfaces: half a degree at 10 m and 15 degrees to the wall."""
 _LEAST_SLANT = 0.1
 """Sine of the least angle between beam and wall at which the side is sure."""
 _OCTANTS = 8
@@ -36,7 +36,7 @@ _ACROSS = 2
 
 @dataclass(frozen=True, slots=True)
 class WallSides:
-    """Which way the surfaces in and beside a cell face.
+    """Grid of the surface normals in and beside each cell, by octant.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class WallSides:
 
 
 def wall_sides(scans: Sequence[Floats], poses: Floats) -> WallSides:
-    """Note the sides that scans (each (K, 2) [m] in its own frame) at poses (M, 3) have seen."""
+    """Build the grid of normals seen by scans (each (K, 2) [m], own frame) at poses (M, 3)."""
     seen = np.concatenate([_surfaces(s, p) for s, p in zip(scans, poses, strict=True)])
     margin_m = (_REACH_CELLS + 1) * _CELL_M
     if not len(seen):
@@ -65,13 +65,13 @@ def wall_sides(scans: Sequence[Floats], poses: Floats) -> WallSides:
 
 
 def share_from_behind(sides: WallSides, surfaces: Floats, pose: Floats) -> float:
-    """Share of what a scan sees on known walls that it sees from their unknown side.
+    """Share of a scan's surfaces on known walls that are seen from their unknown side.
 
     Parameters
     ----------
     sides : WallSides
     surfaces : (S, 4) float64
-        What the scan sees, by `own_surfaces`.
+        Of the scan, by `own_surfaces`.
     pose : (3,) float64
         Of the scan in the frame of the sides.
 
@@ -85,7 +85,7 @@ def share_from_behind(sides: WallSides, surfaces: Floats, pose: Floats) -> float
 
 
 def facing(sides: WallSides, points: Floats, surfaces: Floats, pose: Floats) -> Floats:
-    """Return a scan's points (L, 2) but those on walls that are known from their other side only.
+    """Return a scan's points (L, 2) without those on walls known from their other side only.
 
     Parameters
     ----------
@@ -103,13 +103,13 @@ def _origin(sides: WallSides) -> Floats:
 
 @kernel
 def _surfaces(points: Floats, pose: Floats) -> Floats:
-    """What a scan at a pose (3,) sees well enough: its own surfaces (S, 4), placed."""
+    """Surfaces (S, 4) of a scan at a pose (3,), in the pose's parent frame."""
     return _placed(own_surfaces(points), pose)
 
 
 @kernel
 def _placed(surfaces: Floats, pose: Floats) -> Floats:
-    """Surfaces (S, 4) of a scan in the frame that its pose (3,) is of."""
+    """Transform surfaces (S, 4) of a scan by its pose (3,)."""
     out = np.empty_like(surfaces)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for k in range(len(surfaces)):
@@ -123,9 +123,9 @@ def _placed(surfaces: Floats, pose: Floats) -> Floats:
 
 @kernel
 def own_surfaces(points: Floats) -> Floats:
-    """Place and direction of the normal (S, 4) [m, m, rad] of what a scan sees well enough.
+    """Surfaces (S, 4) of a scan (K, 2): position [m, m], direction of normal [rad], point index.
 
-    And which of its points (K, 2) each is; in the scan's own frame.
+    Those seen at a grazing angle are left out; in the scan's own frame.
     """
     out = np.empty((len(points), 4))
     count = 0
@@ -179,13 +179,13 @@ def _mark(octants: NDArray[np.uint8], origin: Floats, surfaces: Floats) -> None:
 def _compare(
     octants: NDArray[np.uint8], origin: Floats, surfaces: Floats, pose: Floats
 ) -> tuple[int, int]:
-    """Count the surfaces that a known one beside them faces like, and those only seen behind."""
+    """Count the surfaces with a known normal of like direction, and those with others only."""
     same = behind = 0
     placed = _placed(surfaces, pose)
     for k in range(len(placed)):
-        told = _told(octants, origin, placed[k])
-        same += told > 0
-        behind += told < 0
+        side = _side(octants, origin, placed[k])
+        same += side > 0
+        behind += side < 0
     return same, behind
 
 
@@ -193,13 +193,13 @@ def _compare(
 def _facing(
     octants: NDArray[np.uint8], origin: Floats, points: Floats, surfaces: Floats, pose: Floats
 ) -> Floats:
-    """Leave out the points (K, 2) whose surfaces are only known from their other side."""
+    """Leave out the points (K, 2) whose surfaces are known from their other side only."""
     placed = _placed(surfaces, pose)
     kept = np.empty((len(points), 2))
     count, k = 0, 0
     for i in range(len(points)):
         is_surface = k < len(placed) and placed[k, 3] == i
-        if not (is_surface and _told(octants, origin, placed[k]) < 0):
+        if not (is_surface and _side(octants, origin, placed[k]) < 0):
             kept[count, 0], kept[count, 1] = points[i, 0], points[i, 1]
             count += 1
         k += is_surface
@@ -207,8 +207,8 @@ def _facing(
 
 
 @kernel
-def _told(octants: NDArray[np.uint8], origin: Floats, surface: Floats) -> int:
-    """Whether a known surface beside one faces like it: 1, or only others do: -1; 0 for none."""
+def _side(octants: NDArray[np.uint8], origin: Floats, surface: Floats) -> int:
+    """1 where a known normal beside a surface is like its own, -1 where only others, 0 for none."""
     col = math.floor((surface[0] - origin[0]) / _CELL_M)
     row = math.floor((surface[1] - origin[1]) / _CELL_M)
     if not (0 <= row < octants.shape[0] and 0 <= col < octants.shape[1]):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which returns lie on straight walls, and which way these run."""
+"""Tangents of the straight walls in a scan."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
 _REACH_M = 0.2
-"""Least length that a direction is taken from: ten times a laser's noise of 0.02 m, 6 degrees."""
+"""Least length of a chord for a tangent: ten times a laser's noise of 0.02 m, 6 degrees."""
 BACK, ON = cast(int, np.int64(-1)), cast(int, np.int64(1))
 """Directions, as values: for a literal numba compiles a kernel anew."""
 _NEAR_GAP_M = 0.5
 """Farther neighbours are of two walls, or of one seen at a grazing angle."""
 _STRAIGHT, _VERY_STRAIGHT = 0.8, 0.97
-"""Cosines of the bend that a straight wall may show: 37 degrees by noise of short ways, 14 of long
+"""Cosines of the largest bend of a straight wall: 37 degrees by noise of short chords, 14 of long
 ones."""
 
 
@@ -27,8 +27,8 @@ ones."""
 def wall_tangents(points: Floats) -> Floats:
     """Unit vectors (K, 2) along straight walls at points (K, 2) in beam order; elsewhere zero.
 
-    A point is on a straight wall when the ways to it and from it agree; near neighbours must agree
-    roughly, as noise turns short ways, far ones (a wall seen at a grazing angle) closely.
+    A point is on a straight wall when the chords to it and from it are parallel: roughly for near
+    neighbours, as noise turns short chords, closely for far ones (seen at a grazing angle).
     """
     tangents = np.zeros_like(points)
     for i in range(len(points)):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where odometry alone says that the robot went."""
+"""Motion by odometry alone, with the covariance of independent and of systematic errors."""
 
 from __future__ import annotations
 
@@ -8,77 +8,84 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from slarm_graph.frontends.scans.small_matrix import product3, sum3
-from slarm_graph.frontends.scans.small_pose import carried3, carried_by, compose3
+from slarm_graph.frontends.scans.small_matrix import add3, matmul3
+from slarm_graph.frontends.scans.small_pose import compose3, inverse_adjoint, transported3
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
 _Parts = tuple[Floats, Floats, Floats, Floats]
-"""A motion (3,), its covariance (3, 3) in all and where nothing failed, and the effect on it."""
+"""Motion (3,), covariance (3, 3) with and without failures, and error Jacobian (3, 3)."""
 
 
 @dataclass(frozen=True, slots=True)
 class WheelMotion:
-    """A motion by calibrated odometry alone, no scan having been looked at.
+    """A motion by calibrated odometry alone, without scan matching.
 
     Parameters
     ----------
     motion : (3,) float64
         Pose of the robot now in its frame before [m, m, rad].
     covariance : (3, 3) float64
-        Of it, in the body frame now, for errors that are others in every step; wider where
-        odometry may have failed.
-    held : (3, 3) float64
-        The same had it not failed, unless it does often.
-    reading : (3,) float64
-        Variances of a reading of odometry: at either end, they do not add up.
-    effect : (3, 3) float64
-        Derivative of the motion, in the body frame now, by the systematic errors of odometry.
-    of_errors : (3, 3) float64
-        Covariance of these, as far as they are known now; the same errors all along.
+        Of the motion, in the body frame now, by errors independent per step; wider where odometry
+        may have failed.
+    covariance_if_working : (3, 3) float64
+        The same given that it has not failed; the same number where it often fails.
+    reading_variances : (3,) float64
+        Variances of a reading of odometry: they count at both ends of a path and do not add up.
+    error_jacobian : (3, 3) float64
+        Of the motion, in the body frame now, with respect to the systematic errors of odometry.
+    error_covariance : (3, 3) float64
+        Present covariance of the systematic errors, which are the same in all steps.
     """
 
     motion: Floats
     covariance: Floats
-    held: Floats
-    reading: Floats = field(default_factory=lambda: np.zeros(3))
-    effect: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    of_errors: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    covariance_if_working: Floats
+    reading_variances: Floats = field(default_factory=lambda: np.zeros(3))
+    error_jacobian: Floats = field(default_factory=lambda: np.zeros((3, 3)))
+    error_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
 
     def then(self, after: WheelMotion) -> WheelMotion:
-        """Return this motion and the one that follows as one."""
-        motion, covariance, held, effect = _added(
-            (self.motion, self.covariance, self.held, self.effect),
-            (after.motion, after.covariance, after.held, after.effect),
+        """Compose this motion with the one that follows."""
+        motion, covariance, if_working, jacobian = _chained(
+            (self.motion, self.covariance, self.covariance_if_working, self.error_jacobian),
+            (after.motion, after.covariance, after.covariance_if_working, after.error_jacobian),
         )
-        return WheelMotion(motion, covariance, held, after.reading, effect, after.of_errors)
+        return WheelMotion(
+            motion,
+            covariance,
+            if_working,
+            after.reading_variances,
+            jacobian,
+            after.error_covariance,
+        )
 
     def total_covariance(self) -> Floats:
-        """Covariance (3, 3) of the motion by all that it may be off by but the readings' own."""
-        return self.covariance + self._of_effect()
+        """Covariance (3, 3) by independent and systematic errors, without the readings' own."""
+        return self.covariance + self._systematic_covariance()
 
-    def held_covariance(self) -> Floats:
-        """Covariance (3, 3) of the same had odometry not failed."""
-        return self.held + self._of_effect()
+    def total_covariance_if_working(self) -> Floats:
+        """The same (3, 3) given that odometry has not failed."""
+        return self.covariance_if_working + self._systematic_covariance()
 
-    def _of_effect(self) -> Floats:
-        return np.asarray(self.effect @ self.of_errors @ self.effect.T)
+    def _systematic_covariance(self) -> Floats:
+        return np.asarray(self.error_jacobian @ self.error_covariance @ self.error_jacobian.T)
 
 
 @kernel
-def _added(before: _Parts, after: _Parts) -> _Parts:
-    """Return the parts of two motions as those of one."""
+def _chained(before: _Parts, after: _Parts) -> _Parts:
+    """Compose two motions, their covariances and Jacobians."""
     motion = after[0]
-    covariance = sum3(carried3(before[1], motion), after[1])
-    held = sum3(carried3(before[2], motion), after[2])
-    effect = sum3(product3(carried_by(motion), before[3]), after[3])
-    return compose3(before[0], motion), covariance, held, effect
+    covariance = add3(transported3(before[1], motion), after[1])
+    if_working = add3(transported3(before[2], motion), after[2])
+    jacobian = add3(matmul3(inverse_adjoint(motion), before[3]), after[3])
+    return compose3(before[0], motion), covariance, if_working, jacobian
 
 
-STOOD = WheelMotion(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
-"""Motion of no steps: what those of a path are added to."""
+NO_MOTION = WheelMotion(np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)))
+"""Motion of no steps: what those of a path are composed with."""
 
 
-def joined(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
-    """Return two motions as one, where odometry tells of both."""
+def chained(before: WheelMotion | None, after: WheelMotion | None) -> WheelMotion | None:
+    """Compose two motions; None where odometry is missing in one."""
     return before.then(after) if before is not None and after is not None else None

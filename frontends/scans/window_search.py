@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Searching the window that a prediction allows for the pose where a scan fits best."""
+"""Correlative search of a scan in the window of a prediction's uncertainty."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.kernels import kernel
 
 _BRUTE_LOOKUPS = 4_000_000
-"""Up to so many, trying every pose is faster than preparing a pyramid (5 ms)."""
-_LEAST_WINDOW = (0.3, 0.2)
-"""Of a scan that fits worse than usual [m, rad]."""
-_MOST = 0.75
-"""Share of the returns that is most of them."""
+"""Cell look-ups up to which brute force is faster than building a pyramid (5 ms)."""
+_MIN_WINDOW = (0.3, 0.2)
+"""Least half window of a scan that fails the gate [m, rad]."""
+_FAR_QUANTILE = 0.75
+"""Quantile of the ranges that sets the angular step."""
 LOST_REACH_M = 3.0
-"""Window of a lost scan: what a robot drives in the seconds until it is noticed."""
+"""Half window of relocalisation: what a robot drives in the seconds until it is lost."""
 
 
 @kernel
-def far_m(points: Floats) -> float:
-    """How far away most returns (K, 2) are at most, but not less than 1 m."""
+def far_range_m(points: Floats) -> float:
+    """Upper quartile of the ranges of returns (K, 2), at least 1 m."""
     ranges = np.empty(len(points))
     for i in range(len(points)):
         ranges[i] = math.hypot(points[i, 0], points[i, 1])
-    return max(quantile(ranges, _MOST), 1.0)
+    return max(quantile(ranges, _FAR_QUANTILE), 1.0)
 
 
 def best_in_window(
@@ -45,20 +45,20 @@ def best_in_window(
     base: Floats,
     prediction: Prediction,
     levels: Callable[[], SearchPyramid],
-    least: tuple[float, float] = _LEAST_WINDOW,
+    min_window: tuple[float, float] = _MIN_WINDOW,
 ) -> Floats:
     """Best pose (3,) in a window of four sigmas around the prediction, within bounds."""
-    far = far_m(np.ascontiguousarray(points))
+    range_m = far_range_m(np.ascontiguousarray(points))
     sigma = np.sqrt(np.diag(prediction.covariance))
     start = compose3(base, prediction.motion)
-    reach_m = min(max(4.0 * float(sigma[:2].max()), least[0]), LOST_REACH_M)
-    reach_rad = min(max(4.0 * float(sigma[2]), least[1]), math.pi)
-    step_rad = grid.resolution_m / far
+    reach_m = min(max(4.0 * float(sigma[:2].max()), min_window[0]), LOST_REACH_M)
+    reach_rad = min(max(4.0 * float(sigma[2]), min_window[1]), math.pi)
+    step_rad = grid.resolution_m / range_m
     center = Pose2.from_array(start)
     window = window_of(grid, points, center, step_rad, reach_m, reach_rad)
     if 8 * window.reach**2 * window.turns * len(points) > _BRUTE_LOOKUPS:
         hit = search(
-            replace(levels(), max_radius_m=far),
+            replace(levels(), max_radius_m=range_m),
             points,
             center,
             reach_m=reach_m,

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A world and its robot in MuJoCo's own language (MJCF)."""
+"""A world and its robot as a MuJoCo model (MJCF)."""
 
 from __future__ import annotations
 

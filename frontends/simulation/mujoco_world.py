@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The world seam on MuJoCo: real contacts, wheels that slip because they do, rays in 3D.
+"""The `World` interface on MuJoCo: contact dynamics, wheel slip by friction, rays in 3D.
 
 Optional (`pip install slarm-graph[physics]`). Nothing here is shared with the simulator of this
 package but the description of the robot: MuJoCo integrates the bodies, finds the contacts and casts
@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from types import ModuleType
 
 _CHUNK_S: Final = 0.01
-"""Physics goes on for a hundredth of a second between two looks at the command: ten per scan at 10
-Hz."""
+"""Simulated time between two checks of contacts and encoders: ten per scan at 10 Hz."""
 _SETTLE_S: Final = 0.3
 """Time for the body to drop the half millimetre onto its wheels and to come to rest before the
 drive."""
@@ -48,8 +47,8 @@ _FLOOR_GROUP: Final = 2
 class MujocoWorld:
     """A differential-drive robot in MuJoCo; implements `slarm_graph.world.World`.
 
-    The systematic part of `config.wheels` becomes true differences of wheel radius and wheel base;
-    the random part is whatever the contacts do.
+    The systematic part of `config.wheels` becomes differences of wheel radius and wheel base; the
+    random part follows from the contacts.
 
     Parameters
     ----------
@@ -57,7 +56,7 @@ class MujocoWorld:
     config : SimulationConfig
         `lidar.sweep_s` must be 0.
     rng : numpy.random.Generator
-        Source of range noise and of what is heard, the only randomness.
+        Source of range noise and of received signals, the only randomness.
 
     Raises
     ------
@@ -114,7 +113,7 @@ class MujocoWorld:
         return self._collisions
 
     def _settle(self) -> None:
-        """Let the wheels take the weight, then put the robot at its start and the clock at 0."""
+        """Let the body settle on its wheels, then reset pose, velocity and clock to the start."""
         steps = round(_SETTLE_S / self._model.opt.timestep)
         self._mujoco.mj_step(self._model, self._data, nstep=steps)
         if self._solids_touched():
@@ -163,7 +162,7 @@ class MujocoWorld:
         return np.asarray(np.floor(turns * _TICKS_PER_TURN), dtype=np.int64)
 
     def _watch_encoders(self) -> None:
-        """Integrate what the wheels turned since the last look, as a robot's firmware does."""
+        """Integrate the encoder increments since the last check, as a robot's firmware does."""
         ticks = self._encoder_ticks()
         per_tick_m = 2.0 * math.pi * WHEEL_RADIUS_M / _TICKS_PER_TURN
         left, right = (float(v) for v in (ticks - self._ticks) * per_tick_m)

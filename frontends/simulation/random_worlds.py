@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Random worlds, so that nothing is right only in the places that were drawn by hand."""
+"""Random worlds, so that nothing works only in the hand-made ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from slarm_graph.truth_map import solid_heights_m
 from slarm_graph.world import Solid, WorldMap
 
 _RESOLUTION_M = 0.1
-"""Cells on which free places are looked for: half of the smallest gap a robot of 0.18 m passes."""
+"""Cell of the grid for free space: half of the smallest gap a robot of 0.18 m passes."""
 _CEILING_M = 3.0
 """Of an ordinary room; antennas above all obstacles have links over them."""
 _HEIGHTS_M = (0.4, 2.4)
@@ -77,7 +77,7 @@ def _pulled_in(corners_m: Floats, half_m: Floats) -> Floats:
 
 
 def _start(rng: np.random.Generator, world: WorldMap, room_m: float) -> Pose2 | None:
-    """Draw a pose in the largest connected free place; None where there is none."""
+    """Draw a pose in the largest connected free area; None where there is none."""
     geometry = GridGeometry.covering(*world.extent_m(), _RESOLUTION_M)
     blocked = solid_heights_m(world, geometry, "touched") > 0.0
     room = clearance(~blocked).astype(np.float64) * _RESOLUTION_M

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A simulated receiver: what a robot hears of the access points of a world that is known.
+"""A simulated receiver: the received signal strength (RSS) of a known world's access points.
 
-    level = power - free space's first metre - 10 n log10(d) - wall loss * solids passed + shadowing
+    RSS = power - free-space loss at 1 m - 10 n log10(d) - wall loss * solids passed + shadowing
 
 Shadowing is a Gaussian field over the floor, one per access point, with exponential correlation
-(Gudmundson 1991). A reading averages the power of some fades, is rounded, and is not heard below
+(Gudmundson 1991). A reading averages the power of some fades, is quantised, and is missing below
 the receiver's threshold.
 """
 
@@ -27,22 +27,22 @@ ANTENNA_M, MOUNT_M = 0.5, 0.25
 defaults of the radio map."""
 
 _CELLS_PER_RANGE = 20
-"""Of shadowing's lattice along its decorrelation distance: between two, a twentieth of its variance
+"""Cells of the shadowing field per decorrelation distance: between two, a twentieth of its variance
 is lost at most."""
 
 _MARGIN_RANGES = 5.0
-"""The lattice goes on for so many decorrelation distances before it repeats: exp(-5) is 0.7 %."""
+"""Margin of the field in decorrelation distances before it repeats: exp(-5) is 0.7 %."""
 
 
 class SignalChannel:
-    """What is to be heard of the access points of a world, anywhere.
+    """Propagation from the access points of a world to any point of it.
 
     Parameters
     ----------
     world : WorldMap
     config : SignalConfig
     rng : numpy.random.Generator
-        Of shadowing and of every reading's fading.
+        Source of shadowing and of every reading's fading.
     """
 
     def __init__(self, world: WorldMap, config: SignalConfig, rng: np.random.Generator) -> None:
@@ -59,11 +59,11 @@ class SignalChannel:
         ]
 
     def levels_dbm(self, points_m: Floats) -> Floats:
-        """Return the levels (A, N) at points (N, 2) [m], without fading [dBm]."""
+        """Return the RSS (A, N) at points (N, 2) [m], without fading [dBm]."""
         return np.stack([self._level_dbm(i, points_m) for i in range(len(self._shadowing_db))])
 
     def passed(self, index: int, points_m: Floats) -> Floats:
-        """Return how many solids the links of one access point to points (N, 2) pass (N,)."""
+        """Return the number (N,) of solids on the links of one access point to points (N, 2)."""
         ap = self._world.access_points[index]
         counts = solids_passed(
             self._world.solids, ap.position_m(), points_m, ANTENNA_M, mount_radius_m=MOUNT_M
@@ -71,7 +71,7 @@ class SignalChannel:
         return counts.astype(np.float64)
 
     def hear(self, world_from_robot: Pose2) -> tuple[Signal, ...]:
-        """Return a reading of every access point from where the robot is."""
+        """Draw a reading of every access point at the robot's pose."""
         here = np.array([[world_from_robot.x, world_from_robot.y]])
         signals = []
         for index, ap in enumerate(self._world.access_points):
@@ -92,7 +92,7 @@ class SignalChannel:
         return np.asarray(ap.power_dbm - loss + shadow)
 
     def fade_db(self, clear: bool) -> float:
-        """Mean power of some fades, of which each has the mean 1 [dB]."""
+        """Draw the mean power of some fades of unit mean [dB]."""
         drawn = channel_coefficients(
             0.0, clear, self._config.rician_factor_db, self._rng, realisations=self._config.fades
         )
@@ -128,14 +128,14 @@ def shadowing(rows: int, cols: int, step: float, rng: np.random.Generator) -> Fl
 
 
 class SimulatedReceiver:
-    """Hears a world's access points at most so often; nothing at a rate of zero.
+    """Receiver of a world's access points with a limited rate; no readings at a rate of zero.
 
     Parameters
     ----------
     world : WorldMap
     config : SignalConfig
     rng : numpy.random.Generator
-        Spawns one of its own, so that nothing else is changed by what is heard.
+        A generator is spawned from it, so that other draws do not depend on the readings.
     """
 
     def __init__(self, world: WorldMap, config: SignalConfig, rng: np.random.Generator) -> None:
@@ -146,7 +146,7 @@ class SimulatedReceiver:
         self._next_ns = 0
 
     def at(self, stamp_ns: int, world_from_robot: Pose2) -> tuple[Signal, ...]:
-        """Return the signals at an instant [ns]; none where the last were heard too short ago."""
+        """Return the readings at a stamp [ns]; none within a period of the last ones."""
         if self.channel is None or stamp_ns < self._next_ns:
             return ()
         self._next_ns = stamp_ns + self._every_ns

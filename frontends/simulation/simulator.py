@@ -71,8 +71,8 @@ class SimulatedWorld:
         self.map = world
         self.config = config
         self._rng = rng
-        self._seen = visible_segments(world, config.lidar.height_m)
-        self._solid = visible_segments(world, 0.0)
+        self._visible_edges = visible_segments(world, config.lidar.height_m)
+        self._solid_edges = visible_segments(world, 0.0)
         self._directions = beam_directions(config.lidar)
         self._period_ns = round(1e9 / config.lidar.rate_hz)
         self._stamp_ns = START_NS
@@ -135,14 +135,14 @@ class SimulatedWorld:
         """Move along an arc, up to the first contact."""
         radius, length = self.config.body_radius_m, math.hypot(step.x, step.y)
         start, end = self._pose, self._pose @ step
-        if length == 0.0 or not is_near(self._solid, start.x, start.y, radius + length):
+        if length == 0.0 or not is_near(self._solid_edges, start.x, start.y, radius + length):
             self._pose, self._touching = end, False
             return
         pieces = math.ceil(length / _SWEEP_STEP_M)
         twist = step.log()
         for piece in range(1, pieces + 1):
             pose = start @ Pose2.exp(twist * (piece / pieces))
-            if is_near(self._solid, pose.x, pose.y, radius):
+            if is_near(self._solid_edges, pose.x, pose.y, radius):
                 self._pose = Pose2(self._pose.x, self._pose.y, end.theta)
                 self._collisions += not self._touching
                 self._touching = True
@@ -155,16 +155,18 @@ class SimulatedWorld:
         lidar = self.config.lidar
         poses = np.asarray(self._pose.as_array()[None])
         if share > 0.0:
-            when = (1.0 - share) + share * np.arange(lidar.beams) / lidar.beams
-            poses = _along(self._previous, self._pose, when)
+            shares = (1.0 - share) + share * np.arange(lidar.beams) / lidar.beams
+            poses = _along(self._previous, self._pose, shares)
         mount = np.array([lidar.x_m, lidar.y_m, lidar.yaw_rad])
-        return cast_rays(self._seen, compose(poses, mount), self._directions, lidar.range_max_m)
+        return cast_rays(
+            self._visible_edges, compose(poses, mount), self._directions, lidar.range_max_m
+        )
 
     def _check_start(self) -> None:
         start, where = self.map.start, np.array([[self.map.start.x, self.map.start.y]])
-        inside = not contains(self.map.boundary_m, where)[0]
-        inside |= any(contains(s.corners_m, where)[0] for s in self.map.solids)
-        if inside or is_near(self._solid, start.x, start.y, self.config.body_radius_m):
+        is_blocked = not contains(self.map.boundary_m, where)[0]
+        is_blocked |= any(contains(s.corners_m, where)[0] for s in self.map.solids)
+        if is_blocked or is_near(self._solid_edges, start.x, start.y, self.config.body_radius_m):
             raise BadInput(
                 f"{self.map.name}: start: the robot (radius {self.config.body_radius_m} m) touches"
                 f" a solid at ({start.x:.3f}, {start.y:.3f})"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A path through every part of a known world, to make recordings of it."""
+"""Coverage path through a known world, to make recordings of it."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 _CLEARANCE_M = 0.06
-"""More than the 0.05 m that the driver of recordings strays from its path, so that it never scrapes
-a wall."""
-_WALL_SHY_M = 0.5
-"""Nearer than this a step costs up to four times as much: people drive in the middle of what is
-wide."""
+"""More than the 0.05 m that the driver of recordings deviates from its path, so that it never
+scrapes a wall."""
+_WALL_COST_M = 0.5
+"""Clearance below which a step costs up to four times as much: people drive in the middle of wide
+passages."""
 _WAYPOINT_EVERY_M = 0.3
 """Half a robot's width; fewer cut corners, more make the recorded drive stutter."""
 
@@ -30,9 +30,9 @@ _WAYPOINT_EVERY_M = 0.3
 def tour_waypoints_m(
     world: WorldMap, body_radius_m: float, *, spacing_m: float = 2.5, resolution_m: float = 0.1
 ) -> Floats:
-    """Waypoints (N, 2) [m] that come within about `spacing_m` of every reachable place.
+    """Waypoints (N, 2) [m] that come within about `spacing_m` of every reachable cell.
 
-    Visits the nearest place not yet seen to, and returns to the start at the end, so that a
+    Greedily visits the nearest cell not yet covered, and returns to the start at the end, so that a
     recording of it closes loops.
 
     Raises
@@ -41,10 +41,10 @@ def tour_waypoints_m(
         When the body cannot leave the start.
     """
     truth = truth_map(world, resolution_m, "touched")
-    room_m = clearance(~truth.blocked).astype(np.float64) * resolution_m
-    # Distances to cell centres understate the room by up to half a cell.
-    passable = room_m - 0.5 * resolution_m > body_radius_m + _CLEARANCE_M
-    graph, cells = _graph(passable, room_m, resolution_m)
+    clearance_m = clearance(~truth.blocked).astype(np.float64) * resolution_m
+    # Distances between cell centres overstate the clearance by up to half a cell.
+    passable = clearance_m - 0.5 * resolution_m > body_radius_m + _CLEARANCE_M
+    graph, cells = _graph(passable, clearance_m, resolution_m)
     start = _nearest_node(truth.geometry, cells, (world.start.x, world.start.y))
     if start is None:
         raise BadInput(f"{world.name}: there is no room for a robot of {body_radius_m} m radius")
@@ -55,25 +55,25 @@ def tour_waypoints_m(
 
 
 def _graph(
-    passable: Mask, room_m: Floats, resolution_m: float
+    passable: Mask, clearance_m: Floats, resolution_m: float
 ) -> tuple[sparse.csr_matrix, NDArray[np.int64]]:
     """8-connected graph over passable cells; steps near walls cost more."""
     index = np.full(passable.shape, -1, dtype=np.int64)
     cells = np.argwhere(passable)
     index[passable] = np.arange(len(cells))
-    price = 1.0 + 3.0 * np.clip(1.0 - room_m / _WALL_SHY_M, 0.0, 1.0)
+    cost_factor = 1.0 + 3.0 * np.clip(1.0 - clearance_m / _WALL_COST_M, 0.0, 1.0)
     rows, cols, costs = [], [], []
     for d_row, d_col in ((0, 1), (1, 0), (1, 1), (1, -1)):
         here = cells[(cells[:, 0] + d_row < passable.shape[0])]
         here = here[(here[:, 1] + d_col >= 0) & (here[:, 1] + d_col < passable.shape[1])]
         there = here + np.array([d_row, d_col])
         # A diagonal step needs both side cells free.
-        both = passable[there[:, 0], there[:, 1]]
-        both &= passable[here[:, 0], there[:, 1]] & passable[there[:, 0], here[:, 1]]
-        here, there = here[both], there[both]
+        is_free = passable[there[:, 0], there[:, 1]]
+        is_free &= passable[here[:, 0], there[:, 1]] & passable[there[:, 0], here[:, 1]]
+        here, there = here[is_free], there[is_free]
         rows.append(index[here[:, 0], here[:, 1]])
         cols.append(index[there[:, 0], there[:, 1]])
-        mean = 0.5 * (price[here[:, 0], here[:, 1]] + price[there[:, 0], there[:, 1]])
+        mean = 0.5 * (cost_factor[here[:, 0], here[:, 1]] + cost_factor[there[:, 0], there[:, 1]])
         costs.append(mean * np.hypot(d_row, d_col) * resolution_m)
     data = (np.concatenate(costs), (np.concatenate(rows), np.concatenate(cols)))
     one_way = sparse.csr_matrix(data, shape=(len(cells), len(cells)))
@@ -92,36 +92,38 @@ def _nearest_node(
 def _visit_all(
     graph: sparse.csr_matrix, start: int, centers_m: Floats, spacing_m: float
 ) -> list[int]:
-    """Go to the nearest node not within `spacing_m` of the way so far, until there is none."""
-    waiting = np.isfinite(_search(graph, start, None, np.inf)[0])
-    way, tree = [start], cKDTree(centers_m)
-    waiting[tree.query_ball_point(centers_m[start], spacing_m)] = False
-    while waiting.any():
-        cost, before = _search(graph, way[-1], waiting, 4.0 * spacing_m)
-        leg = _leg(before, int(np.argmin(np.where(waiting, cost, np.inf))))
-        way += leg
+    """Go to the nearest node not within `spacing_m` of the path so far, until there is none."""
+    unvisited = np.isfinite(_search(graph, start, None, np.inf)[0])
+    path, tree = [start], cKDTree(centers_m)
+    unvisited[tree.query_ball_point(centers_m[start], spacing_m)] = False
+    while unvisited.any():
+        costs, predecessors = _search(graph, path[-1], unvisited, 4.0 * spacing_m)
+        leg = _leg(predecessors, int(np.argmin(np.where(unvisited, costs, np.inf))))
+        path += leg
         for node in leg[::5] + leg[-1:]:
-            waiting[tree.query_ball_point(centers_m[node], spacing_m)] = False
-    return way + _leg(_search(graph, way[-1], None, np.inf)[1], start)
+            unvisited[tree.query_ball_point(centers_m[node], spacing_m)] = False
+    return path + _leg(_search(graph, path[-1], None, np.inf)[1], start)
 
 
 def _search(
-    graph: sparse.csr_matrix, node: int, waiting: Mask | None, limit: float
+    graph: sparse.csr_matrix, node: int, unvisited: Mask | None, limit: float
 ) -> tuple[Floats, NDArray[np.int32]]:
-    """Costs from a node and each node's predecessor, out to the first of those that wait."""
+    """Costs from a node and predecessors (Dijkstra), out to the first unvisited node."""
     while True:
-        cost, before = csgraph.dijkstra(graph, indices=node, return_predecessors=True, limit=limit)
-        if waiting is None or np.isfinite(cost[waiting]).any():
-            return cost, before
+        costs, predecessors = csgraph.dijkstra(
+            graph, indices=node, return_predecessors=True, limit=limit
+        )
+        if unvisited is None or np.isfinite(costs[unvisited]).any():
+            return costs, predecessors
         limit *= 3.0
 
 
-def _leg(before: NDArray[np.int32], target: int) -> list[int]:
+def _leg(predecessors: NDArray[np.int32], target: int) -> list[int]:
     leg = []
     node = target
-    while before[node] >= 0:
+    while predecessors[node] >= 0:
         leg.append(node)
-        node = int(before[node])
+        node = int(predecessors[node])
     return leg[::-1]
 
 

@@ -20,8 +20,8 @@ from slarm_graph.world import DriveCommand, WorldMap
 Script = Callable[[SimulatedWorld], Iterator[DriveCommand]]
 
 _ARRIVED_M = 0.10
-"""A third of the way between two waypoints; half makes the driver circle around some, double cuts
-corners."""
+"""A third of the distance between two waypoints; half makes the driver circle around some, double
+cuts corners."""
 _TURN_IN_PLACE_RAD = 0.7
 """40 degrees off, an arc at 0.6 m/s and 1.5 rad/s is wider than a corridor."""
 _TURN_GAIN_PER_S = 2.5
@@ -97,7 +97,7 @@ class SourceFromWorld:
 def waypoints(points_m: Floats, *, speed_m_s: float = 0.6, turn_rate_rad_s: float = 1.5) -> Script:
     """Script that visits points (N, 2) [m] of the world one after the other.
 
-    The steering looks at the true pose: it scripts a drive, it does not navigate.
+    The controller uses the true pose: it scripts a drive, it does not navigate.
     """
     targets = np.asarray(points_m, dtype=np.float64)
 
@@ -121,14 +121,14 @@ def tour(world: WorldMap, config: SimulationConfig, *, speed_m_s: float = 0.6) -
 def _steer(
     pose: Pose2, target: Floats, speed_m_s: float, turn_rate_rad_s: float
 ) -> DriveCommand | None:
-    """Turn towards the target, driving when roughly in its direction; None on arrival."""
+    """Proportional controller of the heading towards the target; None on arrival."""
     dx, dy = float(target[0]) - pose.x, float(target[1]) - pose.y
     distance = math.hypot(dx, dy)
     if distance < _ARRIVED_M:
         return None
-    off = wrap_angle(math.atan2(dy, dx) - pose.theta)
-    turn = max(-turn_rate_rad_s, min(turn_rate_rad_s, _TURN_GAIN_PER_S * off))
-    if abs(off) > _TURN_IN_PLACE_RAD:
+    heading_error = wrap_angle(math.atan2(dy, dx) - pose.theta)
+    turn = max(-turn_rate_rad_s, min(turn_rate_rad_s, _TURN_GAIN_PER_S * heading_error))
+    if abs(heading_error) > _TURN_IN_PLACE_RAD:
         return DriveCommand(0.0, turn)
-    slow_down = min(1.0, 0.25 + distance) * math.cos(off) ** 3
-    return DriveCommand(speed_m_s * slow_down, turn)
+    speed_factor = min(1.0, 0.25 + distance) * math.cos(heading_error) ** 3
+    return DriveCommand(speed_m_s * speed_factor, turn)

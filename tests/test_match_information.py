@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure matches are along bare corridors and in crowds, and where wheels overrule them."""
+"""Information of matches along bare corridors and in crowds, and odometry that overrules them."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from slarm_graph.backends.robust_optimization import (
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, build_likelihood_grid
-from slarm_graph.frontends.scans.match_certainty import along_the_weakest, of_misfit
+from slarm_graph.frontends.scans.match_information import discounted_information, misfit_discount
 from slarm_graph.frontends.scans.odometry_filter import Prediction
-from slarm_graph.frontends.scans.places import Outlook
+from slarm_graph.frontends.scans.pose_candidates import PosePrior
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
-from slarm_graph.frontends.scans.wheel_motion import WheelMotion, joined
+from slarm_graph.frontends.scans.wheel_motion import WheelMotion, chained
 from slarm_graph.geometry import Floats, Pose2, compose
 
 SIGMA_M, NOISE_M = 0.05, 0.02
@@ -53,17 +53,19 @@ def matched(
     return grid, points, pose, information
 
 
-def expected(pose: Floats, sigma_m: float = 0.5) -> Outlook:
+def expected(pose: Floats, sigma_m: float = 0.5) -> PosePrior:
     """The robot is expected at a pose, known along the corridor to within so much."""
-    return Outlook(np.zeros(3), (Prediction(pose, np.diag([sigma_m, 0.5, 0.5]) ** 2),), np.ones(3))
+    return PosePrior(
+        np.zeros(3), (Prediction(pose, np.diag([sigma_m, 0.5, 0.5]) ** 2),), np.ones(3)
+    )
 
 
 def lowered(
-    information: Floats, grid: LikelihoodGrid, points: Floats, pose: Floats, outlook: Outlook
+    information: Floats, grid: LikelihoodGrid, points: Floats, pose: Floats, prior: PosePrior
 ) -> Floats:
     """Return what is left of an information (3, 3)."""
     seen = grid.lattice, points, wall_tangents(points), pose
-    return along_the_weakest(information, *seen, outlook.expectation)
+    return discounted_information(information, *seen, prior.mixture)
 
 
 def test_a_bare_corridor_says_nothing_along_it_but_by_chance() -> None:
@@ -155,23 +157,26 @@ def test_the_weakest_direction_turns_with_the_robot() -> None:
 
 
 def test_what_fits_worse_says_less() -> None:
-    assert of_misfit(1.0) == of_misfit(1.3) == 1.0
-    assert of_misfit(0.8) == pytest.approx(math.exp(-2.0))
+    assert misfit_discount(1.0) == misfit_discount(1.3) == 1.0
+    assert misfit_discount(0.8) == pytest.approx(math.exp(-2.0))
 
 
 def test_motions_add_up_as_gtsam_says() -> None:
     a = WheelMotion(np.array([1.0, 0.3, 0.7]), np.diag([1e-4, 4e-4, 9e-4]), 1e-5 * np.eye(3))
     b = WheelMotion(np.array([0.5, -0.2, -1.1]), np.diag([2e-4, 1e-4, 5e-4]), 2e-5 * np.eye(3))
-    both = joined(a, b)
+    both = chained(a, b)
     assert both is not None
     second = gtsam.Pose2(*b.motion)
     whole = gtsam.Pose2(*a.motion).compose(second)
     assert np.allclose(both.motion, [whole.x(), whole.y(), whole.theta()])
     adjoint = second.inverse().AdjointMap()
     assert np.allclose(both.covariance, adjoint @ a.covariance @ adjoint.T + b.covariance)
-    assert np.allclose(both.held, adjoint @ a.held @ adjoint.T + b.held)
-    assert joined(None, b) is None
-    assert joined(a, None) is None
+    assert np.allclose(
+        both.covariance_if_working,
+        adjoint @ a.covariance_if_working @ adjoint.T + b.covariance_if_working,
+    )
+    assert chained(None, b) is None
+    assert chained(a, None) is None
 
 
 def chain(slide_m: float, lidar_m: float, wheels_m: float, closes: bool = False) -> PoseGraph:
@@ -201,7 +206,7 @@ def chain(slide_m: float, lidar_m: float, wheels_m: float, closes: bool = False)
     ("lidar_m", "wheels_m", "closes", "expected_m"),
     [(0.2, 0.05, False, 10.0), (0.02, 0.1, False, 8.0), (0.2, 0.05, True, 8.0)],
 )
-def test_of_two_stories_the_surer_is_believed_unless_closures_tell(
+def test_of_odometry_and_matches_the_surer_is_believed_unless_closures_tell(
     lidar_m: float, wheels_m: float, closes: bool, expected_m: float
 ) -> None:
     graph = chain(2.0, lidar_m, wheels_m, closes)

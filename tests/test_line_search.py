@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A match slides along walls as far as they look the same, and says so."""
+"""The line search along the least certain axis, and its marginal information."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.along_walls import SlidMatch, _loosened, aligned
 from slarm_graph.frontends.scans.gauss_newton import refine_near
 from slarm_graph.frontends.scans.likelihood_grid import (
     LikelihoodGrid,
     build_likelihood_grid,
     mean_likelihood,
+)
+from slarm_graph.frontends.scans.line_search import (
+    LineSearchMatch,
+    _marginalised,
+    line_search_match,
 )
 from slarm_graph.geometry import Floats, between, compose, transform_points
 
@@ -41,9 +45,9 @@ def seen_from(pose: Floats, walls: tuple[tuple[float, ...], ...], reach_m: float
     return np.ascontiguousarray(points[np.argsort(np.arctan2(points[:, 1], points[:, 0]))])
 
 
-def sigmas_m(found: SlidMatch) -> Floats:
+def sigmas_m(found: LineSearchMatch) -> Floats:
     """Standard deviations (2,) of the position, along the corridor and across."""
-    return np.sqrt(np.diag(np.linalg.inv(found.over_reach + 1e-9 * np.eye(3)))[:2])
+    return np.sqrt(np.diag(np.linalg.inv(found.marginal_information + 1e-9 * np.eye(3)))[:2])
 
 
 @pytest.mark.parametrize("off_m", [-1.0, -0.9, 0.8, 1.0])
@@ -55,7 +59,7 @@ def test_a_niche_is_found_from_beside_it(off_m: float, heading: float) -> None:
     points, grid = seen_from(true, walls), grid_of(walls)
     start = true + np.array([off_m, 0.02, 0.01])
     alone, *_ = refine_near(grid, points, start, *LOOSELY)
-    found = aligned(grid, points, start, *LOOSELY, REACH_M)
+    found = line_search_match(grid, points, start, *LOOSELY, REACH_M)
     assert abs(alone[0] - true[0]) > 0.3
     assert np.abs(found.pose - true) == pytest.approx(0.0, abs=0.02)
     assert found.score == pytest.approx(mean_likelihood(grid, points, found.pose))
@@ -65,7 +69,9 @@ def test_a_niche_is_found_from_beside_it(off_m: float, heading: float) -> None:
 def test_of_a_bare_corridor_nothing_is_known_along_it() -> None:
     """Every place within reach fits alike: at least a uniform distribution. Across it is sure."""
     start = np.array([0.0, 0.05, 0.0])
-    found = aligned(grid_of(WALLS), seen_from(np.zeros(3), WALLS), start, *LOOSELY, REACH_M)
+    found = line_search_match(
+        grid_of(WALLS), seen_from(np.zeros(3), WALLS), start, *LOOSELY, REACH_M
+    )
     along_m, across_m = sigmas_m(found)
     assert along_m > 0.95 * REACH_M / np.sqrt(3.0)
     assert across_m < 0.02
@@ -75,9 +81,9 @@ def test_of_a_bare_corridor_nothing_is_known_along_it() -> None:
 def test_in_a_room_the_curvature_says_it_all() -> None:
     true = np.array([0.2, 0.7, 0.3])
     start = compose(true, np.array([0.05, -0.04, 0.02]))
-    found = aligned(grid_of(ROOM), seen_from(true, ROOM), start, *LOOSELY, REACH_M)
+    found = line_search_match(grid_of(ROOM), seen_from(true, ROOM), start, *LOOSELY, REACH_M)
     assert np.abs(found.pose - true) == pytest.approx(0.0, abs=0.01)
-    ratio = np.linalg.det(found.over_reach) / np.linalg.det(found.information)
+    ratio = np.linalg.det(found.marginal_information) / np.linalg.det(found.information)
     assert 0.1 < ratio <= 1.0
 
 
@@ -91,7 +97,7 @@ def test_two_niches_leave_both_open_as_far_as_they_are_alike(
     walls = (*WALLS, *NICHE, *other)
     points = seen_from(np.zeros(3), (*WALLS, *NICHE))
     grid = grid_of(walls)
-    found = aligned(grid, points, np.zeros(3), *LOOSELY, REACH_M)
+    found = line_search_match(grid, points, np.zeros(3), *LOOSELY, REACH_M)
     steps_m = np.linspace(-REACH_M, REACH_M, 221)
     fits = np.array(
         [
@@ -112,10 +118,10 @@ def test_loosening_adds_a_variance_along_an_axis_and_nothing_else() -> None:
     axis = np.array([np.cos(turn), np.sin(turn)])
     along = np.append(axis, 0.0)
     held = 1.0 / float(along @ information @ along)
-    added = np.linalg.inv(_loosened(information, axis, held + 0.4)) - np.linalg.inv(information)
+    added = np.linalg.inv(_marginalised(information, axis, held + 0.4)) - np.linalg.inv(information)
     assert added == pytest.approx(0.4 * np.outer(along, along))
-    assert _loosened(information, axis, 0.9 * held) is information
-    assert _loosened(np.zeros((3, 3)), axis, 1.0) == pytest.approx(np.zeros((3, 3)))
+    assert _marginalised(information, axis, 0.9 * held) is information
+    assert _marginalised(np.zeros((3, 3)), axis, 1.0) == pytest.approx(np.zeros((3, 3)))
 
 
 def test_what_the_points_show_is_where_they_are() -> None:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which returns of keyframes stand: by counting cell by cell, and in a room with passers-by."""
+"""Static returns of keyframes: by counting cell by cell, and in a room with passers-by."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import MatchingConfig
-from slarm_graph.frontends.scans.standing import standing
+from slarm_graph.frontends.scans.static_returns import static_returns
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.geometry import Floats, Pose2, transform_points
 
@@ -54,14 +54,14 @@ def test_returns_are_those_that_counting_confirms(seed: int) -> None:
     ]
     expected = _by_counting(keyframes)
     assert 100 < sum(len(e) for e in expected) < 900
-    for found, points in zip(standing(keyframes, _NEVER_JOINED), expected, strict=True):
+    for found, points in zip(static_returns(keyframes, _NEVER_JOINED), expected, strict=True):
         np.testing.assert_array_equal(found.points_m, points)
 
 
 def test_a_wall_stands_though_its_returns_lie_half_a_metre_apart() -> None:
     wall = [np.arange(s, 12.0, 0.45) for s in np.linspace(0.0, 0.4, 8)]
     keyframes = [_keyframe(np.column_stack([x, np.full(len(x), 3.1)]), Pose2()) for x in wall]
-    for found, given in zip(standing(keyframes, MatchingConfig()), keyframes, strict=True):
+    for found, given in zip(static_returns(keyframes, MatchingConfig()), keyframes, strict=True):
         assert len(found.points_m) >= len(given.points_m) - 2
 
 
@@ -70,11 +70,11 @@ def test_who_walks_is_left_out_and_the_wall_behind_stays() -> None:
     wall = np.column_stack([x, np.full(len(x), 3.1)])
     walked = [np.array([[0.4 * k, 1.0], [0.4 * k + 0.1, 1.0]]) for k in range(12)]
     keyframes = [_keyframe(np.concatenate([wall, w]), Pose2()) for w in walked]
-    for found in standing(keyframes, MatchingConfig()):
+    for found in static_returns(keyframes, MatchingConfig()):
         np.testing.assert_array_equal(found.points_m, wall)
 
 
 def test_where_too_little_is_confirmed_everything_is_kept() -> None:
     points = np.random.default_rng(0).uniform(-50.0, 50.0, (30, 2))
     alone = _keyframe(points, Pose2())
-    np.testing.assert_array_equal(standing([alone], MatchingConfig())[0].points_m, points)
+    np.testing.assert_array_equal(static_returns([alone], MatchingConfig())[0].points_m, points)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How probable it is that a scan fits by chance."""
+"""The distribution of the scan fit at false matches."""
 
 from __future__ import annotations
 
@@ -11,15 +11,21 @@ import pytest
 from scipy.stats import binom
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.fits import ChanceFit, Drawn, chance_fit, drawn_to, pieces
-from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.local_map import LocalMap
+from slarm_graph.frontends.scans.scan_fit import (
+    FalseMatchFit,
+    LocalOptima,
+    false_match_fit,
+    local_optima,
+    patch_count,
+)
 from slarm_graph.geometry import Floats, Pose2
 
 
 @pytest.mark.parametrize(("count", "agree"), [(5, 5), (6, 5), (8, 7), (12, 9), (20, 12)])
 def test_few_things_are_not_held_for_more_than_they_can_tell(count: int, agree: int) -> None:
     """The oracle is the binomial tail: so many of the pieces agree by chance, or more."""
-    chance = ChanceFit(0.3, 0.08, float(count))
+    chance = FalseMatchFit(0.3, 0.08, float(count))
     tail = math.log(binom.sf(agree - 1, count, 0.3))
     told = chance.log_density(agree / count)
     assert tail <= told + 1e-9  # Chernoff: never rarer than it is
@@ -27,12 +33,12 @@ def test_few_things_are_not_held_for_more_than_they_can_tell(count: int, agree: 
 
 
 def test_many_pieces_tell_as_the_spread_of_fits_does() -> None:
-    assert ChanceFit(0.3, 0.1, 100.0).log_density(0.5) == pytest.approx(-0.5 * 2.0**2)
+    assert FalseMatchFit(0.3, 0.1, 100.0).log_density(0.5) == pytest.approx(-0.5 * 2.0**2)
 
 
 def test_what_fits_no_better_than_usual_by_chance_tells_nothing() -> None:
-    assert ChanceFit(0.3, 0.1, 5.0).log_density(0.25) == 0.0
-    assert ChanceFit(0.0, 0.1, 5.0).log_density(0.0) == 0.0
+    assert FalseMatchFit(0.3, 0.1, 5.0).log_density(0.25) == 0.0
+    assert FalseMatchFit(0.0, 0.1, 5.0).log_density(0.0) == 0.0
 
 
 def wall_at(y: float) -> Floats:
@@ -49,30 +55,32 @@ def map_of(*walls: Floats) -> LocalMap:
 def test_a_fit_by_chance_knows_how_much_is_seen() -> None:
     wall = wall_at(2.0)
     for found in (
-        chance_fit(wall, map_of(wall), np.zeros(3), 0.9),
-        drawn_to(wall, map_of(wall), np.zeros(3), 0.9).chance_of(np.zeros(3)),
+        false_match_fit(wall, map_of(wall), np.zeros(3), 0.9),
+        local_optima(wall, map_of(wall), np.zeros(3), 0.9).false_fit_excluding(np.zeros(3)),
     ):
-        assert found.count == pieces(wall) == pytest.approx(4.0)
+        assert found.count == patch_count(wall) == pytest.approx(4.0)
 
 
 def test_what_looks_alike_nearby_says_little_of_a_place_that_was_searched_for() -> None:
     """One of three parallel walls: a scan of any is drawn to the others, and fits there as well."""
     scan, here = wall_at(2.0), np.zeros(3)
     one, three = (map_of(scan), map_of(scan, wall_at(2.8), wall_at(1.2)))
-    alone, among = (drawn_to(scan, m, here, 0.9).chance_of(here) for m in (one, three))
-    assert among.log_density(0.9) > 0.6 * alone.log_density(0.9)
-    assert among.mean > alone.mean
+    single, among = (
+        local_optima(scan, m, here, 0.9).false_fit_excluding(here) for m in (one, three)
+    )
+    assert among.log_density(0.9) > 0.6 * single.log_density(0.9)
+    assert among.mean > single.mean
     # At random poses it fits as little as among none.
-    assert chance_fit(scan, three, here, 0.9).mean < among.mean
+    assert false_match_fit(scan, three, here, 0.9).mean < among.mean
 
 
 def test_a_place_itself_is_no_other_place() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [0.2, 0.1, 0.04], [0.4, 0.0, 0.0], [0.0, 0.0, 0.1]])
-    drawn = Drawn(poses, np.array([0.9, 0.8, 0.3, 0.1]), np.zeros(4), 30.0)
-    assert drawn.chance_of(np.zeros(3)).mean == pytest.approx(0.2)
-    assert drawn.chance_of(np.array([0.0, 0.0, 2.0 * math.pi])).mean == pytest.approx(0.2)
+    drawn = LocalOptima(poses, np.array([0.9, 0.8, 0.3, 0.1]), np.zeros(4), 30.0)
+    assert drawn.false_fit_excluding(np.zeros(3)).mean == pytest.approx(0.2)
+    assert drawn.false_fit_excluding(np.array([0.0, 0.0, 2.0 * math.pi])).mean == pytest.approx(0.2)
 
 
 def test_a_scan_that_is_drawn_to_one_place_only_is_judged_by_where_it_began() -> None:
-    drawn = Drawn(np.zeros((3, 3)), np.full(3, 0.9), np.array([0.1, 0.2, 0.3]), 30.0)
-    assert drawn.chance_of(np.zeros(3)).mean == pytest.approx(0.2)
+    drawn = LocalOptima(np.zeros((3, 3)), np.full(3, 0.9), np.array([0.1, 0.2, 0.3]), 30.0)
+    assert drawn.false_fit_excluding(np.zeros(3)).mean == pytest.approx(0.2)

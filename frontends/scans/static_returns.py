@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What stands: returns of keyframes where others of the same stretch of way had some, too.
+"""Static returns: those of a keyframe where other keyframes nearby on the path had some, too.
 
-A wall is met again from the next steps; of passers-by each scan shows others, or elsewhere. So a
-place looks the same when they are left out, however many there were.
+A wall is observed again from the next poses; of passers-by each scan shows others, or elsewhere. So
+a place looks the same without them, however many there were.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from slarm_graph.kernels import kernel
 from slarm_graph.raster.firsts import first_in_cells
 
 _CELL_M = 0.25
-"""What is met again must lie in the same cell: a passer-by leaves it in half a second."""
+"""Cell that a static return is observed in repeatedly: a passer-by leaves it in half a second."""
 _SEEN_BY, _WITHIN = 3, 10
-"""Keyframes that must have met it, of so many in a row: 2.5 m of way in a dense recording. Of ten
+"""Keyframes that must have observed it, of so many in a row: 2.5 m in a dense recording. Of ten
 passers-by about the robot, who cover a fiftieth of the cells nearby at a time, 2 % then stay."""
 
 _Cells = NDArray[np.int64]
 
 
-def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Keyframe]:
-    """Return the keyframes with only those returns that others of the same stretch confirm.
+def static_returns(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Keyframe]:
+    """Return the keyframes with only those returns that neighbouring keyframes confirm.
 
     Parameters
     ----------
@@ -45,25 +45,27 @@ def standing(keyframes: Sequence[Keyframe], matching: MatchingConfig) -> list[Ke
     list of Keyframe
     """
     poses = [k.local_from_robot.as_array() for k in keyframes]
-    touched = [
-        _touched(scan_segments(k.points_m, pose, matching.max_gap_m))
+    occupied = [
+        _occupied_cells(scan_segments(k.points_m, pose, matching.max_gap_m))
         for k, pose in zip(keyframes, poses, strict=True)
     ]
-    counts = [len(t) for t in touched]
-    confirmed = _met_again(np.concatenate(touched), np.repeat(np.arange(len(touched)), counts))
+    counts = [len(t) for t in occupied]
+    is_confirmed = _seen_repeatedly(
+        np.concatenate(occupied), np.repeat(np.arange(len(occupied)), counts)
+    )
     kept = []
-    parts = np.split(confirmed, np.cumsum(counts)[:-1])
-    for keyframe, pose, cells, is_met in zip(keyframes, poses, touched, parts, strict=True):
-        own = _packed(transform_points(pose, keyframe.points_m))
-        points = keyframe.points_m[_among(own, np.sort(cells[is_met]))]
+    parts = np.split(is_confirmed, np.cumsum(counts)[:-1])
+    for keyframe, pose, cells, is_static in zip(keyframes, poses, occupied, parts, strict=True):
+        cells_of_points = _packed(transform_points(pose, keyframe.points_m))
+        points = keyframe.points_m[_among(cells_of_points, np.sort(cells[is_static]))]
         enough = len(points) >= matching.min_points
         kept.append(replace(keyframe, points_m=points) if enough else keyframe)
     return kept
 
 
 @kernel
-def _touched(segments: Floats) -> _Cells:
-    """Cells that segments (S, 4) [m] pass through, each once; sampled twice per cell."""
+def _occupied_cells(segments: Floats) -> _Cells:
+    """Cells that segments (S, 4) [m] pass, each once; sampled twice per cell."""
     count = 0
     for k in range(len(segments)):
         count += _steps(segments, k)
@@ -100,19 +102,19 @@ def _among(cells: _Cells, known: _Cells) -> NDArray[np.bool_]:
     """Which of some cells (K,) are among known ones (M,) in rising order."""
     if not len(known):
         return np.zeros(len(cells), dtype=np.bool_)
-    found: NDArray[np.bool_] = known[np.searchsorted(known[:-1], cells)] == cells
-    return found
+    is_known: NDArray[np.bool_] = known[np.searchsorted(known[:-1], cells)] == cells
+    return is_known
 
 
-def _met_again(cells: _Cells, by: _Cells) -> NDArray[np.bool_]:
-    """Which of the looks (M,) at a cell lie in a run of looks at it that is dense enough."""
-    order = np.lexsort((by, cells))
-    cell, look = cells[order], by[order]
+def _seen_repeatedly(cells: _Cells, observers: _Cells) -> NDArray[np.bool_]:
+    """Which observations (M,) of a cell lie in a dense enough run of keyframes observing it."""
+    order = np.lexsort((observers, cells))
+    cell, observer = cells[order], observers[order]
     last = _SEEN_BY - 1
-    begins = (cell[last:] == cell[:-last]) & (look[last:] - look[:-last] < _WITHIN)
-    dense = np.zeros(len(cells), dtype=np.bool_)
+    is_dense_from = (cell[last:] == cell[:-last]) & (observer[last:] - observer[:-last] < _WITHIN)
+    is_dense = np.zeros(len(cells), dtype=np.bool_)
     for shift in range(_SEEN_BY):
-        dense[shift : len(dense) - last + shift] |= begins
-    found = np.zeros(len(cells), dtype=np.bool_)
-    found[order] = dense
-    return found
+        is_dense[shift : len(is_dense) - last + shift] |= is_dense_from
+    is_static = np.zeros(len(cells), dtype=np.bool_)
+    is_static[order] = is_dense
+    return is_static

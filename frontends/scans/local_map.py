@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which scans make the local map, and the local map itself."""
+"""The local map that scans are matched against, and its keyframe criterion."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.kernels import kernel
 
 _MARGIN_M = 4.0
-"""Room around the local map for keyframes to come, so that it is seldom allocated anew."""
-_SEEN_M = 0.2
-"""Blocks in which is kept what was looked at: a beam's width at 10 m and 1 degree."""
+"""Margin around the local map for further keyframes, so that it is seldom reallocated."""
+_OBSERVED_BLOCK_M = 0.2
+"""Side of the blocks of the observed space: a beam's width at 10 m and 1 degree."""
 _LEVELS = 5
 """Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
 
@@ -40,16 +40,16 @@ class LocalMap:
         self._rule = keyframes
         self._matching = matching
         self._segments: list[Floats] = []
-        self._sights: list[tuple[Floats, Floats]] = []
+        self._keyframes: list[tuple[Floats, Floats]] = []
         self._last_pose: Floats | None = None
         self._levels: SearchPyramid | None = None
         self.grid: LikelihoodGrid | None = None
-        self.seen: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
-        """Blocks of `seen_step` x `seen_step` cells that a beam has passed."""
-        self.seen_step = max(1, round(_SEEN_M / matching.resolution_m))
+        self.observed: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
+        """Known space: blocks of `observed_step` x `observed_step` cells that a beam has passed."""
+        self.observed_step = max(1, round(_OBSERVED_BLOCK_M / matching.resolution_m))
 
-    def wants(self, local_from_robot: Pose2) -> bool:
-        """Whether the robot has moved on enough for a new keyframe."""
+    def is_keyframe_due(self, local_from_robot: Pose2) -> bool:
+        """Whether the robot has moved or turned enough for a new keyframe."""
         if self._last_pose is None:
             return True
         x, y, turn = between3(self._last_pose, local_from_robot.as_array()).tolist()
@@ -57,35 +57,35 @@ class LocalMap:
 
     def latest_points(self, keyframes: int) -> Floats:
         """Return the points (M, 2) of the latest keyframes, one after the other [m]."""
-        latest = self._sights[-keyframes:]
+        latest = self._keyframes[-keyframes:]
         return np.concatenate([transform_points(pose, points) for points, pose in latest])
 
     def levels(self) -> SearchPyramid:
-        """Return the grid prepared for searches of windows; it is kept until the grid changes."""
+        """Return the search pyramid of the grid, cached until the grid changes."""
         assert self.grid is not None
         if self._levels is None:
             self._levels = build_pyramid(self.grid, levels=_LEVELS)
         return self._levels
 
     def kept_state(self) -> dict[str, object]:
-        """Leave out what can be prepared again."""
+        """Leave out what can be rebuilt."""
         return {**self.__dict__, "_levels": None}
 
     def clear(self) -> None:
-        """Forget everything."""
-        self._segments, self._sights = [], []
+        """Drop all keyframes and the grid."""
+        self._segments, self._keyframes = [], []
         self._last_pose = None
         self.grid = self._levels = None
 
     def add(self, points: Floats, local_from_robot: Pose2) -> None:
-        """Draw a keyframe's points (K, 2) [m] of the robot's frame."""
+        """Add a keyframe: points (K, 2) [m] in the robot's frame."""
         self._last_pose, self._levels = local_from_robot.as_array(), None
         pose = self._last_pose
         segments = scan_segments(points, pose, self._matching.max_gap_m)
         self._segments.append(segments)
-        self._sights.append((points, pose))
+        self._keyframes.append((points, pose))
         if len(self._segments) >= 2 * self._rule.window:
-            del self._segments[: self._rule.window], self._sights[: self._rule.window]
+            del self._segments[: self._rule.window], self._keyframes[: self._rule.window]
             self.grid = None
         if self.grid is None or not add_segments(self.grid, segments):
             self.grid = build_likelihood_grid(
@@ -94,31 +94,31 @@ class LocalMap:
                 sigma_m=self._matching.sigma_m,
                 margin_m=_MARGIN_M,
             )
-            shape = [-(-side // self.seen_step) for side in self.grid.values.shape]
-            self.seen = np.zeros(shape, dtype=np.bool_)
-            for sight in self._sights:
-                self._see(*sight)
+            shape = [-(-side // self.observed_step) for side in self.grid.values.shape]
+            self.observed = np.zeros(shape, dtype=np.bool_)
+            for keyframe in self._keyframes:
+                self._mark_observed_by(*keyframe)
         else:
-            self._see(points, pose)
+            self._mark_observed_by(points, pose)
 
-    def _see(self, points: Floats, pose: Floats) -> None:
+    def _mark_observed_by(self, points: Floats, pose: Floats) -> None:
         assert self.grid is not None
-        block_m = self.seen_step * self.grid.resolution_m
+        block_m = self.observed_step * self.grid.resolution_m
         corner = self.grid.origin_x_m, self.grid.origin_y_m
-        _mark_seen(self.seen, points, pose, *corner, block_m)
+        _mark_observed(self.observed, points, pose, *corner, block_m)
 
 
 @kernel
-def _mark_seen(
-    seen: NDArray[np.bool_],
+def _mark_observed(
+    observed: NDArray[np.bool_],
     points: Floats,
     pose: Floats,
     corner_x: float,
     corner_y: float,
     block_m: float,
 ) -> None:
-    """Mark the blocks that beams to points (K, 2) pass, up to a block before the end [m]."""
-    rows, cols = seen.shape
+    """Mark the blocks that beams to points (K, 2) [m] pass, up to a block before the end."""
+    rows, cols = observed.shape
     c, s = math.cos(pose[2]), math.sin(pose[2])
     start = pose[0] - corner_x, pose[1] - corner_y
     for i in range(len(points)):
@@ -131,4 +131,4 @@ def _mark_seen(
             col = math.floor((start[0] + share * dx) / block_m)
             row = math.floor((start[1] + share * dy) / block_m)
             if 0 <= row < rows and 0 <= col < cols:
-                seen[row, col] = True
+                observed[row, col] = True

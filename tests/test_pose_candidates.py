@@ -1,16 +1,16 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What speaks for a place where a scan may be."""
+"""The posterior of pose candidates."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.fits import UsualFit
-from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
-from slarm_graph.frontends.scans.places import Outlook, Place, judged
+from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior, with_posterior
+from slarm_graph.frontends.scans.scan_fit import TrueMatchFit
 from slarm_graph.geometry import Floats, Pose2
 
 UNSURE_ALONG = np.diag([1.0 / 2.0**2, 1.0 / 0.01**2, 1.0 / 0.01**2])
@@ -27,13 +27,13 @@ def posterior_of(wall: Floats) -> float:
     """Of a place 1.5 m ahead, where odometry is sure to 1 cm that the robot has not moved."""
     local_map = LocalMap(KeyframeConfig(), MatchingConfig())
     local_map.add(wall, Pose2())
-    usual = UsualFit()
+    true_fit = TrueMatchFit()
     for _ in range(30):
-        usual.learn(0.9)
+        true_fit.learn(0.9)
     sure = Prediction(np.zeros(3), np.diag([0.01, 0.01, 0.01]) ** 2)
-    outlook = Outlook(np.zeros(3), (sure,), np.ones(3))
-    place = Place(np.array([1.5, 0.0, 0.0]), UNSURE_ALONG, 0.9, 60, 5)
-    return judged(place, along_x(-0.5, 0.5), local_map, outlook, usual).log_posterior
+    prior = PosePrior(np.zeros(3), (sure,), np.ones(3))
+    place = PoseCandidate(np.array([1.5, 0.0, 0.0]), UNSURE_ALONG, 0.9, 60, 5)
+    return with_posterior(place, along_x(-0.5, 0.5), local_map, prior, true_fit).log_posterior
 
 
 def test_a_place_reaches_as_far_as_the_scan_fits() -> None:

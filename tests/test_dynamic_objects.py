@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""People about a robot that sees little else: they walk, and do not drag it along."""
+"""Dynamic objects: people around a robot that sees little else do not drag it along."""
 
 from __future__ import annotations
 
@@ -10,12 +10,16 @@ import numpy as np
 import pytest
 
 from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.keyframes import LocalMap
+from slarm_graph.frontends.scans.dynamic_objects import with_dynamic_objects
+from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import Prediction
-from slarm_graph.frontends.scans.places import Outlook, Place, unmatched
-from slarm_graph.frontends.scans.small_things import is_wide, small_among
+from slarm_graph.frontends.scans.pose_candidates import (
+    PoseCandidate,
+    PosePrior,
+    unmatched_candidate,
+)
+from slarm_graph.frontends.scans.small_objects import count_small_objects, is_wide
 from slarm_graph.frontends.scans.tracker import ScanTracker
-from slarm_graph.frontends.scans.walkers import with_walkers
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
 
@@ -57,10 +61,10 @@ def map_of(points: Floats) -> LocalMap:
     return local_map
 
 
-def placed(x: float, evidence: float, inliers: int = 10) -> Place:
-    """A place whose posterior is two nats below its evidence."""
+def placed(x: float, evidence: float, inliers: int = 10) -> PoseCandidate:
+    """A candidate whose posterior is two nats below its evidence."""
     at = np.array([x, 0.0, 0.0])
-    return Place(at, np.eye(3), 0.5, inliers, 5, evidence - 2.0, evidence=evidence)
+    return PoseCandidate(at, np.eye(3), 0.5, inliers, 5, evidence - 2.0, evidence=evidence)
 
 
 PILLAR = np.array([[3.0, 0.0, 0.25]])
@@ -73,16 +77,18 @@ ANOTHER = 0.05 * (0.05 / 0.56) ** 2
 NOBODY = (0.0, 0)
 
 
-def explained(discs: Floats, walls: Floats = NOTHING, walking: tuple[float, int] = NOBODY) -> Place:
-    """The place half a metre behind where the scan fits, with what may have walked."""
+def explained(
+    discs: Floats, walls: Floats = NOTHING, known: tuple[float, int] = NOBODY
+) -> PoseCandidate:
+    """The candidate half a metre behind where the scan fits, with what may have moved."""
     points = points_of(scan_of(discs, walls, np.zeros(3), np.zeros(361)))
-    found = with_walkers([[HERE, THERE]], points, map_of(points), USUAL, [walking])[0]
+    found = with_dynamic_objects([[HERE, THERE]], points, map_of(points), USUAL, [known])[0]
     assert found[0].log_posterior >= found[1].log_posterior
     return next(p for p in found if p.pose is HERE.pose)
 
 
 @pytest.mark.parametrize(
-    ("discs", "walking", "chance"),
+    ("discs", "known", "chance"),
     [
         (PILLAR, NOBODY, 0.05),
         (TWO, NOBODY, 0.05 * ANOTHER),
@@ -93,33 +99,33 @@ def explained(discs: Floats, walls: Floats = NOTHING, walking: tuple[float, int]
     ],
 )
 def test_what_fits_at_another_place_may_have_walked(
-    discs: Floats, walking: tuple[float, int], chance: float
+    discs: Floats, known: tuple[float, int], chance: float
 ) -> None:
     """Each thing walks by chance, those of the last scan go on, and another must keep step."""
-    place = explained(discs, walking=walking)
+    place = explained(discs, known=known)
     walked = chance * math.exp(3.0)
     assert place.log_posterior == pytest.approx(math.log(math.exp(-4.0) + walked) - 2.0)
-    assert place.walked == pytest.approx((walked / (math.exp(-4.0) + walked), len(discs)))
+    assert place.dynamic_objects == pytest.approx((walked / (math.exp(-4.0) + walked), len(discs)))
 
 
 def test_walls_do_not_walk_nor_pillars_beside_them() -> None:
     wall = np.array([[4.0, -3.0, 4.0, -1.0]])
-    for walking in (NOBODY, (0.8, 2)):
-        place = explained(PILLAR, wall, walking)
-        assert (place.log_posterior, place.walked[0]) == (-6.0, 0.0)
+    for known in (NOBODY, (0.8, 2)):
+        place = explained(PILLAR, wall, known)
+        assert (place.log_posterior, place.dynamic_objects[0]) == (-6.0, 0.0)
 
 
 def test_a_wall_that_fits_at_both_places_says_nothing_of_who_walks() -> None:
     along = np.array([[-30.0, 1.0, 30.0, 1.0]])
-    assert explained(PILLAR, along).walked[0] == pytest.approx(0.98, abs=0.01)
+    assert explained(PILLAR, along).dynamic_objects[0] == pytest.approx(0.98, abs=0.01)
 
 
-def test_places_of_other_stories_are_looked_at_too() -> None:
+def test_candidates_of_other_hypotheses_are_looked_at_too() -> None:
     points = points_of(scan_of(PILLAR, NOTHING, np.zeros(3), np.zeros(361)))
     known = points, map_of(points), USUAL, [(0.8, 1), NOBODY]
-    mine, theirs = with_walkers([[HERE], [THERE]], *known)
-    assert mine[0].walked[0] > 0.99
-    assert theirs[0].walked[0] == 0.0
+    mine, theirs = with_dynamic_objects([[HERE], [THERE]], *known)
+    assert mine[0].dynamic_objects[0] > 0.99
+    assert theirs[0].dynamic_objects[0] == 0.0
 
 
 def test_where_the_robot_may_be_anywhere_nobody_has_to_walk() -> None:
@@ -127,10 +133,12 @@ def test_where_the_robot_may_be_anywhere_nobody_has_to_walk() -> None:
     told = []
     for sigma in (0.05, 0.2):
         prediction = Prediction(HERE.pose, np.diag([sigma, 0.05, 0.05]) ** 2)
-        hidden = unmatched(prediction, Outlook(np.zeros(3), (prediction,), np.ones(3)))
+        hidden = unmatched_candidate(prediction, PosePrior(np.zeros(3), (prediction,), np.ones(3)))
         assert hidden.log_posterior == pytest.approx(math.log(0.01))
-        found = with_walkers([[hidden, THERE]], points, map_of(points), USUAL, [(0.8, 1)])[0]
-        told.append(next(p for p in found if p.pose is hidden.pose).walked[0])
+        found = with_dynamic_objects([[hidden, THERE]], points, map_of(points), USUAL, [(0.8, 1)])[
+            0
+        ]
+        told.append(next(p for p in found if p.pose is hidden.pose).dynamic_objects[0])
     assert told == [pytest.approx(1.0, abs=0.01), 0.0]
 
 
@@ -139,23 +147,23 @@ def test_things_are_counted_by_their_width() -> None:
     ring = 3.0 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     chosen, sure = np.zeros((2, 40), dtype=bool)
     sure[:] = True
-    assert small_among(ring, chosen, sure) == 0
+    assert count_small_objects(ring, chosen, sure) == 0
     chosen[[0, 5, 14]] = True
-    assert small_among(ring, chosen, sure) == 2  # the last one is 0.47 m from its neighbour
+    assert count_small_objects(ring, chosen, sure) == 2  # the last one is 0.47 m from its neighbour
     chosen[:15] = True  # 0.73 m across
-    assert small_among(ring, chosen, sure) == 1
+    assert count_small_objects(ring, chosen, sure) == 1
     chosen[25:] = True  # 0.73 m as well
-    assert small_among(ring, chosen, sure) == 2
+    assert count_small_objects(ring, chosen, sure) == 2
     sure[26:] = False
-    assert small_among(ring, chosen, sure) == 2
+    assert count_small_objects(ring, chosen, sure) == 2
     sure[25] = False
-    assert small_among(ring, chosen, sure) == 1
+    assert count_small_objects(ring, chosen, sure) == 1
     chosen[:17] = True  # 0.83 m across
-    assert small_among(ring, chosen, sure) == 0
+    assert count_small_objects(ring, chosen, sure) == 0
     sure[:17] = False
-    assert small_among(ring, chosen, sure) == 0
+    assert count_small_objects(ring, chosen, sure) == 0
     sure[39] = True
-    assert small_among(ring, chosen, sure) == 1
+    assert count_small_objects(ring, chosen, sure) == 1
 
 
 def test_wide_is_what_hangs_together() -> None:
@@ -168,7 +176,7 @@ def test_beams_too_far_apart_tell_nothing_of_things() -> None:
     bearings = np.radians(np.arange(0.0, 360.0, 12.0))
     ring = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
     every = np.ones(30, dtype=bool)
-    assert small_among(ring, every, every) == 0
+    assert count_small_objects(ring, every, every) == 0
 
 
 @pytest.mark.parametrize(("way_m", "seed"), [(0.2, 0), (0.2, 3), (0.2, 4), (0.16, 6)])
