@@ -15,7 +15,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.connectivity import another
-from slarm_graph.radio.connectivity.another import rank_places, wall_places_m
+from slarm_graph.radio.connectivity.candidate_sites import candidate_sites_m, rank_sites
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.signal import SignalMap
 from slarm_graph.radio.propagation.over_map import make_model, predicted_radio_map
@@ -38,7 +38,7 @@ def two_rooms():
 def ranked(geographic, threshold_dbm=THRESHOLD_DBM):
     signal = SignalMap.of_prediction(predicted_radio_map(geographic, [AP], CONFIG))
     asked = {"height_m": 2.4, "threshold_dbm": threshold_dbm}
-    return rank_places(geographic, signal, make_model(CONFIG), CONFIG.radio, **asked)
+    return rank_sites(geographic, signal, make_model(CONFIG), CONFIG.radio, **asked)
 
 
 def test_the_ranking_is_that_of_whole_radio_maps_with_the_new_one():
@@ -50,7 +50,7 @@ def test_the_ranking_is_that_of_whole_radio_maps_with_the_new_one():
             geographic, [AP, AccessPoint("new", x, y, 2.4, -10.0, AP.frequency_hz)]
         )
         - alone
-        for x, y in wall_places_m(geographic)[::3].tolist()
+        for x, y in candidate_sites_m(geographic)[::3].tolist()
     }
     by_place = {(p.x_m, p.y_m): p for p in places}
     floor_m2 = geographic.accessible.sum() * 0.01
@@ -69,7 +69,7 @@ def _connected_m2(geographic, points):
 
 def test_every_square_of_wall_beside_the_floor_has_a_place_on_it():
     geographic = two_rooms()
-    places = wall_places_m(geographic, 0.5)
+    places = candidate_sites_m(geographic, 0.5)
     rows, cols = GRID.cell_of(places).T
     assert (geographic.states[rows, cols] == CellState.OBSTACLE).all()
     squares = {tuple(square) for square in np.floor(places / 0.5).astype(int).tolist()}

@@ -24,7 +24,7 @@ from slarm_graph.exploration.paths import anchors_m, path_between, without_strai
 from slarm_graph.exploration.searches import new_labels, reachable, walk_back, wavefront
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
 from slarm_graph.grid import Mask
-from slarm_graph.radio.measured.certainty import Certainty, Shadowing
+from slarm_graph.radio.measured.field_variance import FieldVariance, Shadowing
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
 
 _MOST_NODES: Final = 6_000
@@ -96,7 +96,7 @@ class RadioSurvey:
         s = self._settings
         nodes = make_nodes(coverage.geometry, floor, s.node_side_m, _MOST_NODES)
         shadowing = Shadowing(s.range_m, s.field_sd_db, s.noise_sd_db)
-        sure = Certainty(nodes, coverage.heard_m, shadowing)
+        sure = FieldVariance(nodes, coverage.heard_m, shadowing)
         worth = self._worth_trying(nodes)
         left_db = math.hypot(sure.rms_db(worth), s.model_sd_db)
         if left_db <= s.certainty_db:
@@ -116,7 +116,7 @@ class RadioSurvey:
     def _best_leg(
         self,
         coverage: CoverageGrid,
-        sure: Certainty,
+        sure: FieldVariance,
         worth: Mask,
         start: tuple[int, int],
         pose: Pose2,
@@ -133,14 +133,14 @@ class RadioSurvey:
         if not len(goals):
             return None
         of_cell = sure.nodes.of_cell.ravel().astype(np.int64)
-        ways = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
-        ways = [way[way >= 0] for way in ways]
+        paths = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
+        paths = [path[path >= 0] for path in paths]
         per_node = self._settings.readings_per_s * self._settings.node_side_m
-        gains = sure.gains(ways, per_node / self._driving.speed_m_s)
+        reductions = sure.variance_reductions(paths, per_node / self._driving.speed_m_s)
         to_goals = sure.nodes.centers_m[goals] - (pose.x, pose.y)
         off = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
         turn_s = np.array([abs(wrap_angle(float(a))) for a in off]) / self._driving.turn_rate_rad_s
-        for index in np.argsort(-gains / (time_s[goals] + turn_s), kind="stable"):
+        for index in np.argsort(-reductions / (time_s[goals] + turn_s), kind="stable"):
             leg = self._leg_to(coverage, int(ends[goals[index]]), pose)
             if leg is not None:
                 return leg
@@ -169,7 +169,7 @@ def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
     return np.asarray(chosen[:, 0] * nodes.of_cell.shape[1] + chosen[:, 1])
 
 
-def _goals(sure: Certainty, time_s: Floats) -> NDArray[np.int64]:
+def _goals(sure: FieldVariance, time_s: Floats) -> NDArray[np.int64]:
     """Nodes (G,) with much variance for their time, none near another."""
     rate = sure.variance_db2 / time_s
     chosen: list[int] = []

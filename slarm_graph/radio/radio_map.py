@@ -21,7 +21,7 @@ from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
-from slarm_graph.radio.recovered_sight import recovered_sight
+from slarm_graph.radio.recovered_line_of_sight import recovered_line_of_sight
 from slarm_graph.raster.bands import by_windows, windows
 from slarm_graph.raster.layers import blank_layer, new_layer
 from slarm_graph.tiles import KnownTiles, Where, Window
@@ -60,7 +60,7 @@ def radio_map(
     free = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 
     sights = [
-        recovered_sight(geographic, free, position_m, config)
+        recovered_line_of_sight(geographic, free, position_m, config)
         for position_m in _positions_m(access_points)
     ]
     del free

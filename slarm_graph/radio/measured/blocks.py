@@ -37,7 +37,7 @@ class Blocks:
     count: int
 
 
-def blocks_of(geographic: GeographicMap) -> Blocks:
+def find_blocks(geographic: GeographicMap) -> Blocks:
     """Find the obstacles of a map that are deeper than any wall."""
     depth_cells = distance_to(geographic.heights_m <= 0.0) - 0.5
     deep = (depth_cells * geographic.geometry.resolution_m > 0.5 * _THICKEST_WALL_M) & (

@@ -12,24 +12,24 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
-from slarm_graph.radio.measured.height_sampler import HeightEvidence, integrated
-from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
-from slarm_graph.radio.measured.posterior import Conditioned
+from slarm_graph.radio.measured.height_sampler import HeightEvidence, marginalised
+from slarm_graph.radio.measured.mean_function import MAP_TERMS, MeanFunction
+from slarm_graph.radio.measured.posterior import FactoredModel
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 
 _WALLS = MAP_TERMS.index("wall_db")
 
 
 @dataclass(frozen=True, slots=True)
-class LinksOver:
+class LinkClearances:
     """Readings of one access point, and how low their links pass over G obstacles.
 
     Parameters
     ----------
-    placed : Placed
+    readings : RssReadings
         All heard.
-    mean : Mean
+    mean : MeanFunction
         Over a map in which only what is certainly as high stands.
     lowest_m : (G, N) float64
         inf where a link does not pass over the plan [m].
@@ -37,19 +37,21 @@ class LinksOver:
         Of field, drift and noise.
     """
 
-    placed: Placed
-    mean: Mean
+    readings: RssReadings
+    mean: MeanFunction
     lowest_m: Floats
     hyper: Hyperparameters | None = None
 
-    def fitted(self, floor: FloorField, levels_m: Floats, shares: Sequence[Floats]) -> LinksOver:
+    def fitted(
+        self, floor: FloorField, levels_m: Floats, shares: Sequence[Floats]
+    ) -> LinkClearances:
         """Return it with hyperparameters searched for heights (L,) [m] of given probabilities."""
-        problem = self.problem(floor, self.expected(levels_m, shares))
+        problem = self.problem(floor, self.expected_obstructions(levels_m, shares))
         return replace(self, hyper=fit_field(problem, self.hyper).hyper)
 
-    def expected(self, levels_m: Floats, shares: Sequence[Floats]) -> Floats:
+    def expected_obstructions(self, levels_m: Floats, shares: Sequence[Floats]) -> Floats:
         """Return how many obstacles stop each link (N,), in the mean over their heights."""
-        total = np.zeros(len(self.placed))
+        total = np.zeros(len(self.readings))
         for lowest_m, share in zip(self.lowest_m, shares, strict=True):
             over = np.isfinite(lowest_m)
             lower = np.searchsorted(levels_m, lowest_m[over], side="right")
@@ -58,16 +60,18 @@ class LinksOver:
 
     def problem(self, floor: FloorField, stopped: Floats) -> Problem:
         """Return what is to be fitted when so many obstacles stop each link (N,)."""
-        design, doubt_db2 = self.mean.of_readings_with_doubt(self.placed)
+        design, map_variance_db2 = self.mean.reading_design_and_variance(self.readings)
         design[:, _WALLS] -= stopped
-        doubt_db2 *= floor.nodes.shared(self.placed.points_m)
-        slope = self.mean.slope_db_m(self.placed.points_m)
-        coefficients = self.mean.coefficients(self.placed)
-        return Problem(floor, self.placed, design, coefficients, slope, Receiver(), doubt_db2)
+        map_variance_db2 *= floor.nodes.shared(self.readings.points_m)
+        slope = self.mean.distance_slope_db_m(self.readings.points_m)
+        coefficients = self.mean.coefficients(self.readings)
+        return Problem(
+            floor, self.readings, design, coefficients, slope, Receiver(), map_variance_db2
+        )
 
 
 def height_evidence(
-    links: LinksOver,
+    links: LinkClearances,
     floor: FloorField,
     levels_m: Floats,
     shares: Sequence[Floats],
@@ -77,7 +81,7 @@ def height_evidence(
 
     Parameters
     ----------
-    links : LinksOver
+    links : LinkClearances
         With hyperparameters.
     floor : FloorField
     levels_m : (L,)
@@ -87,30 +91,32 @@ def height_evidence(
         Obstacles of which every height is a column.
     """
     assert links.hyper is not None
-    stopped = links.expected(levels_m, shares)
+    stopped = links.expected_obstructions(levels_m, shares)
     own = links.lowest_m[which]
-    others = stopped - replace(links, lowest_m=own).expected(levels_m, [shares[k] for k in which])
+    others = stopped - replace(links, lowest_m=own).expected_obstructions(
+        levels_m, [shares[k] for k in which]
+    )
     problem, hyper = links.problem(floor, stopped), links.hyper
-    conditioned, values = _conditioned(problem, hyper)
+    factored, values = _factored(problem, hyper)
     fixed = np.delete(problem.design, _WALLS, axis=1)
     certain = -problem.design[:, _WALLS] - stopped + others
     columns = (levels_m[None, :, None] > own[:, None, :]).reshape(-1, len(stopped)).T
-    inner = conditioned.inner(np.column_stack([values, fixed, certain, columns]))
+    inner = factored.inner(np.column_stack([values, fixed, certain, columns]))
     prior = problem.coefficients
     means, sds = np.delete(prior.mean, _WALLS), np.delete(prior.sd, _WALLS)
-    readings, among = integrated(inner, fixed.shape[1], means, sds)
-    return HeightEvidence(readings, among, float(prior.mean[_WALLS]), float(prior.sd[_WALLS]))
+    with_readings, among = marginalised(inner, fixed.shape[1], means, sds)
+    return HeightEvidence(with_readings, among, float(prior.mean[_WALLS]), float(prior.sd[_WALLS]))
 
 
-def _conditioned(problem: Problem, hyper: Hyperparameters) -> tuple[Conditioned, Floats]:
+def _factored(problem: Problem, hyper: Hyperparameters) -> tuple[FactoredModel, Floats]:
     """Readings under fixed hyperparameters, and the values (N,) that stand for them."""
     fit = fit_field(problem, hyper, search=False)
-    where, variance = problem.where(), problem.noise_variance(hyper)
+    where, variance = problem.observation(), problem.noise_variance(hyper)
     values, weights = gaussian_equivalent(
-        problem.placed.rss_dbm,
+        problem.readings.rss_dbm,
         fit.posterior.mean(problem.design, where),
         variance,
         problem.receiver,
         hyper.freedom,
     )
-    return Conditioned(problem.prior(hyper), where, weights / variance), values
+    return FactoredModel(problem.prior(hyper), where, weights / variance), values

@@ -18,10 +18,10 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 
-_SWEEPS, _SETTLING = 400, 100
+_SWEEPS, _BURN_IN = 400, 100
 """Of all obstacles, and how many of these until the start is forgotten."""
 
-_APART_DB = 1.75
+_LOSS_SPREAD_DB = 1.75
 """Of what obstacles take, about a wall: light and heavy walls take 3.4 and 6.9 dB (COST 231, Table
 4.7.2), which is half their difference."""
 
@@ -47,7 +47,7 @@ class HeightEvidence:
     wall_sd_db: float
 
 
-def integrated(inner: Floats, fixed: int, mean: Floats, sd: Floats) -> tuple[Floats, Floats]:
+def marginalised(inner: Floats, fixed: int, mean: Floats, sd: Floats) -> tuple[Floats, Floats]:
     """Integrate what is linear out of inner products.
 
     Parameters
@@ -86,29 +86,29 @@ def height_probabilities(
     """
     starts = np.cumsum([1, *(len(prior) for prior in log_priors)]).tolist()
     chosen = [start + int(prior.argmax()) for start, prior in zip(starts, log_priors, strict=False)]
-    states = [_Standing(one, chosen) for one in evidence]
+    states = [_GibbsState(one, chosen) for one in evidence]
     total = [np.zeros(len(prior)) for prior in log_priors]
     for sweep in range(_SWEEPS):
         for k, prior in enumerate(log_priors):
             levels = slice(starts[k], starts[k + 1])
-            share = _shares(prior + sum(state.without(k, levels) for state in states))
+            share = _normalised(prior + sum(state.log_likelihoods(k, levels) for state in states))
             drawn = int(np.searchsorted(share.cumsum(), rng.random()))
             for state in states:
-                state.stand(k, levels.start + min(drawn, len(share) - 1), rng)
-            if sweep >= _SETTLING:
+                state.assign(k, levels.start + min(drawn, len(share) - 1), rng)
+            if sweep >= _BURN_IN:
                 total[k] += share
         for state in states:
-            state.draw_wall(rng)
+            state.draw_wall_loss(rng)
     return [counts / counts.sum() for counts in total]
 
 
-def _shares(logs: Floats) -> Floats:
+def _normalised(logs: Floats) -> Floats:
     """Probabilities (L,) of logarithms that lack a constant."""
     share = np.exp(logs - logs.max())
     return np.asarray(share / share.sum())
 
 
-class _Standing:
+class _GibbsState:
     """What is passed at the present heights, and what it takes, of one access point."""
 
     def __init__(self, evidence: HeightEvidence, chosen: Sequence[int]) -> None:
@@ -121,27 +121,27 @@ class _Standing:
         for column, takes_db in zip(self._column, self._takes_db, strict=True):
             self._left += takes_db * self._passed[column]
 
-    def without(self, k: int, levels: slice) -> Floats:
+    def log_likelihoods(self, k: int, levels: slice) -> Floats:
         """Take an obstacle away; return the log-likelihood (L,) of each of its levels."""
         self._left -= self._takes_db[k] * self._passed[self._column[k]]
-        precision = self._passed[levels, levels].diagonal() + _APART_DB**-2
-        pull = self._wall_db * _APART_DB**-2 - self._left[levels]
+        precision = self._passed[levels, levels].diagonal() + _LOSS_SPREAD_DB**-2
+        pull = self._wall_db * _LOSS_SPREAD_DB**-2 - self._left[levels]
         return np.asarray(0.5 * (pull**2 / precision - np.log(precision)))
 
-    def stand(self, k: int, column: int, rng: np.random.Generator) -> None:
+    def assign(self, k: int, column: int, rng: np.random.Generator) -> None:
         """Let an obstacle stand as high as a column's level, and draw what it takes."""
-        precision = float(self._passed[column, column]) + _APART_DB**-2
-        pull = self._wall_db * _APART_DB**-2 - float(self._left[column])
+        precision = float(self._passed[column, column]) + _LOSS_SPREAD_DB**-2
+        pull = self._wall_db * _LOSS_SPREAD_DB**-2 - float(self._left[column])
         self._column[k] = column
         self._takes_db[k] = pull / precision + rng.standard_normal() * precision**-0.5
         self._left += self._takes_db[k] * self._passed[column]
 
-    def draw_wall(self, rng: np.random.Generator) -> None:
+    def draw_wall_loss(self, rng: np.random.Generator) -> None:
         """Draw what a wall takes, given what obstacles take and what is passed for certain."""
         self._left -= self._wall_db * self._passed[0]
         prior = self._evidence.wall_sd_db**-2
-        precision = float(self._passed[0, 0]) + prior + len(self._takes_db) * _APART_DB**-2
-        pull = self._evidence.wall_db * prior + sum(self._takes_db) * _APART_DB**-2
+        precision = float(self._passed[0, 0]) + prior + len(self._takes_db) * _LOSS_SPREAD_DB**-2
+        pull = self._evidence.wall_db * prior + sum(self._takes_db) * _LOSS_SPREAD_DB**-2
         pull -= float(self._left[0])
         self._wall_db = pull / precision + rng.standard_normal() * precision**-0.5
         self._left += self._wall_db * self._passed[0]

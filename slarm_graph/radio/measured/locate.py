@@ -16,9 +16,9 @@ from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import MeasuredConfig
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 
 STEPS_M = (1.0, 0.25)
 """Lattice over the map, and around the best of it; the posterior is wider than the second."""
@@ -69,20 +69,22 @@ class Located:
         return x, y, z
 
 
-def locate(floor: FloorField, mean: Mean, placed: Placed, config: MeasuredConfig) -> Located:
+def locate(
+    floor: FloorField, mean: MeanFunction, readings: RssReadings, config: MeasuredConfig
+) -> Located:
     """Find the position of an access point.
 
     Parameters
     ----------
     floor : FloorField
-    mean : Mean
+    mean : MeanFunction
         Of any access point; its position is replaced.
-    placed : Placed
+    readings : RssReadings
         Readings, of which those heard are used.
     config : MeasuredConfig
     """
     # What single blocks take says little of where an access point is, and takes long.
-    mean, heard = replace(mean, blocks=None), placed.only(placed.heard)
+    mean, heard = replace(mean, blocks=None), readings.only(readings.heard)
     heard = heard.only(np.arange(0, len(heard), max(1, len(heard) // config.search_readings)))
     strong = heard.rss_dbm >= np.quantile(heard.rss_dbm, 1.0 - _STRONGEST)
     best = np.array([*heard.points_m[strong].mean(axis=0), HEIGHTS_M[3]])
@@ -108,12 +110,12 @@ def _likeliest(search: _Search, lattice: Floats) -> Floats:
     return np.asarray(lattice[np.argmax(search.evidences(lattice))])
 
 
-def _at(mean: Mean, position_m: Floats) -> Mean:
+def _at(mean: MeanFunction, position_m: Floats) -> MeanFunction:
     x, y, z = (float(v) for v in position_m)
     return replace(mean, access_point=AccessPoint("sought", x, y, z))
 
 
-def _over_map(mean: Mean) -> Floats:
+def _over_map(mean: MeanFunction) -> Floats:
     """Positions (P, 3) a step apart over the whole map, at a ceiling's height."""
     x_min, x_max, y_min, y_max = mean.geographic.geometry.extent_m
     x, y = np.meshgrid(
@@ -136,8 +138,8 @@ class _Search:
     def __init__(
         self,
         floor: FloorField,
-        mean: Mean,
-        heard: Placed,
+        mean: MeanFunction,
+        heard: RssReadings,
         start: Hyperparameters | None = None,
         *,
         again: bool = True,
@@ -145,18 +147,20 @@ class _Search:
         # Positions are compared by the map as it is: less time, and no other answer.
         self._mean, self._heard = mean, heard
         self._coefficients = mean.coefficients(heard)
-        design, doubt_db2 = mean.of_readings_with_doubt(heard)
-        doubt_db2 *= floor.nodes.shared(heard.points_m)
-        slope = mean.slope_db_m(heard.points_m)
-        problem = Problem(floor, heard, design, self._coefficients, slope, Receiver(), doubt_db2)
+        design, map_variance_db2 = mean.reading_design_and_variance(heard)
+        map_variance_db2 *= floor.nodes.shared(heard.points_m)
+        slope = mean.distance_slope_db_m(heard.points_m)
+        problem = Problem(
+            floor, heard, design, self._coefficients, slope, Receiver(), map_variance_db2
+        )
         fit = fit_field(problem, start, search=again)
         self.hyper = fit.hyper
         variance = problem.noise_variance(fit.hyper)
-        expected = fit.posterior.mean(problem.design, problem.where())
+        expected = fit.posterior.mean(problem.design, problem.observation())
         self._values, weights = gaussian_equivalent(
             heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
         )
-        self._base = problem.conditioned(problem.prior(fit.hyper), weights / variance)
+        self._model = problem.factored(problem.prior(fit.hyper), weights / variance)
         self._part: _Search | None = None
         if len(heard) > _EVERY * _FEW:
             some = heard.only(np.arange(0, len(heard), _EVERY))
@@ -176,5 +180,5 @@ class _Search:
 
     def _evidences_at(self, positions_m: Floats) -> Floats:
         """Logarithms (P,) of the marginal likelihood for positions (P, 3)."""
-        designs = self._mean.of_readings_from(self._heard, positions_m)
-        return self._base.log_evidences(designs, self._coefficients, self._values)
+        designs = self._mean.reading_designs_from(self._heard, positions_m)
+        return self._model.log_evidences(designs, self._coefficients, self._values)

@@ -65,19 +65,19 @@ class Posterior:
     state_per_beta: Floats
     log_evidence: float
 
-    def mean(self, design: Floats, where: sparse.csr_array) -> Floats:
+    def mean(self, design: Floats, observation: sparse.csr_array) -> Floats:
         """Return the expected value (N,) at rows of design (N, p) and of the state (N, S)."""
-        return np.asarray(design @ self.beta + where @ self.state)
+        return np.asarray(design @ self.beta + observation @ self.state)
 
-    def variance(self, design: Floats, where: sparse.csr_array) -> Floats:
+    def variance(self, design: Floats, observation: sparse.csr_array) -> Floats:
         """Return the exact variance (N,) of that mean [dB^2]; a solve for each row."""
-        variance = np.empty(where.shape[0])
+        variance = np.empty(observation.shape[0])
         for first in range(0, len(variance), _COLUMNS_AT_A_TIME):
             rows = slice(first, first + _COLUMNS_AT_A_TIME)
-            dense = where[rows].toarray()
+            dense = observation[rows].toarray()
             solved = self.factor.solve(dense.T)
             variance[rows] = np.einsum("ij,ji->i", dense, solved)
-        return variance + self.coefficient_variance(design, where @ self.state_per_beta)
+        return variance + self.coefficient_variance(design, observation @ self.state_per_beta)
 
     def coefficient_variance(self, design: Floats, explained: Floats) -> Floats:
         """Return the variance (N,) that unknown coefficients add [dB^2]."""
@@ -85,14 +85,14 @@ class Posterior:
         return np.asarray(((open_part @ self.beta_covariance) * open_part).sum(axis=1))
 
 
-class Conditioned:
+class FactoredModel:
     """Readings' places, times and noise, factored once for any mean.
 
     Parameters
     ----------
     prior : Precision
         Of the state, (S, S).
-    where : (N, S) sparse
+    observation : (N, S) sparse
         A.
     noise_precision : (N,) [1/dB^2]
         Positive.
@@ -103,13 +103,15 @@ class Conditioned:
     def __init__(
         self,
         prior: Precision,
-        where: sparse.csr_array,
+        observation: sparse.csr_array,
         noise_precision: Floats,
         order: Ints | None = None,
     ) -> None:
-        self._prior, self._where = prior, where
-        self._weighted = sparse.csr_array(where.multiply(noise_precision[:, None]))
-        self._factor = Factor(sparse.csc_array(prior.matrix + self._weighted.T @ where), order)
+        self._prior, self._observation = prior, observation
+        self._weighted = sparse.csr_array(observation.multiply(noise_precision[:, None]))
+        self._factor = Factor(
+            sparse.csc_array(prior.matrix + self._weighted.T @ observation), order
+        )
         self.order = self._factor.order
         self._precision = noise_precision
         self._dense: Floats | None = None
@@ -126,13 +128,13 @@ class Conditioned:
     def log_evidences(
         self, designs: Floats, coefficients: Coefficients, readings_dbm: Floats
     ) -> Floats:
-        """Return the logarithms (K,) of the evidence of designs (K, N, p): as of `on`."""
+        """Return the logarithms (K,) of the evidence of designs (K, N, p): as of `condition`."""
         at_once = max(1, _COLUMNS_AT_A_TIME // designs.shape[2])
-        of_readings = self._applied(readings_dbm[:, None])[:, 0]
+        applied_readings = self._applied(readings_dbm[:, None])[:, 0]
         logs = np.empty(len(designs))
         for first in range(0, len(designs), at_once):
             some = designs[first : first + at_once]
-            inner = self._inner_each(some, readings_dbm, of_readings)
+            inner = self._inner_each(some, readings_dbm, applied_readings)
             # Of readings less what the prior's mean expects, and the design, from what was solved.
             of_both = np.eye(inner.shape[1])
             of_both[1:, 0] = -coefficients.mean
@@ -140,14 +142,16 @@ class Conditioned:
             logs[first : first + at_once] = self._log_evidence(inner, coefficients)[0]
         return logs
 
-    def _inner_each(self, designs: Floats, readings_dbm: Floats, of_readings: Floats) -> Floats:
+    def _inner_each(
+        self, designs: Floats, readings_dbm: Floats, applied_readings: Floats
+    ) -> Floats:
         """Inner products (K, 1 + p, 1 + p) of readings and each design (K, N, p)."""
         count, size, terms = designs.shape
         columns = designs.transpose(1, 0, 2).reshape(size, count * terms)
         of_designs = self._applied(columns).reshape(size, count, terms).transpose(1, 0, 2)
         inner = np.empty((count, 1 + terms, 1 + terms))
-        inner[:, 0, 0] = readings_dbm @ of_readings
-        inner[:, 1:, 0] = inner[:, 0, 1:] = of_readings @ designs
+        inner[:, 0, 0] = readings_dbm @ applied_readings
+        inner[:, 1:, 0] = inner[:, 0, 1:] = applied_readings @ designs
         inner[:, 1:, 1:] = designs.transpose(0, 2, 1) @ of_designs
         return inner
 
@@ -184,7 +188,9 @@ class Conditioned:
         inner: Floats = columns.T @ (self._precision[:, None] * columns) - onto_state.T @ solved
         return inner, solved
 
-    def on(self, design: Floats, coefficients: Coefficients, readings_dbm: Floats) -> Posterior:
+    def condition(
+        self, design: Floats, coefficients: Coefficients, readings_dbm: Floats
+    ) -> Posterior:
         """Condition field, drift and coefficients on readings.
 
         Parameters
@@ -207,7 +213,7 @@ class Conditioned:
             float(evidence),
         )
 
-    def gains(
+    def evidence_changes(
         self,
         posterior: Posterior,
         design: Floats,
@@ -222,20 +228,22 @@ class Conditioned:
         Parameters
         ----------
         posterior : Posterior
-            By `on`, of design (N, p) and readings (N,) [dBm].
+            By `condition`, of design (N, p) and readings (N,) [dBm].
         others : sequence of (Precision, (N,) float64)
             Near to this one's prior and noise precisions [1/dB^2].
         """
-        where, coefficients = self._where, np.linalg.cholesky(posterior.beta_covariance)
+        observation, coefficients = self._observation, np.linalg.cholesky(posterior.beta_covariance)
         state = np.column_stack([posterior.state, posterior.state_per_beta @ coefficients])
-        off_db2 = (readings_dbm - posterior.mean(design, where)) ** 2
-        off_db2 += posterior.coefficient_variance(design, where @ posterior.state_per_beta)
-        gains, moved = np.empty(len(others)), []
+        off_db2 = (readings_dbm - posterior.mean(design, observation)) ** 2
+        off_db2 += posterior.coefficient_variance(design, observation @ posterior.state_per_beta)
+        changes, moved = np.empty(len(others)), []
         for k, (prior, precision) in enumerate(others):
             change = sparse.csc_array(prior.matrix - self._prior.matrix)
             noise = precision - self._precision
-            moved.append(change + sparse.csc_array(where.T @ where.multiply(noise[:, None])))
-            gains[k] = prior.log_determinant - self._prior.log_determinant
-            gains[k] += (noise / self._precision - noise * off_db2).sum()
-            gains[k] -= (state * (change @ state)).sum()
-        return np.asarray(0.5 * (gains - self._factor.traces(moved)))
+            moved.append(
+                change + sparse.csc_array(observation.T @ observation.multiply(noise[:, None]))
+            )
+            changes[k] = prior.log_determinant - self._prior.log_determinant
+            changes[k] += (noise / self._precision - noise * off_db2).sum()
+            changes[k] -= (state * (change @ state)).sum()
+        return np.asarray(0.5 * (changes - self._factor.traces(moved)))

@@ -13,10 +13,10 @@ from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import RadioConfig
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Fit
-from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
+from slarm_graph.radio.measured.mean_function import MAP_TERMS, MeanFunction
 from slarm_graph.radio.measured.measured_map import FittedTerms
 from slarm_graph.radio.measured.nodes import Nodes
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 
 _CELLS_AT_A_TIME = 200_000
 """Bounds the memory of a prediction; more is not faster."""
@@ -28,21 +28,21 @@ class FittedAccessPoint:
 
     Parameters
     ----------
-    mean : Mean
-    placed : Placed
+    mean : MeanFunction
+    readings : RssReadings
     fit : Fit
     position_sd_m : tuple of float
         Of the access point, where it was located by the readings [m].
     """
 
-    mean: Mean
-    placed: Placed
+    mean: MeanFunction
+    readings: RssReadings
     fit: Fit
     position_sd_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
-class Mapped:
+class PredictedAccessPoint:
     """One access point with its terms and what was predicted of N cells.
 
     Parameters
@@ -58,13 +58,13 @@ class Mapped:
     levels: NDArray[np.float32]
 
 
-def mapped(
+def predict_access_point(
     nodes: Nodes,
     one: FittedAccessPoint,
     cells: NDArray[np.int64],
     name: str,
     radio: RadioConfig,
-) -> Mapped:
+) -> PredictedAccessPoint:
     """Predict cells for one access point.
 
     Parameters
@@ -76,13 +76,13 @@ def mapped(
     name : str
     radio : RadioConfig
     """
-    mean_dbm, variance = predicted(nodes, one, cells)
+    mean_dbm, variance = predict_cells(nodes, one, cells)
     reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
     levels = np.stack([mean_dbm, np.sqrt(variance), reading]).astype(np.float32)
-    return Mapped(_as_access_point(name, one, radio), _terms(one), levels)
+    return PredictedAccessPoint(_as_access_point(name, one, radio), _terms(one), levels)
 
 
-def predicted(
+def predict_cells(
     nodes: Nodes, one: FittedAccessPoint, cells: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
     """Return expected level (N,) [dBm] and its variance (N,) [dB^2] in cells (N, 2)."""
@@ -100,10 +100,10 @@ def predicted(
         points_m = nodes.geometry.center_of(cells[part])
         there = nodes.weights(points_m) @ on_nodes
         design = np.zeros((len(points_m), len(posterior.beta)))
-        design[:, :terms], doubt_db2 = one.mean.with_doubt(points_m)
+        design[:, :terms], map_variance_db2 = one.mean.map_design_and_variance(points_m)
         mean_dbm[part] = design @ posterior.beta + there[:, 0]
         variance[part] = (
-            doubt_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
+            map_variance_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
         )
     return mean_dbm, variance
 
@@ -125,8 +125,8 @@ def _terms(one: FittedAccessPoint) -> FittedTerms:
     spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]
     level, exponent, wall = (float(v) for v in values)
     return FittedTerms(
-        len(one.placed),
-        int((~one.placed.heard).sum()),
+        len(one.readings),
+        int((~one.readings.heard).sum()),
         level,
         exponent,
         wall,

@@ -24,7 +24,7 @@ _LEAST_WEIGHT = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class RssReadings:
     """Readings of one access point with the poses at which they were taken.
 
     Parameters
@@ -61,9 +61,9 @@ class Placed:
         """Which readings have a value (N,)."""
         return np.isfinite(self.rss_dbm)
 
-    def only(self, which: NDArray[np.generic]) -> Placed:
+    def only(self, which: NDArray[np.generic]) -> RssReadings:
         """Return some of the readings, by mask or index."""
-        return Placed(
+        return RssReadings(
             self.points_m[which],
             self.times_s[which],
             self.rss_dbm[which],

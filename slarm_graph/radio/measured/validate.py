@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from scipy import sparse, stats
 
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.fit import Fit, log_student
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.fit import Fit, log_student_t
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import Nodes
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 
 BLOCK_M, FOLDS = 1.0, 5
 """Side of a block, several wavelengths; and parts the blocks are dealt into, 80 % to learn from."""
@@ -54,11 +54,11 @@ class Predicted:
     def log_score(self, rss_dbm: Floats) -> Floats:
         """Logarithm of the predictive density (N,) [1/dB] at what was read; more is better."""
         scaled = (rss_dbm - self.mean_dbm) / self.scale_db
-        return np.asarray(log_student(scaled, self.freedom) - np.log(self.scale_db))
+        return np.asarray(log_student_t(scaled, self.freedom) - np.log(self.scale_db))
 
 
 def predict_readings(
-    fit: Fit, nodes: Nodes, mean: Mean, placed: Placed, *, with_drift: bool = True
+    fit: Fit, nodes: Nodes, mean: MeanFunction, readings: RssReadings, *, with_drift: bool = True
 ) -> Predicted:
     """Predict readings at poses and times.
 
@@ -67,27 +67,27 @@ def predict_readings(
     fit : Fit
     nodes : Nodes
         It was fitted on.
-    mean : Mean
-    placed : Placed
+    mean : MeanFunction
+    readings : RssReadings
         Its values are not looked at.
     with_drift : bool
         Whether the drift and the robot's antenna at that instant are used; without them it is the
         map alone that predicts.
     """
-    hyper, count = fit.hyper, len(placed)
-    design, doubt_db2 = mean.of_readings_with_doubt(placed)
+    hyper, count = fit.hyper, len(readings)
+    design, map_variance_db2 = mean.reading_design_and_variance(readings)
     if not with_drift:
-        design[:, mean.terms + placed.classes - 1 :] = 0.0
-    field = nodes.weights(placed.points_m)
+        design[:, mean.terms + readings.classes - 1 :] = 0.0
+    field = nodes.weights(readings.points_m)
     bridge = sparse.csr_array((count, len(fit.drift_times_s)))
     left_db2 = np.full(count, hyper.drift_sd_db**2)
     if with_drift and len(fit.drift_times_s) > 1:
-        bridge, share = _bridge(placed.times_s, fit.drift_times_s, hyper.drift_s)
+        bridge, share = _bridge(readings.times_s, fit.drift_times_s, hyper.drift_s)
         left_db2 *= share
-    where = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
-    variance = fit.posterior.variance(design, where) + left_db2 + doubt_db2
-    variance += hyper.noise_sd_db[placed.noise_class] ** 2
-    return Predicted(fit.posterior.mean(design, where), np.sqrt(variance), hyper.freedom)
+    observation = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
+    variance = fit.posterior.variance(design, observation) + left_db2 + map_variance_db2
+    variance += hyper.noise_sd_db[readings.noise_class] ** 2
+    return Predicted(fit.posterior.mean(design, observation), np.sqrt(variance), hyper.freedom)
 
 
 def _bridge(

@@ -24,7 +24,10 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
     moved_to_faces,
 )
-from slarm_graph.radio.uncertain_sight import told_apart, weigh
+from slarm_graph.radio.line_of_sight_probability import (
+    multiply_by_group_probabilities,
+    split_by_certainty,
+)
 from slarm_graph.raster.bands import by_windows, cells_of, windows
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer, set_aside
@@ -43,7 +46,7 @@ _AROUND, _SIDES = np.ones((3, 3), np.uint8), cv2.getStructuringElement(cv2.MORPH
 
 
 @dataclass(frozen=True, slots=True)
-class RecoveredSight:
+class RecoveredLineOfSight:
     """Of one access point.
 
     Parameters
@@ -59,9 +62,9 @@ class RecoveredSight:
     unknown: Mask
 
 
-def recovered_sight(
+def recovered_line_of_sight(
     geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
-) -> RecoveredSight:
+) -> RecoveredLineOfSight:
     """Decide on the map's solids where it has any, else on its cells.
 
     Solids of uncertain height stand in groups that are low or high together; the groups are
@@ -92,7 +95,7 @@ def recovered_sight(
         probability = _certain(seen, where)
     asked = by_windows(geographic.where, 0, lambda window: probability[window] > 0.0)
     set_aside(probability)
-    return RecoveredSight(probability, _past_unseen(geographic, asked, position_m, config))
+    return RecoveredLineOfSight(probability, _past_unseen(geographic, asked, position_m, config))
 
 
 def _certain(clear: Mask, where: Where) -> NDArray[np.float32]:
@@ -113,7 +116,7 @@ def _past_solids(
     position_m = _on_room_side(geographic, free, on_face, position_m, config.mount_radius_m)
     antenna_m = config.antenna_height_m
     solids = [solid for solid in geographic.solids if solid.height_m > 0.0]
-    sure, groups = told_apart(
+    sure, groups = split_by_certainty(
         geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
     )
     clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m, where=where)
@@ -126,7 +129,9 @@ def _past_solids(
     clear[faces[:, 0], faces[:, 1]] = at_face
     probability = _certain(clear, where)
     del clear
-    weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m, where)
+    multiply_by_group_probabilities(
+        probability, geometry, groups, on_face, points_m, position_m, antenna_m, where
+    )
     return probability
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
@@ -100,22 +100,22 @@ def merged(logs: Sequence[RssLog]) -> RssLog:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedLog:
+class RssAlongTrajectory:
     """A log along a trajectory.
 
     Parameters
     ----------
-    readings : dict of str to Placed
+    readings : dict of str to RssReadings
         By the access point's name.
     outside : int
         Readings before the trajectory begins or after it ends, which are left out.
     """
 
-    readings: dict[str, Placed]
+    readings: dict[str, RssReadings]
     outside: int
 
 
-def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) -> PlacedLog:
+def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) -> RssAlongTrajectory:
     """Give every reading the robot's pose at its own stamp.
 
     Whole decibels are single packets where other values are not: these are means of several, and
@@ -141,7 +141,7 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) ->
     readings = {}
     for index, name in enumerate(log.names):
         mine = owner == index
-        readings[name] = Placed(
+        readings[name] = RssReadings(
             poses[mine, :2],
             times_s[mine],
             rss[mine],
@@ -150,4 +150,4 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) ->
             sd_m[mine],
             classes,
         )
-    return PlacedLog(readings, int((~within).sum()))
+    return RssAlongTrajectory(readings, int((~within).sum()))

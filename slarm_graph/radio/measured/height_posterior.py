@@ -16,7 +16,7 @@ _SHARES = (0.05, 0.5, 0.95)
 
 
 @dataclass(frozen=True, slots=True)
-class HeardHeight:
+class HeightPosterior:
     """How high one obstacle is, before and after readings.
 
     Parameters
@@ -50,7 +50,7 @@ class HeardHeight:
         return float(self.posterior @ self.levels_m)
 
 
-def height_rows(heard: Sequence[HeardHeight]) -> list[dict[str, float | int]]:
+def height_rows(heard: Sequence[HeightPosterior]) -> list[dict[str, float | int]]:
     """Return a row per obstacle, rounded for people."""
     rows: list[dict[str, float | int]] = []
     for one in heard:
@@ -65,7 +65,7 @@ def height_rows(heard: Sequence[HeardHeight]) -> list[dict[str, float | int]]:
     return rows
 
 
-def write_heights_csv(path: Path, heard: Sequence[HeardHeight]) -> None:
+def write_heights_csv(path: Path, heard: Sequence[HeightPosterior]) -> None:
     """Write a line per obstacle."""
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = height_rows(heard)

@@ -43,7 +43,7 @@ class Grids(NamedTuple):
         Top of the obstacle that fills the cell [m].
     tallest : (rows, cols) float32
         The greatest that comes to lie on a cell, with a margin as wide as the map is moved [m].
-    moved : (K, 2) int64
+    shifts : (K, 2) int64
         By how many rows and columns.
     inside : (rows, cols) int16
         Number, from 1, of the obstacle whose inside the cell is; 0 elsewhere.
@@ -51,11 +51,11 @@ class Grids(NamedTuple):
 
     heights: Heights
     tallest: Heights
-    moved: Ints
+    shifts: Ints
     inside: NDArray[np.int16]
 
 
-class Ends(NamedTuple):
+class LinkEnds(NamedTuple):
     """Where links begin and end.
 
     Parameters
@@ -79,7 +79,7 @@ class Ends(NamedTuple):
     mount_cells: float
 
 
-class Passed(NamedTuple):
+class CrossingCounts(NamedTuple):
     """What links pass.
 
     Parameters
@@ -94,7 +94,7 @@ class Passed(NamedTuple):
     through: Mask
 
 
-def free_ahead(blocked: Mask) -> tuple[FreeCells, FreeCells]:
+def free_run_lengths(blocked: Mask) -> tuple[FreeCells, FreeCells]:
     """Count how many free cells begin at each, along its row and along its column.
 
     Parameters
@@ -122,8 +122,8 @@ def _free_in_row(blocked: Mask) -> FreeCells:
 
 
 @kernel
-def count_passed(
-    grids: Grids, free: tuple[FreeCells, FreeCells], ends: Ends, passed: Passed
+def count_crossings(
+    grids: Grids, free: tuple[FreeCells, FreeCells], ends: LinkEnds, passed: CrossingCounts
 ) -> None:
     """Walk from every access point to every antenna, and count up what is passed.
 
@@ -131,9 +131,9 @@ def count_passed(
     ----------
     grids : Grids
     free : tuple
-        By `free_ahead`, of where the tallest can be in the way.
-    ends : Ends
-    passed : Passed
+        By `free_run_lengths`, of where the tallest can be in the way.
+    ends : LinkEnds
+    passed : CrossingCounts
         Filled; of zeros.
     """
     margin = (len(grids.tallest) - len(grids.heights)) // 2
@@ -147,13 +147,13 @@ def count_passed(
             in_rows = abs(across) >= abs(up)
             link = (x, across, y, up) if in_rows else (y, up, x, across)
             lines, carried = free[0] if in_rows else free[1], ends.mount_cells / length
-            count = _find(lines, margin, in_rows, link, carried, cells, spans)
+            count = _blocked_cells(lines, margin, in_rows, link, carried, cells, spans)
             if count:
-                _count(grids, ends, e, i, _GAP_CELLS / length, cells[:count], spans, passed)
+                _count_link(grids, ends, e, i, _GAP_CELLS / length, cells[:count], spans, passed)
 
 
 @kernel
-def _find(
+def _blocked_cells(
     free: FreeCells,
     margin: int,
     in_rows: bool,
@@ -220,23 +220,23 @@ def _is_free(free: FreeCells, line: int, begin: int, stop: int) -> bool:
 
 
 @kernel
-def _count(
+def _count_link(
     grids: Grids,
-    ends: Ends,
+    ends: LinkEnds,
     e: int,
     i: int,
     gap: float,
     cells: Ints,
     spans: Floats,
-    passed: Passed,
+    passed: CrossingCounts,
 ) -> None:
     """Count the obstacles of one link among rows and columns (C, 2) that it enters and leaves."""
-    heights, moved, insides = grids.heights, grids.moved, grids.inside
+    heights, shifts, insides = grids.heights, grids.shifts, grids.inside
     rows, cols = heights.shape
-    for k in range(len(moved)):
+    for k in range(len(shifts)):
         rise, left_at = ends.height - ends.eye_heights[k], -1.0
         for f in range(len(cells)):
-            row, col = cells[f, 0] - moved[k, 0], cells[f, 1] - moved[k, 1]
+            row, col = cells[f, 0] - shifts[k, 0], cells[f, 1] - shifts[k, 1]
             entered, left = spans[f, 0], spans[f, 1]
             lowest = ends.eye_heights[k] + rise * (left if rise < 0.0 else entered)
             if 0 <= row < rows and 0 <= col < cols and heights[row, col] > lowest:

@@ -23,20 +23,20 @@ from slarm_graph.config import MeasuredConfig, RadioConfig
 from slarm_graph.counts import count_of
 from slarm_graph.geographic import CellState, GeographicMap, HeightGroup
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.heard_height import HeardHeight
-from slarm_graph.radio.measured.height_evidence import LinksOver, height_evidence
+from slarm_graph.radio.measured.height_evidence import LinkClearances, height_evidence
+from slarm_graph.radio.measured.height_posterior import HeightPosterior
 from slarm_graph.radio.measured.height_sampler import height_probabilities
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed
-from slarm_graph.radio.propagation.solids_passed import lowest_over
+from slarm_graph.radio.measured.readings import RssReadings
+from slarm_graph.radio.propagation.solid_crossings import lowest_link_heights
 
 STEP_M = 0.1
 """Between heights that are told apart. A link from 2.4 m to 0.5 m that passes half-way over a top
 0.1 m higher or lower ends 0.3 m away in six: the side of one to two pieces of floor."""
 
-_BEYOND = 0.05
+_UNIFORM_SHARE = 0.05
 """Of the prior, over all heights alike: one in twenty, as the prior's own judgement of what is
 beyond the standards' bounds."""
 
@@ -60,22 +60,22 @@ _FACE_CELLS = 1.5
 """Cells so near to a face belong to it: a cell, and its diagonal."""
 
 
-def heard_heights(
+def infer_heights(
     geographic: GeographicMap,
-    readings: Mapping[str, Placed],
+    readings: Mapping[str, RssReadings],
     access_points: Sequence[AccessPoint],
     radio: RadioConfig,
     config: MeasuredConfig,
     rng: np.random.Generator,
     heartbeat: Heartbeat = silent,
-) -> tuple[HeardHeight, ...]:
+) -> tuple[HeightPosterior, ...]:
     """Find how high obstacles of uncertain height are; none where nothing is heard behind one.
 
     Parameters
     ----------
     geographic : GeographicMap
         With the prior of heights.
-    readings : mapping of access point's name to Placed
+    readings : mapping of access point's name to RssReadings
     access_points : sequence of AccessPoint
         Those whose position is known; others say nothing here.
     radio : RadioConfig
@@ -84,13 +84,13 @@ def heard_heights(
     heartbeat : Heartbeat
     """
     groups = [n for n, g in enumerate(geographic.height_groups) if np.ptp(g.levels_m) > 0.0]
-    heard = _links_over(geographic, groups, readings, access_points, radio, config)
+    heard = _link_clearances(geographic, groups, readings, access_points, radio, config)
     if not heard:
         return ()
     tops_m = [geographic.height_groups[n].levels_m for n in groups]
     levels_m = STEP_M * np.arange(np.ceil(max(top.max() for top in tops_m) / STEP_M) + 1.0)
-    priors = [prior_of(top[:, 0], levels_m) for top in tops_m]
-    told = np.sum([_told(one.lowest_m, priors, levels_m) for one in heard], axis=0)
+    priors = [level_probabilities(top[:, 0], levels_m) for top in tops_m]
+    told = np.sum([_deciding_links(one.lowest_m, priors, levels_m) for one in heard], axis=0)
     some = np.flatnonzero(told)
     some = np.sort(some[np.argsort(-told[some], kind="stable")][:_MOST_OBSTACLES])
     found = list(priors)
@@ -104,12 +104,14 @@ def heard_heights(
             for k, share in zip(which, height_probabilities(evidence, logs, rng), strict=True):
                 found[k] = share
     return tuple(
-        HeardHeight(groups[k], _center_m(geographic, groups[k]), levels_m, priors[k], found[k], n)
+        HeightPosterior(
+            groups[k], _center_m(geographic, groups[k]), levels_m, priors[k], found[k], n
+        )
         for k, n in zip(some.tolist(), told[some].tolist(), strict=True)
     )
 
 
-def prior_of(equally_likely_m: Floats, levels_m: Floats) -> Floats:
+def level_probabilities(equally_likely_m: Floats, levels_m: Floats) -> Floats:
     """Return how likely levels (L,) are of which equally likely ones (K,) are given [m].
 
     Parameters
@@ -125,10 +127,10 @@ def prior_of(equally_likely_m: Floats, levels_m: Floats) -> Floats:
     nearest = np.rint(np.interp(drawn, middles, equally_likely_m) / STEP_M).astype(np.int64)
     share = np.bincount(nearest, minlength=len(levels_m)) / _EQUALLY_LIKELY
     anywhere = levels_m > equally_likely_m[0] - STEP_M
-    return np.asarray((1.0 - _BEYOND) * share + _BEYOND * anywhere / anywhere.sum())
+    return np.asarray((1.0 - _UNIFORM_SHARE) * share + _UNIFORM_SHARE * anywhere / anywhere.sum())
 
 
-def with_heights(geographic: GeographicMap, heard: Sequence[HeardHeight]) -> GeographicMap:
+def with_heights(geographic: GeographicMap, heard: Sequence[HeightPosterior]) -> GeographicMap:
     """Return the map with heights as heard: their posterior for links, medians for solids."""
     groups, solids = list(geographic.height_groups), list(geographic.solids)
     heights_m = geographic.heights_m.copy()
@@ -168,19 +170,19 @@ def group_of_cells(geographic: GeographicMap, groups: Sequence[int]) -> NDArray[
     return owner
 
 
-def _links_over(
+def _link_clearances(
     geographic: GeographicMap,
     groups: Sequence[int],
-    readings: Mapping[str, Placed],
+    readings: Mapping[str, RssReadings],
     access_points: Sequence[AccessPoint],
     radio: RadioConfig,
     config: MeasuredConfig,
-) -> list[LinksOver]:
+) -> list[LinkClearances]:
     """Return what was heard of every access point that is known, and what its links pass over."""
     if not groups:
         return []
     certain = np.where(group_of_cells(geographic, groups) < 0, geographic.heights_m, 0.0)
-    without = replace(geographic, heights_m=certain.astype(np.float32))
+    certain_map = replace(geographic, heights_m=certain.astype(np.float32))
     found = []
     for ap in access_points:
         placed = readings.get(ap.name)
@@ -188,17 +190,17 @@ def _links_over(
             continue
         heard = np.flatnonzero(placed.heard)
         placed = placed.only(heard[:: -(-len(heard) // _MOST_READINGS)])
-        mean = Mean(without, ap, radio.antenna_height_m, radio.mount_radius_m)
+        mean = MeanFunction(certain_map, ap, radio.antenna_height_m, radio.mount_radius_m)
         lowest_m = [_lowest_over(geographic, n, ap, placed, radio) for n in groups]
-        found.append(LinksOver(placed, mean, np.stack(lowest_m)))
+        found.append(LinkClearances(placed, mean, np.stack(lowest_m)))
     return found
 
 
 def _lowest_over(
-    geographic: GeographicMap, group: int, ap: AccessPoint, placed: Placed, radio: RadioConfig
+    geographic: GeographicMap, group: int, ap: AccessPoint, placed: RssReadings, radio: RadioConfig
 ) -> Floats:
     """How low (N,) links pass over the plans of a group [m]."""
-    return lowest_over(
+    return lowest_link_heights(
         [geographic.solids[n] for n in geographic.height_groups[group].solids],
         ap.position_m(),
         placed.points_m,
@@ -207,7 +209,9 @@ def _lowest_over(
     )
 
 
-def _told(lowest_m: Floats, priors: Sequence[Floats], levels_m: Floats) -> NDArray[np.int64]:
+def _deciding_links(
+    lowest_m: Floats, priors: Sequence[Floats], levels_m: Floats
+) -> NDArray[np.int64]:
     """How many links (G, N) of each obstacle (G,) its heights decide on."""
     ends = [levels_m[np.flatnonzero(prior)[[0, -1]]] for prior in priors]
     low_m, top_m = np.array(ends).T[:, :, None]

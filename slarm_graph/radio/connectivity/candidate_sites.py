@@ -26,7 +26,7 @@ _MOST_CELLS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
-class WallPlace:
+class CandidateSite:
     """A place on a wall, and what an access point there would add.
 
     Parameters
@@ -46,7 +46,7 @@ class WallPlace:
     share: float
 
 
-def wall_places_m(geographic: GeographicMap, apart_m: float = _APART_M) -> Floats:
+def candidate_sites_m(geographic: GeographicMap, apart_m: float = _APART_M) -> Floats:
     """Return places (K, 2) [m] on walls beside accessible floor, one in each square of a side."""
     floor, wall = np.pad(geographic.accessible, 1), geographic.obstacle
     beside = floor[:-2, 1:-1] | floor[2:, 1:-1] | floor[1:-1, :-2] | floor[1:-1, 2:]
@@ -58,7 +58,7 @@ def wall_places_m(geographic: GeographicMap, apart_m: float = _APART_M) -> Float
     return np.asarray(places_m[order[first]])
 
 
-def rank_places(
+def rank_sites(
     geographic: GeographicMap,
     signal: SignalMap,
     model: PropagationModel,
@@ -66,7 +66,7 @@ def rank_places(
     *,
     height_m: float,
     threshold_dbm: float,
-) -> tuple[WallPlace, ...]:
+) -> tuple[CandidateSite, ...]:
     """Return places on walls for one more access point, the best first.
 
     Parameters
@@ -88,7 +88,7 @@ def rank_places(
     BadInput
         When there is no wall beside the floor.
     """
-    places_m = wall_places_m(geographic)
+    places_m = candidate_sites_m(geographic)
     if not len(places_m):
         raise BadInput("there is no wall beside the floor where one more access point could hang")
     floor = signal.cells
@@ -101,7 +101,7 @@ def rank_places(
         level = radio.power_dbm - _loss_db(geographic, ap, points_m, model, radio)
         gained_m2 = float((level >= threshold_dbm).sum()) * cell_m2
         share = covered.sum() + gained_m2 / signal.geometry.resolution_m**2
-        ranked.append(WallPlace(x, y, height_m, gained_m2, float(share / floor.sum())))
+        ranked.append(CandidateSite(x, y, height_m, gained_m2, float(share / floor.sum())))
     return tuple(sorted(ranked, key=lambda place: -place.gained_m2))
 
 

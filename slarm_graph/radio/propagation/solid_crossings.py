@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise
-from slarm_graph.radio.propagation.walks import Counts
+from slarm_graph.radio.propagation.link_traversal import Counts
 from slarm_graph.world import Solid
 
 _TOUCH_M = 1e-3
 """Solids that are this near touch: worlds are written to the millimetre."""
 
 
-def solids_passed(
+def solid_crossings(
     solids: Sequence[Solid],
     access_point_m: ArrayLike,
     points_m: ArrayLike,
@@ -63,7 +63,7 @@ def solids_passed(
     return _separate(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
 
 
-def lowest_over(
+def lowest_link_heights(
     solids: Sequence[Solid],
     access_point_m: ArrayLike,
     points_m: ArrayLike,
@@ -73,7 +73,7 @@ def lowest_over(
 ) -> Floats:
     """Return how low (N,) each link comes over the plans of solids [m]: what is higher stops it.
 
-    inf where it passes over none of them. Parameters are those of `solids_passed`; the solids' own
+    inf where it passes over none of them. Parameters are those of `solid_crossings`; the solids' own
     heights are not asked.
     """
     start = np.asarray(access_point_m, dtype=np.float64)

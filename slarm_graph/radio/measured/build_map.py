@@ -20,17 +20,21 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
-from slarm_graph.radio.measured.blocks import blocks_of
+from slarm_graph.radio.measured.blocks import find_blocks
 from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.locate import locate
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
-from slarm_graph.radio.measured.predict import FittedAccessPoint, Mapped, mapped
+from slarm_graph.radio.measured.predict import (
+    FittedAccessPoint,
+    PredictedAccessPoint,
+    predict_access_point,
+)
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed, Receiver
+from slarm_graph.radio.measured.readings import Receiver, RssReadings
 
-_PIECE_S = 60.0
+_CHUNK_S = 60.0
 """Readings for the search are taken a minute at a time, long against any drift."""
 
 _CLEARLY_ABOVE_DB = 15.0
@@ -45,15 +49,15 @@ _MOST_AT_ONCE = 4
 Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
 
 
-def floor_of(geographic: GeographicMap) -> Mask:
+def free_floor(geographic: GeographicMap) -> Mask:
     """Cells (rows, cols) over which a field lives: all that is free."""
     states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
     return np.isin(geographic.states, states)
 
 
-def fuse(
+def build_measured_map(
     geographic: GeographicMap,
-    readings: Mapping[str, Placed],
+    readings: Mapping[str, RssReadings],
     access_points: Sequence[AccessPoint],
     radio: RadioConfig,
     config: MeasuredConfig,
@@ -64,7 +68,7 @@ def fuse(
     Parameters
     ----------
     geographic : GeographicMap
-    readings : mapping of access point's name to Placed
+    readings : mapping of access point's name to RssReadings
     access_points : sequence of AccessPoint
         Those whose position is known, by name.
     radio : RadioConfig
@@ -77,11 +81,11 @@ def fuse(
         When no access point was heard often enough.
     """
     known = {ap.name: ap for ap in access_points}
-    floor = floor_of(geographic)
+    floor = free_floor(geographic)
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    blocks, done, notices = blocks_of(geographic), [], []
+    blocks, done, notices = find_blocks(geographic), [], []
     often, heard = [], {name: int(placed.heard.sum()) for name, placed in readings.items()}
     for name, count in heard.items():
         if count >= config.least_readings:
@@ -93,14 +97,14 @@ def fuse(
 
     cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
 
-    def done_one(name: str) -> Mapped:
+    def done_one(name: str) -> PredictedAccessPoint:
         """One access point's, on floors of its own: what they keep of ranges is not shared."""
-        mean = Mean(
+        mean = MeanFunction(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
         floors = FloorField(nodes), FloorField(coarse)
-        one = _fused_one(floors, mean, readings[name], name, radio, config)
-        return mapped(nodes, one, cells, name, radio)
+        one = _locate_and_fit(floors, mean, readings[name], name, radio, config)
+        return predict_access_point(nodes, one, cells, name, radio)
 
     heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
     with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
@@ -109,13 +113,13 @@ def fuse(
             done.append(one)
     if not done:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
-    return _together(geographic, cells, done, radio, tuple(notices))
+    return _assemble(geographic, cells, done, radio, tuple(notices))
 
 
-def _fused_one(
+def _locate_and_fit(
     floors: tuple[FloorField, FloorField],
-    mean: Mean,
-    placed: Placed,
+    mean: MeanFunction,
+    placed: RssReadings,
     name: str,
     radio: RadioConfig,
     config: MeasuredConfig,
@@ -133,8 +137,8 @@ def _fused_one(
 
 def fit_access_point(
     floors: tuple[FloorField, FloorField],
-    mean: Mean,
-    placed: Placed,
+    mean: MeanFunction,
+    placed: RssReadings,
     config: MeasuredConfig,
     hyper: Hyperparameters | None = None,
 ) -> FittedAccessPoint:
@@ -144,8 +148,8 @@ def fit_access_point(
     ----------
     floors : (FloorField, FloorField)
         To fit on, and a coarser one to search on.
-    mean : Mean
-    placed : Placed
+    mean : MeanFunction
+    placed : RssReadings
     config : MeasuredConfig
     hyper : Hyperparameters, optional
         Known already, such as from locating it.
@@ -153,35 +157,43 @@ def fit_access_point(
     fine, coarse = floors
     heard = placed.only(placed.heard)
     if hyper is None:
-        part = heard.only(_pieces(heard.times_s, config.search_readings))
+        part = heard.only(_minutes_subset(heard.times_s, config.search_readings))
         # What single blocks take is a column each: four times the search's time, for the same.
         alike = replace(mean, blocks=None)
-        hyper = fit_field(_problem(coarse, alike, part, Receiver())).hyper
+        hyper = fit_field(_make_problem(coarse, alike, part, Receiver())).hyper
     if placed.heard.all() and config.saturation_dbm is None:
-        return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, Receiver(), hyper))
-    first = _fitted(fine, mean, heard, Receiver(), hyper)
-    receiver = _receiver(first, fine.nodes, mean, placed, config)
-    return FittedAccessPoint(mean, placed, _fitted(fine, mean, placed, receiver, hyper))
+        return FittedAccessPoint(mean, placed, _fit_given(fine, mean, placed, Receiver(), hyper))
+    first = _fit_given(fine, mean, heard, Receiver(), hyper)
+    receiver = _estimate_receiver(first, fine.nodes, mean, placed, config)
+    return FittedAccessPoint(mean, placed, _fit_given(fine, mean, placed, receiver, hyper))
 
 
-def _problem(floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver) -> Problem:
-    design, doubt_db2 = mean.of_readings_with_doubt(placed)
-    slope = mean.slope_db_m(placed.points_m)
-    doubt_db2 *= floor.nodes.shared(placed.points_m)
-    return Problem(floor, placed, design, mean.coefficients(placed), slope, receiver, doubt_db2)
+def _make_problem(
+    floor: FloorField, mean: MeanFunction, placed: RssReadings, receiver: Receiver
+) -> Problem:
+    design, map_variance_db2 = mean.reading_design_and_variance(placed)
+    slope = mean.distance_slope_db_m(placed.points_m)
+    map_variance_db2 *= floor.nodes.shared(placed.points_m)
+    return Problem(
+        floor, placed, design, mean.coefficients(placed), slope, receiver, map_variance_db2
+    )
 
 
-def _fitted(
-    floor: FloorField, mean: Mean, placed: Placed, receiver: Receiver, hyper: Hyperparameters
+def _fit_given(
+    floor: FloorField,
+    mean: MeanFunction,
+    placed: RssReadings,
+    receiver: Receiver,
+    hyper: Hyperparameters,
 ) -> Fit:
-    return fit_field(_problem(floor, mean, placed, receiver), hyper, search=False)
+    return fit_field(_make_problem(floor, mean, placed, receiver), hyper, search=False)
 
 
-def _pieces(times_s: Floats, most: int) -> NDArray[np.int64]:
+def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:
     """Indices of readings in whole minutes spread over the time, about as many as wished."""
     if len(times_s) <= most:
         return np.arange(len(times_s))
-    minute = np.floor((times_s - times_s.min()) / _PIECE_S).astype(np.int64)
+    minute = np.floor((times_s - times_s.min()) / _CHUNK_S).astype(np.int64)
     minutes = np.unique(minute)
     keep = max(1, round(len(minutes) * most / len(times_s)))
     chosen = minutes[np.linspace(0, len(minutes) - 1, keep).round().astype(np.int64)]
@@ -189,13 +201,13 @@ def _pieces(times_s: Floats, most: int) -> NDArray[np.int64]:
     return taken[:: max(1, len(taken) // most)]
 
 
-def _receiver(
-    fit: Fit, nodes: Nodes, mean: Mean, placed: Placed, config: MeasuredConfig
+def _estimate_receiver(
+    fit: Fit, nodes: Nodes, mean: MeanFunction, placed: RssReadings, config: MeasuredConfig
 ) -> Receiver:
     """What the receiver cannot tell: its threshold, and how often a strong packet is lost."""
     weakest = float(np.nanmin(placed.rss_dbm))
     threshold = weakest if config.threshold_dbm is None else config.threshold_dbm
-    level = mean.of_map(placed.points_m) @ fit.posterior.beta[: mean.terms]
+    level = mean.map_design(placed.points_m) @ fit.posterior.beta[: mean.terms]
     level += nodes.weights(placed.points_m) @ fit.posterior.state[: len(nodes)]
     strong = level > threshold + _CLEARLY_ABOVE_DB
     lost = float((~placed.heard[strong]).mean()) if strong.any() else 0.0
@@ -203,10 +215,10 @@ def _receiver(
     return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
 
 
-def _together(
+def _assemble(
     geographic: GeographicMap,
     cells: NDArray[np.int64],
-    done: Sequence[Mapped],
+    done: Sequence[PredictedAccessPoint],
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:

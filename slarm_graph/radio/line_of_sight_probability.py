@@ -32,7 +32,7 @@ decided exactly."""
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
+class HeightLevels:
     """The solids of one group at heights that a link can tell apart.
 
     Parameters
@@ -47,10 +47,10 @@ class Levels:
     counts: Sequence[int]
 
 
-def weigh(
+def multiply_by_group_probabilities(
     probability: NDArray[np.float32],
     geometry: GridGeometry,
-    groups: Sequence[Levels],
+    groups: Sequence[HeightLevels],
     on_face: Mask,
     points_m: Floats,
     position_m: Floats,
@@ -64,7 +64,7 @@ def weigh(
     probability : (rows, cols) float32
         Where it is 0 it stays so, and nothing is asked.
     geometry : GridGeometry
-    groups : sequence of Levels
+    groups : sequence of HeightLevels
     on_face : (rows, cols) bool
         Cells whose antenna stands on a solid's face rather than at the centre.
     points_m : (N, 2) float64
@@ -79,14 +79,14 @@ def weigh(
     faces = tuple(cells_of(on_face, where).T)
     at_face = probability[faces]
     asked = at_face > 0.0
-    at_face[asked] *= _share_of_points(points_m[asked], groups, position_m, antenna_height_m)
-    _weigh_cells(probability, geometry, groups, position_m, antenna_height_m, where)
+    at_face[asked] *= _probability_at_points(points_m[asked], groups, position_m, antenna_height_m)
+    _multiply_cells(probability, geometry, groups, position_m, antenna_height_m, where)
     probability[faces] = at_face
 
 
-def told_apart(
+def split_by_certainty(
     solids: Sequence[Solid], groups: Sequence[HeightGroup], access_point_m: float, antenna_m: float
-) -> tuple[list[Solid], list[Levels]]:
+) -> tuple[list[Solid], list[HeightLevels]]:
     """Part what stands in the way of links for certain from what may.
 
     All heights above both ends of a link are alike, and so are all below both: what is above them
@@ -103,7 +103,7 @@ def told_apart(
     Returns
     -------
     certain : list of Solid
-    uncertain : list of Levels
+    uncertain : list of HeightLevels
         Of every group that has any.
     """
     low, high = sorted((access_point_m, antenna_m))
@@ -118,24 +118,24 @@ def told_apart(
         certain += [replace(solids[n], height_m=math.inf) for n in numbers[above].tolist()]
         if levels_m[:, ~above].any():
             mine = [solids[n] for n in numbers[~above].tolist()]
-            uncertain.append(_levels(mine, levels_m[:, ~above]))
+            uncertain.append(_distinct_levels(mine, levels_m[:, ~above]))
     return certain, uncertain
 
 
-def _levels(solids: Sequence[Solid], levels_m: Floats) -> Levels:
+def _distinct_levels(solids: Sequence[Solid], levels_m: Floats) -> HeightLevels:
     """Take equal levels (K, N) [m] of N solids together, and leave out what has no height."""
     different, counts = np.unique(levels_m, axis=0, return_counts=True)
     standing = [
         [replace(s, height_m=float(h)) for s, h in zip(solids, level, strict=True) if h]
         for level in different
     ]
-    return Levels(standing, counts.tolist())
+    return HeightLevels(standing, counts.tolist())
 
 
-def _weigh_cells(
+def _multiply_cells(
     probability: NDArray[np.float32],
     geometry: GridGeometry,
-    groups: Sequence[Levels],
+    groups: Sequence[HeightLevels],
     position_m: Floats,
     antenna_height_m: float,
     where: Where,
@@ -148,11 +148,11 @@ def _weigh_cells(
     counts = np.array([count for group in groups for count in group.counts], dtype=np.int64)
     for part in windows(where, aside=[probability]):
         here, begin = probability[part.cells], (part.cells[0].start, part.cells[1].start)
-        _weigh(here, begin, outlines, starts, slacks, first, group_starts, counts)
+        _multiply_window(here, begin, outlines, starts, slacks, first, group_starts, counts)
 
 
-def _share_of_points(
-    points_m: Floats, groups: Sequence[Levels], position_m: Floats, antenna_height_m: float
+def _probability_at_points(
+    points_m: Floats, groups: Sequence[HeightLevels], position_m: Floats, antenna_height_m: float
 ) -> Floats:
     """Probability (N,) past all groups for antennas at points (N, 2) [m]."""
     probability, ways = np.ones(len(points_m)), points_m - position_m[:2]
@@ -161,7 +161,9 @@ def _share_of_points(
     for group in groups:
         if not any(group.standing):
             continue
-        mine = order[_behind(angles[order], max(group.standing, key=len), position_m[:2])]
+        mine = order[
+            _directions_meeting(angles[order], max(group.standing, key=len), position_m[:2])
+        ]
         if not len(mine):
             continue
         hidden = np.zeros(len(mine), dtype=np.int64)
@@ -173,7 +175,7 @@ def _share_of_points(
     return probability
 
 
-def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
+def _directions_meeting(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
     """Which of sorted directions [rad] may meet the solids as seen from `eye` (2,)."""
     corners = np.concatenate([solid.corners_m for solid in solids]) - eye
     seen = np.arctan2(corners[:, 1], corners[:, 0])
@@ -189,7 +191,7 @@ def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
 
 
 @kernel
-def _weigh(
+def _multiply_window(
     probability: NDArray[np.float32],
     begin: tuple[int, int],
     outlines: Floats,

@@ -43,7 +43,7 @@ class Shadowing:
     noise_sd_db: float
 
 
-class Certainty:
+class FieldVariance:
     """Variance of a field on a floor, readings having been taken at some points.
 
     Parameters
@@ -60,10 +60,12 @@ class Certainty:
         away_m = _FROM_CENTRE * np.sqrt(nodes.area_m2)
         alike = field_correlation(away_m, shadowing.range_m)
         # What a piece's readings are off its value as one: they were taken beside its middle.
-        self._beside_db2 = shadowing.field_sd_db**2 * (1.0 - alike**2)
+        self._within_node_db2 = shadowing.field_sd_db**2 * (1.0 - alike**2)
         counts = np.bincount(nodes.at(heard_m), minlength=len(nodes))
-        told = sparse.diags_array(counts / (self._noise_db2 + counts * self._beside_db2))
-        self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + told))
+        information = sparse.diags_array(
+            counts / (self._noise_db2 + counts * self._within_node_db2)
+        )
+        self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + information))
         self.variance_db2 = self._factor.marginal_variances()
 
     def rms_db(self, where: NDArray[np.bool_]) -> float:
@@ -72,26 +74,26 @@ class Certainty:
         total = float(area.sum())
         return float(np.sqrt(self.variance_db2[where] @ area / total)) if total else 0.0
 
-    def gains(self, ways: Sequence[Indices], readings: float) -> Floats:
+    def variance_reductions(self, paths: Sequence[Indices], readings: float) -> Floats:
         """Return by how much ways would lower the variance, summed over the floor [dB^2 m^2].
 
         Parameters
         ----------
-        ways : sequence of (K,) int64
+        paths : sequence of (K,) int64
             Nodes that are passed, each once.
         readings : float
             Taken in every node that is passed.
         """
-        passed, place = np.unique(np.concatenate(ways), return_inverse=True)
+        passed, place = np.unique(np.concatenate(paths), return_inverse=True)
         unit = np.zeros((len(self.nodes), len(passed)))
         unit[passed, np.arange(len(passed))] = 1.0
         columns = self._factor.solve(unit)
         among, over = columns[passed], columns.T @ (self.nodes.area_m2[:, None] * columns)
-        ends = np.cumsum([len(way) for way in ways])[:-1]
-        gains = []
-        for way in np.split(place, ends):
-            block = np.ix_(way, way)
-            noise_db2 = self._noise_db2 / readings + self._beside_db2[passed[way]]
+        ends = np.cumsum([len(path) for path in paths])[:-1]
+        variance_reductions = []
+        for path in np.split(place, ends):
+            block = np.ix_(path, path)
+            noise_db2 = self._noise_db2 / readings + self._within_node_db2[passed[path]]
             noisy = among[block] + np.diag(noise_db2)
-            gains.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
-        return np.array(gains)
+            variance_reductions.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
+        return np.array(variance_reductions)
