@@ -54,9 +54,9 @@ def test_the_ranking_is_that_of_whole_radio_maps_with_the_new_one():
     }
     by_place = {(p.x_m, p.y_m): p for p in places}
     floor_m2 = geographic.accessible.sum() * 0.01
-    for place, expected in gained.items():
-        assert by_place[place].gained_m2 == pytest.approx(expected)
-        assert by_place[place].share == pytest.approx((alone + expected) / floor_m2)
+    for site, expected in gained.items():
+        assert by_place[site].gained_m2 == pytest.approx(expected)
+        assert by_place[site].share == pytest.approx((alone + expected) / floor_m2)
     assert [p.gained_m2 for p in places] == sorted((p.gained_m2 for p in places), reverse=True)
     assert places[0].gained_m2 >= max(gained.values()) > 2.0 * np.median(list(gained.values()))
     assert places[0].x_m > 4.0  # in or at the room that has none
@@ -86,8 +86,8 @@ def test_large_floors_are_judged_on_a_sample(monkeypatch):
     geographic = two_rooms()
     whole = {(p.x_m, p.y_m): p.gained_m2 for p in ranked(geographic)}
     monkeypatch.setattr(another, "_MOST_CELLS", 300)
-    for place in ranked(geographic):
-        assert place.gained_m2 == pytest.approx(whole[place.x_m, place.y_m], abs=1.0)
+    for site in ranked(geographic):
+        assert site.gained_m2 == pytest.approx(whole[site.x_m, site.y_m], abs=1.0)
 
 
 def test_nothing_to_gain_and_no_wall():

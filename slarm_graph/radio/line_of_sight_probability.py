@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Line of sight past groups of solids of uncertain height, at the price of their shadows only.
+"""Probability of line of sight past groups of solids of uncertain height.
 
-A site has ten thousand groups; a mask of the whole site for each of them takes hours.
+Only the cells in a group's shadows are visited: a site has ten thousand groups, and a mask of the
+whole site for each of them takes hours.
 """
 
 from __future__ import annotations
@@ -27,20 +28,20 @@ from slarm_graph.world import Solid
 Ints = NDArray[np.int64]
 
 _EDGE_RAD = 1e-6
-"""A tenth of a millimetre at a hundred metres: above rounding, and whoever is taken too many is
-decided exactly."""
+"""A tenth of a millimetre at a hundred metres: above rounding; points taken in addition are decided
+exactly."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightLevels:
-    """The solids of one group at heights that a link can tell apart.
+    """The solids of one group at each of its heights that matter to a link.
 
     Parameters
     ----------
     standing : sequence of sequence of Solid
-        Those of height at each level.
+        Solids of non-zero height at each level.
     counts : sequence of int
-        How many of the group's equally likely heights are like it.
+        Number of the group's equally likely heights at each level.
     """
 
     standing: Sequence[Sequence[Solid]]
@@ -57,12 +58,12 @@ def multiply_by_group_probabilities(
     antenna_height_m: float,
     where: Where | None = None,
 ) -> None:
-    """Multiply the probability of line of sight (rows, cols) by that of every group, in place.
+    """Multiply the probability of line of sight (rows, cols) by that past every group, in place.
 
     Parameters
     ----------
     probability : (rows, cols) float32
-        Where it is 0 it stays so, and nothing is asked.
+        Cells of probability 0 are skipped.
     geometry : GridGeometry
     groups : sequence of HeightLevels
     on_face : (rows, cols) bool
@@ -87,10 +88,10 @@ def multiply_by_group_probabilities(
 def split_by_certainty(
     solids: Sequence[Solid], groups: Sequence[HeightGroup], access_point_m: float, antenna_m: float
 ) -> tuple[list[Solid], list[HeightLevels]]:
-    """Part what stands in the way of links for certain from what may.
+    """Split solids into those that certainly obstruct links and groups that may.
 
-    All heights above both ends of a link are alike, and so are all below both: what is above them
-    at every level is certain, and of the others equal levels are taken together.
+    All heights above both ends of a link are equivalent, and so are all below both: solids above
+    them at every level are certain, and equal levels of the others are merged.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def split_by_certainty(
 
 
 def _distinct_levels(solids: Sequence[Solid], levels_m: Floats) -> HeightLevels:
-    """Take equal levels (K, N) [m] of N solids together, and leave out what has no height."""
+    """Merge equal levels (K, N) [m] of N solids, and leave out solids of height 0."""
     different, counts = np.unique(levels_m, axis=0, return_counts=True)
     standing = [
         [replace(s, height_m=float(h)) for s, h in zip(solids, level, strict=True) if h]
@@ -140,7 +141,7 @@ def _multiply_cells(
     antenna_height_m: float,
     where: Where,
 ) -> None:
-    """Multiply by the probability past the shadows of every group at the cells' centres."""
+    """Multiply by the probability of line of sight past every group at the cells' centres."""
     sets = [standing for group in groups for standing in group.standing]
     outlines, starts, slacks, of_set = shadow_outlines(geometry, sets, position_m, antenna_height_m)
     first = np.searchsorted(of_set, np.arange(len(sets) + 1))
@@ -154,7 +155,7 @@ def _multiply_cells(
 def _probability_at_points(
     points_m: Floats, groups: Sequence[HeightLevels], position_m: Floats, antenna_height_m: float
 ) -> Floats:
-    """Probability (N,) past all groups for antennas at points (N, 2) [m]."""
+    """Probability (N,) of line of sight past all groups for antennas at points (N, 2) [m]."""
     probability, ways = np.ones(len(points_m)), points_m - position_m[:2]
     angles = np.arctan2(ways[:, 1], ways[:, 0])
     order = np.argsort(angles)
@@ -201,7 +202,7 @@ def _multiply_window(
     group_starts: Ints,
     counts: Ints,
 ) -> None:
-    """Of a window: count in how many levels of a group a cell is hidden, then weigh it once."""
+    """In a window: count the levels of a group at which a cell is hidden, then multiply once."""
     rows, cols = probability.shape
     first_row, first_col = begin
     hidden = np.zeros((rows, cols), dtype=np.int32)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From readings along a trajectory to the measured radio map: model + field between walls."""
+"""Fit the measured radio map: per access point a propagation model and a residual field."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ from slarm_graph.radio.measured.priors import FloorField
 from slarm_graph.radio.measured.readings import Receiver, RssReadings
 
 _CHUNK_S = 60.0
-"""Readings for the search are taken a minute at a time, long against any drift."""
+"""Readings for the hyperparameters are taken in chunks of a minute, long against any drift."""
 
 _CLEARLY_ABOVE_DB = 15.0
-"""So far above the threshold, silence is a lost packet: three to four sigmas of fading."""
+"""So far above the threshold a missing reading is a lost packet: three to four sigmas of fading."""
 
 _SEARCH_SIDES = 2.0
-"""Hyperparameters are searched on pieces of floor so many times as wide: 0.4 m is still well below
-any range of shadowing, and a search is many times faster."""
+"""Hyperparameters are fitted on nodes so many times as wide: 0.4 m is still well below any range of
+shadowing, and the fit is many times faster."""
 
 _MOST_AT_ONCE = 4
 """Access points that are fitted at a time, on as many cores: over 10^6 cells each takes 0.17 GB.
@@ -50,7 +50,7 @@ Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
 
 
 def free_floor(geographic: GeographicMap) -> Mask:
-    """Cells (rows, cols) over which a field lives: all that is free."""
+    """Free cells (rows, cols), over which the field is defined."""
     states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
     return np.isin(geographic.states, states)
 
@@ -63,14 +63,14 @@ def build_measured_map(
     config: MeasuredConfig,
     heartbeat: Heartbeat = silent,
 ) -> MeasuredMap:
-    """Make the measured radio map.
+    """Fit every access point that was heard often enough, and predict its cells.
 
     Parameters
     ----------
     geographic : GeographicMap
     readings : mapping of access point's name to RssReadings
     access_points : sequence of AccessPoint
-        Those whose position is known, by name.
+        Those of known position; the others are located by their readings.
     radio : RadioConfig
     config : MeasuredConfig
     heartbeat : Heartbeat
@@ -98,7 +98,7 @@ def build_measured_map(
     cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
 
     def done_one(name: str) -> PredictedAccessPoint:
-        """One access point's, on floors of its own: what they keep of ranges is not shared."""
+        """Fit and predict one access point, with floor fields of its own: caches are not shared."""
         mean = MeanFunction(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
         )
@@ -124,7 +124,7 @@ def _locate_and_fit(
     radio: RadioConfig,
     config: MeasuredConfig,
 ) -> FittedAccessPoint:
-    """Fit one access point, located by what was heard of it where nobody told its position."""
+    """Fit one access point, located by its readings where its position is not given."""
     if mean.access_point is not None or not config.locate:
         return fit_access_point(floors, mean, placed, config)
     found = locate(floors[1], mean, placed, config)
@@ -142,23 +142,23 @@ def fit_access_point(
     config: MeasuredConfig,
     hyper: Hyperparameters | None = None,
 ) -> FittedAccessPoint:
-    """Search one access point's hyperparameters on part of the readings, and fit all of them.
+    """Fit one access point's hyperparameters on part of the readings, the rest on all of them.
 
     Parameters
     ----------
     floors : (FloorField, FloorField)
-        To fit on, and a coarser one to search on.
+        To fit on, and a coarser one for the hyperparameters.
     mean : MeanFunction
     placed : RssReadings
     config : MeasuredConfig
     hyper : Hyperparameters, optional
-        Known already, such as from locating it.
+        If known, such as from locating it.
     """
     fine, coarse = floors
     heard = placed.only(placed.heard)
     if hyper is None:
         part = heard.only(_minutes_subset(heard.times_s, config.search_readings))
-        # What single blocks take is a column each: four times the search's time, for the same.
+        # The loss of each block is a column: four times the search's time, for the same.
         alike = replace(mean, blocks=None)
         hyper = fit_field(_make_problem(coarse, alike, part, Receiver())).hyper
     if placed.heard.all() and config.saturation_dbm is None:
@@ -190,7 +190,7 @@ def _fit_given(
 
 
 def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:
-    """Indices of readings in whole minutes spread over the time, about as many as wished."""
+    """Indices of about `most` readings, in whole minutes spread evenly over the time."""
     if len(times_s) <= most:
         return np.arange(len(times_s))
     minute = np.floor((times_s - times_s.min()) / _CHUNK_S).astype(np.int64)
@@ -204,7 +204,7 @@ def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:
 def _estimate_receiver(
     fit: Fit, nodes: Nodes, mean: MeanFunction, placed: RssReadings, config: MeasuredConfig
 ) -> Receiver:
-    """What the receiver cannot tell: its threshold, and how often a strong packet is lost."""
+    """The receiver's sensitivity threshold, and how often a strong packet is lost."""
     weakest = float(np.nanmin(placed.rss_dbm))
     threshold = weakest if config.threshold_dbm is None else config.threshold_dbm
     level = mean.map_design(placed.points_m) @ fit.posterior.beta[: mean.terms]
@@ -222,7 +222,7 @@ def _assemble(
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:
-    """Put what was predicted of cells (N, 2) on one map."""
+    """Assemble the map from the predictions of cells (N, 2)."""
     shape = (len(done), *geographic.geometry.shape)
     layers = [np.full(shape, np.nan, dtype=np.float32) for _ in range(3)]
     for index, one in enumerate(done):

@@ -1,6 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Fit one access point's field: hyperparameters by marginal likelihood, readings robustly."""
+"""Fit one access point: hyperparameters by marginal likelihood, Student's t and censored noise.
+
+Not Gaussian noise is handled by the Laplace approximation.
+"""
 
 from __future__ import annotations
 
@@ -23,39 +26,40 @@ from slarm_graph.radio.measured.priors import (
 from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 
 DRIFT_STEP_S = 1.0
-"""The drift is kept once a second: a robot at walking pace passes about a wavelength meanwhile."""
+"""Step of the drift's state: a robot at walking pace passes about a wavelength meanwhile."""
 
 _DEGREES_OF_FREEDOM = (3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 30.0, 100.0)
-"""Tried for Student's t: from nearly no variance to nearly Gaussian."""
+"""Candidates for Student's t: from nearly infinite variance to nearly Gaussian."""
 
 _ROUNDS = 2
-"""Of weights and hyperparameters in turn; a third changed no score of the flat by 0.2 %."""
+"""Of weights and hyperparameters in alternation; a third changed no score of the flat by 0.2 %."""
 
 _TOLERANCE_NATS = 0.02
-"""Nats of a step that ends the search, at some nats a reading; evidence below one says nothing."""
+"""Gain in log evidence that ends the search [nats]; differences below one nat mean nothing."""
 
 _STEP = 1e-5
-"""Of a logarithm, over which priors and noise are taken to change evenly: with 300 readings slopes
-are off by 0.001 nats, by 0.01 with ten times the step. Differences of the evidence itself over 0.01
-were off by more than a search had left to gain, and line searches went on for twenty steps."""
+"""Step in log hyperparameters over which priors and noise are taken to be linear: with 300 readings
+gradients are off by 0.001 nats, by 0.01 with ten times the step. Finite differences of the evidence
+itself over 0.01 were off by more than a search had left to gain, and line searches took twenty
+steps."""
 
 _NEWTON_STEPS = 4
-"""Newton steps for readings that are not Gaussian; the fifth moves nothing by 0.05 dB."""
+"""Newton steps of the Laplace approximation; the fifth moves nothing by 0.05 dB."""
 
 
 @dataclass(frozen=True, slots=True)
 class Hyperparameters:
-    """Of one access point's field, drift and noise.
+    """Of one access point's residual field, drift and noise.
 
     Parameters
     ----------
     range_m : float
-        Where the field's correlation has fallen to 0.14 [m].
+        Distance at which the field's correlation has fallen to 0.14 [m].
     field_sd_db : float
     drift_sd_db, drift_s : float
-        What changes with time and not with place, and its correlation time [s].
+        Of the drift, which changes with time and not with place, and its correlation time [s].
     noise_sd_db : (K,) float64
-        Scale of a reading's noise for every class.
+        Scale of the noise of every class of readings.
     freedom : float
         Degrees of freedom of that noise (Student's t).
     """
@@ -68,37 +72,38 @@ class Hyperparameters:
     freedom: float = 8.0
 
     def vector(self) -> Floats:
-        """Return the logarithms of all but the degrees of freedom (4 + K,)."""
+        """Return the logarithms (4 + K,) of all but the degrees of freedom."""
         scales = [self.range_m, self.field_sd_db, self.drift_sd_db, self.drift_s]
         return np.log([*scales, *self.noise_sd_db])
 
     def moved(self, vector: Floats) -> Hyperparameters:
-        """Return those of a vector, with the same degrees of freedom."""
+        """Return the hyperparameters of such a vector, with the same degrees of freedom."""
         scales = np.exp(vector)
         reach, field, drift, time = (float(v) for v in scales[:4])
         return Hyperparameters(reach, field, drift, time, scales[4:], self.freedom)
 
 
 _TYPICAL = (3.0, 5.0, 2.0, 5.0, 4.0)
-"""Range [m], field, drift [dB], drift's time [s], noise [dB]: centre of the weak prior. Indoor
-shadowing has 3 to 8 dB and decorrelates within some metres (TR 38.901 Table 7.5-6)."""
+"""Median of the weak hyperprior: range [m], field and drift [dB], correlation time of the drift
+[s], noise [dB]. Indoor shadowing has 3 to 8 dB and decorrelates within some metres (TR 38.901 Table
+7.5-6)."""
 
 _TYPICAL_SD = (0.8, 0.7, 0.7, 1.0, 0.7)
-"""Standard deviation of the prior, of natural logarithms: a factor 2 to 2.7 either way."""
+"""Standard deviation of the hyperprior in natural logarithms: a factor 2 to 2.7 either way."""
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """One access point's field as fitted.
+    """The fitted model of one access point.
 
     Parameters
     ----------
     hyper : Hyperparameters
     posterior : Posterior
     drift_times_s : (T,) float64
-        When the drift is kept; the state is the field's nodes and then these.
+        Times of the drift's state; the state is the field's nodes and then these.
     readings : int
-        How many readings it rests on.
+        Number of readings fitted.
     """
 
     hyper: Hyperparameters
@@ -115,7 +120,7 @@ class Fit:
 
 @dataclass(slots=True)
 class Problem:
-    """Everything that stays the same while hyperparameters are searched.
+    """The regression of one access point's readings, all but the hyperparameters.
 
     Parameters
     ----------
@@ -144,11 +149,11 @@ class Problem:
     _order: Ints | None = None
 
     def drift_times_s(self) -> Floats:
-        """Return the times (T,) at which the drift is kept [s]."""
+        """Return the times (T,) of the drift's state [s]."""
         return np.unique(np.floor(self.readings.times_s / DRIFT_STEP_S)) * DRIFT_STEP_S
 
     def observation(self) -> sparse.csr_array:
-        """Return A (N, S): a reading's nodes, and its second."""
+        """Return the observation matrix A (N, S): weights of field nodes, and the drift's time."""
         if self._observation is None:
             times_s = self.drift_times_s()
             kept = np.floor(self.readings.times_s / DRIFT_STEP_S) * DRIFT_STEP_S
@@ -161,7 +166,7 @@ class Problem:
         return self._observation
 
     def factored(self, prior: Precision, noise_precision: Floats) -> FactoredModel:
-        """Return the readings with a prior and noise (N,) [1/dB^2], eliminated in one order."""
+        """Return the model with a prior and noise precisions (N,) [1/dB^2] factored."""
         made = FactoredModel(prior, self.observation(), noise_precision, self._order)
         self._order = made.order
         return made
@@ -181,7 +186,7 @@ class Problem:
         return Precision(matrix, float(log_determinant))
 
     def noise_variance(self, hyper: Hyperparameters) -> Floats:
-        """Return each reading's noise (N,) [dB^2], with what an uncertain position adds."""
+        """Return each reading's noise variance (N,) [dB^2], uncertain position included."""
         variance = hyper.noise_sd_db[self.readings.noise_class] ** 2 + self.map_variance_db2
         sd_m = self.readings.position_sd_m
         if sd_m is None:
@@ -199,9 +204,9 @@ def fit_field(
     ----------
     problem : Problem
     start : Hyperparameters, optional
-        To search from, or to take as they are.
+        Initial ones, or final ones without a search.
     search : bool
-        Whether hyperparameters are searched.
+        Whether hyperparameters are optimised.
     """
     readings = problem.readings
     hyper = start or _initial_hyperparameters(problem)
@@ -222,7 +227,7 @@ def _initial_hyperparameters(problem: Problem) -> Hyperparameters:
 def _laplace_posterior(
     problem: Problem, hyper: Hyperparameters, expected_dbm: Floats
 ) -> tuple[Posterior, Floats, Floats]:
-    """Posterior, expected readings and weights, by Newton steps from an expectation."""
+    """Laplace approximation: posterior, expected readings and weights, by Newton's method."""
     variance = problem.noise_variance(hyper)
     prior = problem.prior(hyper)
     for _ in range(_NEWTON_STEPS):
@@ -241,7 +246,7 @@ def _maximise_evidence(
     expected_dbm: Floats,
     weights: Floats,
 ) -> Hyperparameters:
-    """Hyperparameters of the greatest marginal likelihood for given weights."""
+    """Hyperparameters of maximum marginal likelihood (times hyperprior) for given weights."""
     values, _ = gaussian_equivalent(
         problem.readings.rss_dbm,
         expected_dbm,
@@ -253,12 +258,12 @@ def _maximise_evidence(
     prior_sd = np.array([*_TYPICAL_SD[:4], *[_TYPICAL_SD[4]] * len(hyper.noise_sd_db)])
 
     def precisions(vector: Floats) -> tuple[Precision, Floats]:
-        """Precision of the prior, and of every reading (N,) [1/dB^2]."""
+        """Precision of the prior, and noise precisions (N,) [1/dB^2]."""
         tried = hyper.moved(vector)
         return problem.prior(tried), weights / problem.noise_variance(tried)
 
     def cost(vector: Floats) -> tuple[float, Floats]:
-        """Negative logarithm of likelihood and prior of the hyperparameters, and its slopes."""
+        """Negative log posterior of the hyperparameters, and its gradient."""
         factored = problem.factored(*precisions(vector))
         done = factored.condition(problem.design, problem.coefficients, values)
         near = [precisions(vector + step) for step in _STEP * np.eye(len(vector))]
@@ -278,7 +283,7 @@ def _maximise_evidence(
 def _fit_degrees_of_freedom(
     problem: Problem, hyper: Hyperparameters, expected_dbm: Floats
 ) -> float:
-    """Degrees of freedom under which the heard residuals are likeliest."""
+    """Maximum-likelihood degrees of freedom of the uncensored residuals."""
     heard = problem.readings.heard
     scaled = (problem.readings.rss_dbm - expected_dbm)[heard]
     scaled = scaled / np.sqrt(problem.noise_variance(hyper)[heard])

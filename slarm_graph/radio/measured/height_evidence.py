@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What one access point's readings say of heights: inner products of what each height stops."""
+"""Evidence of one access point's readings on obstacle heights, as sufficient statistics."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ _WALLS = MAP_TERMS.index("wall_db")
 
 @dataclass(frozen=True, slots=True)
 class LinkClearances:
-    """Readings of one access point, and how low their links pass over G obstacles.
+    """Readings of one access point, and the lowest height of their links over G obstacles.
 
     Parameters
     ----------
     readings : RssReadings
-        All heard.
+        None of them censored.
     mean : MeanFunction
-        Over a map in which only what is certainly as high stands.
+        On a map without the obstacles of uncertain height.
     lowest_m : (G, N) float64
-        inf where a link does not pass over the plan [m].
+        Lowest height over the plan [m]; inf where a link does not pass over it.
     hyper : Hyperparameters, optional
         Of field, drift and noise.
     """
@@ -45,12 +45,12 @@ class LinkClearances:
     def fitted(
         self, floor: FloorField, levels_m: Floats, shares: Sequence[Floats]
     ) -> LinkClearances:
-        """Return it with hyperparameters searched for heights (L,) [m] of given probabilities."""
+        """Return it with hyperparameters fitted under given probabilities of heights (L,) [m]."""
         problem = self.problem(floor, self.expected_obstructions(levels_m, shares))
         return replace(self, hyper=fit_field(problem, self.hyper).hyper)
 
     def expected_obstructions(self, levels_m: Floats, shares: Sequence[Floats]) -> Floats:
-        """Return how many obstacles stop each link (N,), in the mean over their heights."""
+        """Return the expected number (N,) of obstacles that block each link, over their heights."""
         total = np.zeros(len(self.readings))
         for lowest_m, share in zip(self.lowest_m, shares, strict=True):
             over = np.isfinite(lowest_m)
@@ -59,7 +59,7 @@ class LinkClearances:
         return total
 
     def problem(self, floor: FloorField, stopped: Floats) -> Problem:
-        """Return what is to be fitted when so many obstacles stop each link (N,)."""
+        """Return the regression when so many obstacles block each link (N,)."""
         design, map_variance_db2 = self.mean.reading_design_and_variance(self.readings)
         design[:, _WALLS] -= stopped
         map_variance_db2 *= floor.nodes.shared(self.readings.points_m)
@@ -77,7 +77,7 @@ def height_evidence(
     shares: Sequence[Floats],
     which: NDArray[np.int64],
 ) -> HeightEvidence:
-    """Return what readings say of the heights of some obstacles, the others being as expected.
+    """Return the evidence on the heights of some obstacles, the others at their expected effect.
 
     Parameters
     ----------
@@ -86,9 +86,9 @@ def height_evidence(
     floor : FloorField
     levels_m : (L,)
     shares : sequence of G (L,)
-        How likely each height is.
+        Probability of each height.
     which : (K,) int64
-        Obstacles of which every height is a column.
+        Obstacles of which every height is a column of the design.
     """
     assert links.hyper is not None
     stopped = links.expected_obstructions(levels_m, shares)
@@ -109,7 +109,7 @@ def height_evidence(
 
 
 def _factored(problem: Problem, hyper: Hyperparameters) -> tuple[FactoredModel, Floats]:
-    """Readings under fixed hyperparameters, and the values (N,) that stand for them."""
+    """Model factored under fixed hyperparameters, and the Gaussian-equivalent readings (N,)."""
     fit = fit_field(problem, hyper, search=False)
     where, variance = problem.observation(), problem.noise_variance(hyper)
     values, weights = gaussian_equivalent(

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How high obstacles are, by what is heard behind them.
+"""Bayesian inference of obstacle heights from the signal strength behind them.
 
-An obstacle stops the links that pass over its plan lower than its top: the length of its shadow
-tells its height. The prior is that of the plan's class, and an obstacle takes about what a wall
-takes. Shadowing and fading are those of the fit, so that readings near each other, which share
-their shadowing, count for less than as many of different places.
+An obstacle blocks the links that pass over its plan lower than its top: the length of its radio
+shadow determines its height. The prior is that of the plan's class, and the loss of an obstacle is
+about that of a wall. Shadowing and fading are those of the fit, so that readings near each other,
+which share their shadowing, count for less than as many of different places.
 """
 
 from __future__ import annotations
@@ -33,28 +33,30 @@ from slarm_graph.radio.measured.readings import RssReadings
 from slarm_graph.radio.propagation.solid_crossings import lowest_link_heights
 
 STEP_M = 0.1
-"""Between heights that are told apart. A link from 2.4 m to 0.5 m that passes half-way over a top
-0.1 m higher or lower ends 0.3 m away in six: the side of one to two pieces of floor."""
+"""Between discrete heights. A link from 2.4 m to 0.5 m that passes half-way over a top 0.1 m higher
+or lower ends 0.3 m away in six: the side of one to two nodes."""
 
 _UNIFORM_SHARE = 0.05
-"""Of the prior, over all heights alike: one in twenty, as the prior's own judgement of what is
-beyond the standards' bounds."""
+"""Share of the prior that is uniform over all heights: one in twenty, as the prior's own judgement
+of what is beyond the standards' bounds."""
 
 _MOST_OBSTACLES = 256
-"""The most heard of; they bound memory and time. The largest shipped world but one has 66."""
+"""Those with the most links are inferred; bounds memory and time. The largest shipped world but one
+has 66."""
 
 _AT_ONCE = 32
-"""Obstacles drawn together, the others being as expected: 1,000 columns of heights, 50 MB."""
+"""Obstacles sampled jointly, the others at their expected effect: 1,000 columns of heights,
+50 MB."""
 
 _MOST_READINGS = 6_000
 """Of an access point: a drive of 20 minutes at five a second; of more, every second or third."""
 
 _NODES_SIDE, _ROUNDS = 2.0, 2
-"""Pieces of floor as wide as those of the search of hyperparameters, and how often these are
-searched: the first time with the prior's heights, which shadowing then has to make up for."""
+"""Side of nodes over the map's, as for hyperparameters, and rounds of fitting these: the first with
+the prior's heights, which shadowing then has to make up for."""
 
 _EQUALLY_LIKELY = 200
-"""Heights that stand for a posterior: its tails to half a percent."""
+"""Quantiles that represent a posterior: its tails to half a percent."""
 
 _FACE_CELLS = 1.5
 """Cells so near to a face belong to it: a cell, and its diagonal."""
@@ -69,7 +71,7 @@ def infer_heights(
     rng: np.random.Generator,
     heartbeat: Heartbeat = silent,
 ) -> tuple[HeightPosterior, ...]:
-    """Find how high obstacles of uncertain height are; none where nothing is heard behind one.
+    """Infer the heights of obstacles of uncertain height that any link's blocking depends on.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ def infer_heights(
         With the prior of heights.
     readings : mapping of access point's name to RssReadings
     access_points : sequence of AccessPoint
-        Those whose position is known; others say nothing here.
+        Those of known position; others are not used.
     radio : RadioConfig
     config : MeasuredConfig
     rng : numpy.random.Generator
@@ -112,7 +114,7 @@ def infer_heights(
 
 
 def level_probabilities(equally_likely_m: Floats, levels_m: Floats) -> Floats:
-    """Return how likely levels (L,) are of which equally likely ones (K,) are given [m].
+    """Return the probabilities of levels (L,) from equally likely heights (K,) [m].
 
     Parameters
     ----------
@@ -131,7 +133,7 @@ def level_probabilities(equally_likely_m: Floats, levels_m: Floats) -> Floats:
 
 
 def with_heights(geographic: GeographicMap, heard: Sequence[HeightPosterior]) -> GeographicMap:
-    """Return the map with heights as heard: their posterior for links, medians for solids."""
+    """Return the map with inferred heights: their posterior for links, its median for solids."""
     groups, solids = list(geographic.height_groups), list(geographic.solids)
     heights_m = geographic.heights_m.copy()
     owner = group_of_cells(geographic, [one.group for one in heard])
@@ -154,7 +156,7 @@ def with_heights(geographic: GeographicMap, heard: Sequence[HeightPosterior]) ->
 
 
 def group_of_cells(geographic: GeographicMap, groups: Sequence[int]) -> NDArray[np.int32]:
-    """Return which of some groups (rows, cols) an obstacle's cell is of; -1 where of none."""
+    """Return which of some groups (rows, cols) an obstacle cell belongs to; -1 for none."""
     owner = np.full(geographic.geometry.shape, -1, dtype=np.int32)
     of_solid = np.full(len(geographic.solids), -1)
     for k, n in enumerate(groups):
@@ -178,7 +180,7 @@ def _link_clearances(
     radio: RadioConfig,
     config: MeasuredConfig,
 ) -> list[LinkClearances]:
-    """Return what was heard of every access point that is known, and what its links pass over."""
+    """Return the readings of every known access point, and the clearance of their links."""
     if not groups:
         return []
     certain = np.where(group_of_cells(geographic, groups) < 0, geographic.heights_m, 0.0)
@@ -199,7 +201,7 @@ def _link_clearances(
 def _lowest_over(
     geographic: GeographicMap, group: int, ap: AccessPoint, placed: RssReadings, radio: RadioConfig
 ) -> Floats:
-    """How low (N,) links pass over the plans of a group [m]."""
+    """Lowest heights (N,) of links over the plans of a group [m]."""
     return lowest_link_heights(
         [geographic.solids[n] for n in geographic.height_groups[group].solids],
         ap.position_m(),
@@ -212,7 +214,7 @@ def _lowest_over(
 def _deciding_links(
     lowest_m: Floats, priors: Sequence[Floats], levels_m: Floats
 ) -> NDArray[np.int64]:
-    """How many links (G, N) of each obstacle (G,) its heights decide on."""
+    """Number (G,) of links that each obstacle blocks at some of its heights only."""
     ends = [levels_m[np.flatnonzero(prior)[[0, -1]]] for prior in priors]
     low_m, top_m = np.array(ends).T[:, :, None]
     return np.asarray(((low_m <= lowest_m) & (lowest_m < top_m)).sum(axis=1))
@@ -225,7 +227,7 @@ def _floor(geographic: GeographicMap, config: MeasuredConfig) -> FloorField:
 
 
 def _center_m(geographic: GeographicMap, group: int) -> Floats:
-    """Middle (2,) of the plans of a group [m]."""
+    """Centre (2,) of the bounding box of a group's plans [m]."""
     own = geographic.height_groups[group].solids
     corners = np.concatenate([geographic.solids[n].corners_m for n in own])
     return np.asarray(0.5 * (corners.min(axis=0) + corners.max(axis=0)))

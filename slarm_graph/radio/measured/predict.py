@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""From the fit of an access point to what it says of every cell."""
+"""Predict the RSS and its standard deviation in every cell from the fit of an access point."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class FittedAccessPoint:
     readings : RssReadings
     fit : Fit
     position_sd_m : tuple of float
-        Of the access point, where it was located by the readings [m].
+        Of the access point, where it was located by its readings [m].
     """
 
     mean: MeanFunction
@@ -43,7 +43,7 @@ class FittedAccessPoint:
 
 @dataclass(frozen=True, slots=True)
 class PredictedAccessPoint:
-    """One access point with its terms and what was predicted of N cells.
+    """One access point with its fitted terms and the prediction of N cells.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def predict_cells(
 
 
 def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
-    """The access point, with a power that fits the level heard over free space."""
+    """The access point by name; without a position all but its frequency is nan."""
     ap = one.mean.access_point
     if ap is None:
         nowhere = float("nan")

@@ -1,16 +1,15 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Gaussian priors as sparse precisions: a field between walls, and a drift along time.
+"""Gaussian priors as sparse precisions: a field bounded by walls, and a drift over time.
 
 The field's precision is (outer^2 - Laplacian) (inner^2 - Laplacian) on the floor, a field of two
 scales (nested: Bolin and Lindgren 2011). Between them it is as rough as one of exponential
 correlation, which shadowing has (Gudmundson 1991), though its matrix is as sparse as that of
 equal scales, the smooth Matern field of Lindgren, Rue and Lindstroem (2011, eq. (10)). That one
-takes the field on both sides of a shadow's edge for nearly the same, and what a wall takes for
-too sure. Walls bound the floor, so that the field correlates along the way around them and not
-through them (Bakka et al. 2019). The positive definite matrix is that of the finite volumes,
-whatever their shape. Near walls its variance would grow; it is scaled back to be the same
-everywhere.
+takes the field on both sides of a shadow's edge for nearly the same, and is overconfident of wall
+losses. Walls bound the floor, so that the field correlates along paths around them and not through
+them (Bakka et al. 2019). The finite-volume matrix is positive definite, whatever their shape. Near
+walls the variance would grow; it is normalised to be the same everywhere.
 """
 
 from __future__ import annotations
@@ -26,7 +25,7 @@ from slarm_graph.radio.measured.factor import Factor, Ints
 from slarm_graph.radio.measured.nodes import Nodes
 
 _RANGES_KEPT = 8
-"""Fields of so many ranges are kept for a search that comes back to them; memory, not results."""
+"""Precisions of so many ranges are cached for the optimiser; memory, not results."""
 
 
 _INNER = 8.0
@@ -36,11 +35,11 @@ _INNER = 8.0
 
 _OUTER_RANGE = 1.2680
 """Outer scale times range, such that the correlation at the range is that of a Matern field of
-smoothness 1, 0.14, by which ranges are told (Lindgren, Rue and Lindstroem 2011)."""
+smoothness 1, 0.14, which defines a range (Lindgren, Rue and Lindstroem 2011)."""
 
 
 def field_correlation(distance_m: Floats, range_m: float) -> Floats:
-    """Correlation of the field in the open, about 0.14 at the range."""
+    """Correlation of the field far from walls, about 0.14 at the range."""
     scaled = _OUTER_RANGE * np.asarray(distance_m, dtype=np.float64) / range_m
     near = scaled < 1e-6
     away = np.where(near, 1.0, scaled)
@@ -50,7 +49,7 @@ def field_correlation(distance_m: Floats, range_m: float) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class Precision:
-    """A sparse precision matrix with the logarithm of its determinant."""
+    """A sparse precision matrix and its log determinant."""
 
     matrix: sparse.csc_array
     log_determinant: float
@@ -58,7 +57,7 @@ class Precision:
 
 @dataclass(slots=True)
 class FloorField:
-    """Fields of unit variance on the nodes of a floor, one for every range asked for."""
+    """Unit-variance fields on the nodes of a floor, cached by range."""
 
     nodes: Nodes
     _kept: dict[float, Precision] = field(default_factory=dict)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How many walls stand between an access point and an antenna, counted cell by cell."""
+"""Number of walls that links cross on a grid map, as for a multi-wall model."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from slarm_graph.radio.propagation.link_traversal import (
 )
 
 _AROUND = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
-"""Where a map is moved to: nowhere, then along either axis either way [rows, cols]."""
+"""Shifts of the map: none, then along either axis either way [rows, cols]."""
 
 
 def wall_crossings(
@@ -36,8 +36,8 @@ def wall_crossings(
 ) -> Counts:
     """Count the walls and obstacles that the straight segment to each antenna passes.
 
-    Every run of cells whose top is above the segment counts once, however thick; gaps of two cells
-    do not break it, for slanted faces are staircases. Outside the grid there is nothing.
+    Every run of cells whose top is above the segment counts once, however thick; gaps of up to two
+    cells do not break it, as slanted faces are staircases. Outside the grid is free.
 
     Parameters
     ----------
@@ -51,8 +51,7 @@ def wall_crossings(
     antenna_height_m : float
         Of all antennas.
     mount_radius_m : float
-        What the segment passes this near to the access point, in plan, carries it and does not
-        count.
+        Obstacles this near to the access point, in plan, are its mount and do not count.
 
     Returns
     -------
@@ -81,7 +80,7 @@ def crossings_by_height(
 ) -> Counts:
     """Count as `wall_crossings` for access points in plan (E, 2) at several heights (H,) each.
 
-    All heights of one are counted in one walk.
+    All heights of one are counted in one traversal.
 
     Returns
     -------
@@ -97,14 +96,14 @@ def crossings_by_height(
 
 @dataclass(frozen=True, slots=True)
 class LinkCrossings:
-    """What N links pass.
+    """Obstacles crossed by N links.
 
     Parameters
     ----------
     counts : (K, N) int16
-        Walls and obstacles: of the map as it is, and of the map moved.
+        Number of walls and obstacles: on the map as it is, then on the shifted maps.
     through : (N, B) bool
-        Through the inside of which obstacles, of the map as it is.
+        Whether the link passes the inside of each block, on the map as it is.
     """
 
     counts: Counts
@@ -122,16 +121,16 @@ def link_crossings(
     shift_cells: int = 0,
     insides: NDArray[np.int16] | None = None,
 ) -> LinkCrossings:
-    """Count what links pass as `wall_crossings` does, on the map and on the map moved.
+    """Count crossings as `wall_crossings` does, on the map and on shifted maps.
 
     Parameters
     ----------
     geometry, heights_m, access_point_m, points_m, antenna_height_m, mount_radius_m
         As of `wall_crossings`.
     shift_cells : int
-        The map is moved by so many cells to either side along either axis, too; 0 does not move it.
+        The map is also shifted by so many cells either way along either axis; 0 for no shifts.
     insides : (rows, cols) int16, optional
-        Number, from 1, of the obstacle whose inside the cell is; 0 elsewhere.
+        Label, from 1, of the block whose inside the cell is; 0 elsewhere.
     """
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     heights = np.ascontiguousarray(heights_m, dtype=np.float32)
@@ -152,7 +151,7 @@ def _count_all(
     antenna_height_m: float,
     mount_radius_m: float,
 ) -> CrossingCounts:
-    """What links pass, the map being moved and access points high in as many ways."""
+    """Count crossings for every pair of map shift and access point height."""
     origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
     eyes, points = (
         (np.asarray(given, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
@@ -170,7 +169,7 @@ def _count_all(
 
 
 def _highest_over_shifts(heights: NDArray[np.float32], shifts: Ints) -> NDArray[np.float32]:
-    """Greatest height that comes to lie on a cell, with so much of a margin as it is moved."""
+    """Greatest height on each cell over all shifts, with a margin as wide as the largest."""
     margin = int(np.abs(shifts).max())
     if not margin:
         return heights
