@@ -14,7 +14,7 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.connectivity import another
+from slarm_graph.radio.connectivity import candidate_sites
 from slarm_graph.radio.connectivity.candidate_sites import candidate_sites_m, rank_sites
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.signal import SignalMap
@@ -85,7 +85,7 @@ def test_every_square_of_wall_beside_the_floor_has_a_place_on_it():
 def test_large_floors_are_judged_on_a_sample(monkeypatch):
     geographic = two_rooms()
     whole = {(p.x_m, p.y_m): p.gained_m2 for p in ranked(geographic)}
-    monkeypatch.setattr(another, "_MOST_CELLS", 300)
+    monkeypatch.setattr(candidate_sites, "_MOST_CELLS", 300)
     for site in ranked(geographic):
         assert site.gained_m2 == pytest.approx(whole[site.x_m, site.y_m], abs=1.0)
 

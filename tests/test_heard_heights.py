@@ -34,7 +34,7 @@ from slarm_graph.radio.measured.height_sampler import (
     _LOSS_SPREAD_DB,
     HeightEvidence,
     height_probabilities,
-    integrated,
+    marginalised,
 )
 from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
@@ -89,7 +89,7 @@ def test_what_is_linear_is_integrated_out_as_dense_algebra_does():
     values, fixed, others = rng.normal(size=30), rng.normal(size=(30, 2)), rng.normal(size=(30, 3))
     mean, sd = np.array([1.0, -2.0]), np.array([0.7, 3.0])
     columns = np.column_stack([values, fixed, others])
-    found, among = integrated(columns.T @ np.linalg.inv(noise) @ columns, 2, mean, sd)
+    found, among = marginalised(columns.T @ np.linalg.inv(noise) @ columns, 2, mean, sd)
     total = np.linalg.inv(noise + fixed @ np.diag(sd**2) @ fixed.T)
     np.testing.assert_allclose(among, others.T @ total @ others, atol=1e-9)
     np.testing.assert_allclose(found, others.T @ total @ (values - fixed @ mean), atol=1e-9)

@@ -59,13 +59,13 @@ class _OnTiles(ABC):
         start = start_cell(tiles, pose) if tiles else None
         if tiles is None or start is None:
             return Finished("no free tile near the robot")
-        way = self._way(tiles, start)
-        if way is None:
+        path = self._next_tiles(tiles, start)
+        if path is None:
             return Finished("no reachable tile is left")
-        return self._tiles.leg(tiles, pose, way)
+        return self._tiles.leg(tiles, pose, path)
 
     @abstractmethod
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         """Tiles (M, 2) to go over next, from where the robot is; None where none is left."""
 
 
@@ -76,7 +76,7 @@ class BaStar(_OnTiles):
     new sweep can begin.
     """
 
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         cells = self._sweep(tiles, start)
         if len(cells) >= 2:
             return cells
@@ -105,7 +105,7 @@ class BaStar(_OnTiles):
 class Boustrophedon(_OnTiles):
     """Boustrophedon cells (Choset 2000): sweep the present cell row by row, then the nearest."""
 
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         labels = label_floor_cells(tiles.codes != BLOCKED, 3.0)
         is_open = tiles.codes == OPEN
         is_open[start] = False
@@ -115,7 +115,7 @@ class Boustrophedon(_OnTiles):
         if path is None:
             return None
         here = is_open & (labels == labels[path[-1, 0], path[-1, 1]])
-        rows = _rows_to_and_fro(here, (int(path[-1, 0]), int(path[-1, 1])))
+        rows = _boustrophedon_rows(here, (int(path[-1, 0]), int(path[-1, 1])))
         return np.concatenate([path[:-1], rows])
 
 
@@ -162,7 +162,7 @@ class _TiledFloor:
         return leg_along(tiles, pose, cells[: first + _HORIZON_TILES], more=True)
 
 
-def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:
+def _boustrophedon_rows(wanted: Mask, entry: tuple[int, int]) -> Cells:
     """All wanted tiles (M, 2), row by row away from the entry's nearer side, turning each row."""
     rows = np.flatnonzero(wanted.any(axis=1))
     if entry[0] - rows[0] > rows[-1] - entry[0]:

@@ -55,10 +55,10 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     longest : float
         Lanes are cut into pieces up to this length [cells].
     """
-    rings = ring_lines(wanted, passable, radius)
+    rings = contour_lines(wanted, passable, radius)
     left = wanted & (distance_to(rings) > radius)
     lines = thinned(rings | middle_lines(left & passable, radius))
-    area = _served(rings & lines, wanted & ~left) + _served(lines, left)
+    area = _nearest_counts(rings & lines, wanted & ~left) + _nearest_counts(lines, left)
     lanes = []
     for chain in traced(lines):
         rows, cols = np.divmod(chain, lines.shape[1])
@@ -71,7 +71,7 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     return lanes
 
 
-def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
+def contour_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
     """Level lines (rows, cols) of the distance to the walls, where the disc would be of use."""
     # Where there is hardly room for one lane there shall not be two.
     roomy = cv2.morphologyEx(passable.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
@@ -87,7 +87,7 @@ def middle_lines(left: Mask, radius: float) -> Mask:
     return pruned(thinned(left), round(_REACH * radius))
 
 
-def _served(lines: Mask, wanted: Mask) -> Floats:
+def _nearest_counts(lines: Mask, wanted: Mask) -> Floats:
     """Wanted cells (rows * cols,) that every line cell is the nearest to."""
     if not lines.any():
         return np.zeros(lines.size)

@@ -36,9 +36,9 @@ def _label_runs(wanted: Mask, labels: Labels, jump: float) -> None:
     last_label = 0
     for r in range(wanted.shape[0]):
         runs = _runs_of(wanted[r])
-        below, above, first = _touching(runs, before)
+        below, above, neighbour = _touching(runs, before)
         for i in range(len(runs)):
-            k = first[i]
+            k = neighbour[i]
             goes_on = (
                 below[i] == 1
                 and above[k] == 1

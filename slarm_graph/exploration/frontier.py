@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.paths import path_to_wanted, without_straight_points
+from slarm_graph.exploration.paths import path_to_wanted, without_collinear_points
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells, Mask
@@ -59,7 +59,7 @@ class NearestFrontier:
         if start is None:
             return Finished("no free cell near the robot")
         near = reachable(coverage.driving.moves, start)
-        leg = self._selector.look_at_unknown(coverage.driving, near, pose)
+        leg = self._selector.leg_to_frontier(coverage.driving, near, pose)
         return leg or Finished("everything reachable has been seen")
 
 
@@ -78,7 +78,7 @@ class FrontierSelector:
         self._tried_m: list[Floats] = []
         self._vain_m: list[Floats] = []
 
-    def look_at_unknown(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
+    def leg_to_frontier(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
         """Go on to the place chosen before, or to the nearest one; None where none is left.
 
         Parameters
@@ -105,7 +105,7 @@ class FrontierSelector:
             self._goal_m = path[-1]
             self._tried_m.append(path[-1])
         self._note_progress(path)
-        path = without_straight_points(path)
+        path = without_collinear_points(path)
         return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
 
     def _note_progress(self, path_m: Floats) -> None:

@@ -20,7 +20,7 @@ from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.frontier import FrontierSelector
-from slarm_graph.exploration.lane_order import in_driving_order
+from slarm_graph.exploration.lane_order import order_lanes
 from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.smooth_paths import smooth_path
@@ -81,7 +81,7 @@ class GgmrPlus:
             if leg is not None:
                 return leg
         near = reachable(driving.moves, start)
-        leg = self._selector.look_at_unknown(driving, near, pose)
+        leg = self._selector.leg_to_frontier(driving, near, pose)
         return leg or Finished("everything reachable is known")
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
@@ -118,7 +118,7 @@ class GgmrPlus:
         pieces: list[tuple[Floats, bool]] = []
         length_m = 0.0
         while self._rest and not self._tour:
-            self._tour, self._rest = in_driving_order(
+            self._tour, self._rest = order_lanes(
                 self._rest, driving, pose, self._driving, _PRICE_S_M2
             )
         while self._tour and length_m < _LEG_M:

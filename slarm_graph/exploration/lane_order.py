@@ -15,7 +15,7 @@ from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.contour_lanes import Lane
 from slarm_graph.exploration.coverage_grid import DrivingGrid, start_cell, tiled
 from slarm_graph.exploration.searches import distances_between, distances_from
-from slarm_graph.exploration.tour import ordered, without_detours
+from slarm_graph.exploration.tour import short_tour, worthwhile
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells
 
@@ -54,7 +54,7 @@ class _Spots:
     out_rad: Floats
 
 
-def in_driving_order(
+def order_lanes(
     lanes: list[Lane],
     driving: DrivingGrid,
     pose: Pose2,
@@ -100,7 +100,7 @@ def in_driving_order(
     worth_s = np.array([lane.area_cells for lane in few]) * (cell_m**2 * price_s_m2)
     worth_s -= np.array([len(lane.points) for lane in few]) * (cell_m / config.speed_m_s)
     between_s, first_s = link_s[1:, 1:], link_s[0, 1:]
-    tour = without_detours(ordered(between_s, first_s), between_s, first_s, worth_s)
+    tour = worthwhile(short_tour(between_s, first_s), between_s, first_s, worth_s)
     return [few[end // 2].points[:: -1 if end % 2 else 1] for end in tour], rest
 
 

@@ -116,7 +116,7 @@ class LiveMap:
         grid = driving_grid(g, passable, self.occupied, self.free, swept)
         heard_m = self.heard_m
         if ahead_m is not None and len(heard_m):
-            heard_m = np.concatenate([heard_m, _densely(ahead_m, _HEARD_EVERY_M)])
+            heard_m = np.concatenate([heard_m, _densified(ahead_m, _HEARD_EVERY_M)])
         return replace(coverage_grid(self.geometry, grid, visited), heard_m=heard_m)
 
     def is_clear(self, path_m: Floats) -> bool:
@@ -126,7 +126,7 @@ class LiveMap:
         not upset a path along it.
         """
         g = self.driving_geometry
-        spots = g.cell_of(_densely(path_m, g.resolution_m))
+        spots = g.cell_of(_densified(path_m, g.resolution_m))
         spots = spots[g.contains(spots)]
         if not len(spots):
             return True
@@ -167,7 +167,7 @@ class LiveMap:
 
     def _mark(self, points_m: Floats, visited: Mask, swept: Mask) -> None:
         g = self.driving_geometry
-        path = _densely(points_m, 0.5 * g.resolution_m)
+        path = _densified(points_m, 0.5 * g.resolution_m)
         cells = self.geometry.cell_of(path)
         inside = self.geometry.contains(cells)
         visited[cells[inside, 0], cells[inside, 1]] = True
@@ -188,7 +188,7 @@ class LiveMap:
 
 def mark_swept(swept: Mask, path: Floats, radius: float) -> None:
     """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
-    mark_discs(swept, _densely(path, 0.5), radius)
+    mark_discs(swept, _densified(path, 0.5), radius)
 
 
 def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
@@ -219,7 +219,7 @@ def _forbidden(
     return out
 
 
-def _densely(points: Floats, step_m: float) -> Floats:
+def _densified(points: Floats, step_m: float) -> Floats:
     """Points (M, 2) along a polyline (N, 2), at most `step_m` apart."""
     if len(points) < 2:
         return points

@@ -47,7 +47,7 @@ def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) 
             more = True
             break
         pieces.append(piece[1:])
-    return Leg(without_straight_points(np.concatenate(pieces)), more)
+    return Leg(without_collinear_points(np.concatenate(pieces)), more)
 
 
 def path_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats | None:
@@ -90,7 +90,7 @@ def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
     return np.asarray(shortcut(driving.passable, path) * g.resolution_m + corner_m)
 
 
-def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
+def without_collinear_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
     """Drop repeated points and those that lie on the straight line between their neighbours."""
     keep = np.ones(len(points_m), dtype=np.bool_)
     keep[1:] = np.hypot(*np.diff(points_m, axis=0).T) > tolerance_m

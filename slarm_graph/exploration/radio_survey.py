@@ -20,7 +20,7 @@ from pydantic import Field, model_validator
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import BLOCKED, CoverageGrid, start_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.paths import anchors_m, path_between, without_straight_points
+from slarm_graph.exploration.paths import anchors_m, path_between, without_collinear_points
 from slarm_graph.exploration.searches import new_labels, reachable, walk_back, wavefront
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
 from slarm_graph.grid import Mask
@@ -96,12 +96,12 @@ class RadioSurvey:
         s = self._settings
         nodes = make_nodes(coverage.geometry, floor, s.node_side_m, _MOST_NODES)
         shadowing = Shadowing(s.range_m, s.field_sd_db, s.noise_sd_db)
-        sure = FieldVariance(nodes, coverage.heard_m, shadowing)
-        worth = self._worth_trying(nodes)
-        left_db = math.hypot(sure.rms_db(worth), s.model_sd_db)
+        variance = FieldVariance(nodes, coverage.heard_m, shadowing)
+        candidates = self._worth_trying(nodes)
+        left_db = math.hypot(variance.rms_db(candidates), s.model_sd_db)
         if left_db <= s.certainty_db:
             return Finished(f"the radio map is sure to {left_db:.2f} dB")
-        leg = self._best_leg(coverage, sure, worth, start, pose)
+        leg = self._best_leg(coverage, variance, candidates, start, pose)
         return leg or Finished(f"no way tells more; the radio map is sure to {left_db:.2f} dB")
 
     def _worth_trying(self, nodes: Nodes) -> Mask:
@@ -116,8 +116,8 @@ class RadioSurvey:
     def _best_leg(
         self,
         coverage: CoverageGrid,
-        sure: FieldVariance,
-        worth: Mask,
+        variance: FieldVariance,
+        candidates: Mask,
         start: tuple[int, int],
         pose: Pose2,
     ) -> Leg | None:
@@ -126,18 +126,18 @@ class RadioSurvey:
         first = start[0] * cols + start[1]
         codes = np.ascontiguousarray(coverage.codes).ravel()
         wavefront(coverage.moves, codes, _ANY_CELL, first, math.inf, labels, 1)
-        ends = _cell_of_nodes(sure.nodes)
+        ends = _cell_of_nodes(variance.nodes)
         away_m = np.where(labels["wave"][ends] == 1, labels["cost"][ends], np.inf) * side_m
         time_s = away_m / self._driving.speed_m_s + _START_S
-        goals = _goals(sure, np.where(worth, time_s, np.inf))
+        goals = _goals(variance, np.where(candidates, time_s, np.inf))
         if not len(goals):
             return None
-        of_cell = sure.nodes.of_cell.ravel().astype(np.int64)
+        of_cell = variance.nodes.of_cell.ravel().astype(np.int64)
         paths = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
         paths = [path[path >= 0] for path in paths]
         per_node = self._settings.readings_per_s * self._settings.node_side_m
-        reductions = sure.variance_reductions(paths, per_node / self._driving.speed_m_s)
-        to_goals = sure.nodes.centers_m[goals] - (pose.x, pose.y)
+        reductions = variance.variance_reductions(paths, per_node / self._driving.speed_m_s)
+        to_goals = variance.nodes.centers_m[goals] - (pose.x, pose.y)
         off = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
         turn_s = np.array([abs(wrap_angle(float(a))) for a in off]) / self._driving.turn_rate_rad_s
         for index in np.argsort(-reductions / (time_s[goals] + turn_s), kind="stable"):
@@ -154,7 +154,7 @@ class RadioSurvey:
         path = path_between(coverage.driving, np.array([pose.x, pose.y]), end_m)
         if path is None:
             return None
-        path = without_straight_points(path)
+        path = without_collinear_points(path)
         return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
 
 
@@ -169,13 +169,13 @@ def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
     return np.asarray(chosen[:, 0] * nodes.of_cell.shape[1] + chosen[:, 1])
 
 
-def _goals(sure: FieldVariance, time_s: Floats) -> NDArray[np.int64]:
+def _goals(variance: FieldVariance, time_s: Floats) -> NDArray[np.int64]:
     """Nodes (G,) with much variance for their time, none near another."""
-    rate = sure.variance_db2 / time_s
+    rate = variance.variance_db2 / time_s
     chosen: list[int] = []
     while len(chosen) < _GOALS and rate.max(initial=0.0) > 0.0:
         best = int(rate.argmax())
         chosen.append(best)
-        off = np.abs(sure.nodes.centers_m - sure.nodes.centers_m[best]).max(axis=1)
+        off = np.abs(variance.nodes.centers_m - variance.nodes.centers_m[best]).max(axis=1)
         rate[off < _APART_M] = 0.0
     return np.array(chosen, dtype=np.int64)

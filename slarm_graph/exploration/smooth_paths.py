@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.coverage_grid import DrivingGrid
-from slarm_graph.exploration.paths import without_straight_points
+from slarm_graph.exploration.paths import without_collinear_points
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
@@ -45,7 +45,7 @@ def smooth_path(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floa
     driving : DrivingGrid
         A link is rounded only where the rounded one is passable.
     """
-    points = without_straight_points(np.concatenate([piece for piece, _ in pieces]), 0.0)
+    points = without_collinear_points(np.concatenate([piece for piece, _ in pieces]), 0.0)
     if len(points) < 2:
         return points
     points, is_link = _resampled(pieces)
@@ -55,7 +55,7 @@ def smooth_path(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floa
     rough = beside_link & ~_is_passable(_averaged(points, reach), driving)
     reach = np.where(_grown(rough, _LINK_REACH), lane_reach, reach)
     rough = is_link & ~_is_passable(_averaged(points, reach), driving)
-    return without_straight_points(_averaged(points, np.where(rough, 0, reach)))
+    return without_collinear_points(_averaged(points, np.where(rough, 0, reach)))
 
 
 def _resampled(pieces: list[tuple[Floats, bool]]) -> tuple[Floats, Mask]:

@@ -26,7 +26,7 @@ _LEAST_GAIN_S: Final = 1e-6
 """Above rounding, so that no two tours of the same time change places for ever."""
 
 
-def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
+def short_tour(between_s: Floats, from_start_s: Floats) -> Ends:
     """Short tour over all lanes: nearest neighbour, then 2-opt and Or-opt until neither helps.
 
     Parameters
@@ -36,12 +36,12 @@ def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
     from_start_s : (2 n,) float64
         Time from the robot to entering at an end [s].
     """
-    tour = _nearest_next(between_s, from_start_s)
+    tour = _nearest_neighbour(between_s, from_start_s)
     _improve(tour, between_s, from_start_s)
     return tour
 
 
-def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats) -> Ends:
+def worthwhile(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats) -> Ends:
     """Leave out the stretches of a tour that cost more time than they are worth.
 
     Parameters
@@ -58,7 +58,7 @@ def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s
 
 
 @kernel
-def _nearest_next(between_s: Floats, from_start_s: Floats) -> Ends:
+def _nearest_neighbour(between_s: Floats, from_start_s: Floats) -> Ends:
     count = len(from_start_s) // 2
     tour = np.empty(count, dtype=np.int64)
     is_done = np.zeros(count, dtype=np.bool_)

@@ -16,7 +16,7 @@ from slarm_graph.raster.patches import joined
 from slarm_graph.tiles import Where, Window
 
 
-def expanded(target: GridGeometry, states: np.ndarray, radius_m: float, where: Where) -> Mask:
+def expansion(target: GridGeometry, states: np.ndarray, radius_m: float, where: Where) -> Mask:
     """Accessible cells within the expansion radius, rounded up to cells, of what is not free.
 
     That is obstacles, what nobody has seen, which behind a wall is all there is of it on coarse
@@ -38,7 +38,7 @@ def expanded(target: GridGeometry, states: np.ndarray, radius_m: float, where: W
     return by_windows(where, rim, part)
 
 
-def cut_off(states: np.ndarray, visited: Mask, where: Where) -> Mask:
+def enclosed_cells(states: np.ndarray, visited: Mask, where: Where) -> Mask:
     """Accessible cells that no accessible way joins to where the robot was."""
     accessible = by_windows(where, 0, lambda window: states[window] == CellState.ACCESSIBLE)
     reached = joined(accessible, visited, where)

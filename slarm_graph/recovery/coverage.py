@@ -45,7 +45,7 @@ def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
     return visited
 
 
-def with_way(grid: OccupancyGrid, trajectory: Trajectory) -> OccupancyGrid:
+def with_path_tiles(grid: OccupancyGrid, trajectory: Trajectory) -> OccupancyGrid:
     """Add the tiles that the robot passed through, where it saw nothing for a while."""
     if grid.tiles is None or not len(trajectory):
         return grid

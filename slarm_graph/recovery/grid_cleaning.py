@@ -52,7 +52,7 @@ class CleanGrid:
         return self.tiles or self.geometry.shape
 
 
-def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
+def clean_grid(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
     """Threshold a grid, drop specks, close pinholes in walls and in free space.
 
     Visited cells become free, and cells where the robot's disc fits stay free, so that passable
@@ -110,7 +110,7 @@ def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) ->
 
     def part(window: Window) -> Mask:
         """A patch that is small in a window, and reaches into it, ends within its halo."""
-        barred = _widened(occupied[window])
+        barred = _dilated(occupied[window])
         for lines, at, most in zip((barred, barred.T), window, shape_of(where), strict=True):
             if at.start == 0:
                 lines[0] = True
@@ -121,7 +121,7 @@ def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) ->
     return by_windows(where, math.floor(most_cells) + 2, part)
 
 
-def _widened(mask: Mask) -> Mask:
+def _dilated(mask: Mask) -> Mask:
     """Cells of a mask and their eight neighbours."""
     return cv2.dilate(mask.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
 
@@ -139,17 +139,17 @@ def _reached(free: Mask, visited: Mask, radius_cells: float, where: Where) -> Ma
 
     def wide(window: Window) -> Mask:
         """Ways of three cells, of a window, and where the robot was."""
-        ways = cv2.erode(free[window].view(np.uint8), around).view(np.bool_)
-        return ways | (visited[window] & free[window])
+        corridors = cv2.erode(free[window].view(np.uint8), around).view(np.bool_)
+        return corridors | (visited[window] & free[window])
 
     region = joined(by_windows(where, _LEAST_CELLS, wide), visited, where)
     steps = _LEAST_CELLS - 1
 
-    def widened(window: Window) -> Mask:
+    def dilated(window: Window) -> Mask:
         """The region, of a window, as far as one way is wide."""
         here = region[window]
         for _ in range(steps):
-            here = _widened(here) & free[window]
+            here = _dilated(here) & free[window]
         return here
 
-    return by_windows(where, steps, widened)
+    return by_windows(where, steps, dilated)

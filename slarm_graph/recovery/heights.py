@@ -16,7 +16,7 @@ from slarm_graph.geographic import HeightGroup
 from slarm_graph.polygons import signed_area_m2
 from slarm_graph.recovery.height_prior import HeightPrior, PlanKind, height_group, plan_kind
 from slarm_graph.recovery.obstacle_candidates import islands_in, runs_on
-from slarm_graph.recovery.obstacles import Strip
+from slarm_graph.recovery.obstacles import WallStrip
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid
@@ -51,7 +51,7 @@ def height_source(blocks: Sequence[Solid], strips: Sequence[Solid], config: Reco
 
 def uncertain_heights(
     outlines: Sequence[Outline],
-    strips: Sequence[Strip],
+    strips: Sequence[WallStrip],
     returns: Returns,
     config: RecoveryConfig,
     first: int,
@@ -61,7 +61,7 @@ def uncertain_heights(
     Parameters
     ----------
     outlines : sequence of Outline
-    strips : sequence of Strip
+    strips : sequence of WallStrip
     returns : Returns
     config : RecoveryConfig
     first : int
@@ -98,10 +98,10 @@ def side_obstacles(outlines: Sequence[Outline], returns: Returns) -> Iterator[Si
             kind = plan_kind(plan.sides_m, plan.area_m2, at_wall=False)
             yield [(0, kind)] * len(outline.corners_m)
         else:
-            yield _before_walls(outline)
+            yield _sides_before_walls(outline)
 
 
-def _before_walls(outline: Outline) -> Sides:
+def _sides_before_walls(outline: Outline) -> Sides:
     sides: Sides = [(0, "wall")] * len(outline.corners_m)
     taken: set[int] = set()
     for found in sorted(runs_on(outline, _LONGEST_M), key=lambda c: len(c.sides)):
@@ -114,7 +114,9 @@ def _before_walls(outline: Outline) -> Sides:
     return sides
 
 
-def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: int) -> list[Strip]:
+def with_medians(
+    strips: Sequence[WallStrip], groups: Sequence[HeightGroup], first: int
+) -> list[WallStrip]:
     """Return the strips, each as high as the median of what it may be."""
     found = list(strips)
     if not groups:
@@ -124,5 +126,5 @@ def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: 
     for number, median_m in zip(numbers, medians_m.tolist(), strict=True):
         strip = found[number - first]
         solid = Solid(strip.solid.name, strip.solid.corners_m, median_m)
-        found[number - first] = Strip(solid, strip.outline, strip.side)
+        found[number - first] = WallStrip(solid, strip.outline, strip.side)
     return found

@@ -73,7 +73,7 @@ def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
     return tuple(sorted(set(groups)))
 
 
-def match(plan: MeasuredPlan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
+def match_size(plan: MeasuredPlan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
     """Find the known size that a plan has; None when there is none.
 
     Its sides and the side of the square of its area have to agree within the tolerance, sides

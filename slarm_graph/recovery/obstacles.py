@@ -13,7 +13,7 @@ import numpy as np
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import is_simple, next_corners
-from slarm_graph.recovery.known_sizes import Match, Size, match
+from slarm_graph.recovery.known_sizes import Match, Size, match_size
 from slarm_graph.recovery.obstacle_candidates import ObstacleCandidate, candidates_on, convex_hull
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
@@ -73,9 +73,9 @@ def matched_blocks(
         keys = {(n, side) for side in candidate.sides}
         if keys & taken.keys():
             continue
-        unseen_m = _unseen_m(candidate, n, outlines[n].corners_m, taken)
+        unseen_m = _hidden_m(candidate, n, outlines[n].corners_m, taken)
         if unseen_m.any():
-            own = match(replace(candidate.plan, unseen_m=unseen_m), sizes, tolerance_m)
+            own = match_size(replace(candidate.plan, unseen_m=unseen_m), sizes, tolerance_m)
         corners = None if own is None else _corners_m(candidate, own, outlines)
         if own is not None and corners is not None:
             solid = Solid(f"block {len(blocks) + 1}", corners, own.height_m)
@@ -85,7 +85,7 @@ def matched_blocks(
 
 
 @dataclass(frozen=True, slots=True)
-class Strip:
+class WallStrip:
     """A thin solid behind a side of an outline, of no known size."""
 
     solid: Solid
@@ -99,7 +99,7 @@ def wall_strips(
     geometry: GridGeometry,
     occupied: Mask,
     height_m: float,
-) -> list[Strip]:
+) -> list[WallStrip]:
     """Return a thin solid behind every side of the outlines that is a wall and in no block."""
     if not outlines:
         return []
@@ -119,7 +119,7 @@ def wall_strips(
     own = [side for side, is_wanted in zip(sides, wanted, strict=True) if is_wanted]
     own = [side for side, is_wall in zip(own, wall, strict=True) if is_wall]
     return [
-        Strip(Solid(f"wall {number}", corners, height_m), *side)
+        WallStrip(Solid(f"wall {number}", corners, height_m), *side)
         for number, (corners, side) in enumerate(zip(plans, own, strict=True), start=1)
     ]
 
@@ -132,7 +132,7 @@ def _ranked(
         return []
     longest_m = max(math.hypot(size[0], size[1]) for size in sizes) + 2.0 * tolerance_m
     found = [
-        (n, candidate, match(candidate.plan, sizes, tolerance_m))
+        (n, candidate, match_size(candidate.plan, sizes, tolerance_m))
         for n, outline in enumerate(outlines)
         for candidate in candidates_on(outline, returns, longest_m)
     ]
@@ -148,7 +148,7 @@ def _rank(candidate: ObstacleCandidate, own: Match | None) -> tuple[int, float, 
     return 1, own.misfit_m / candidate.shown_m, 0.0
 
 
-def _unseen_m(candidate: ObstacleCandidate, n: int, corners: Floats, taken: _Taken) -> Floats:
+def _hidden_m(candidate: ObstacleCandidate, n: int, corners: Floats, taken: _Taken) -> Floats:
     """How far each side of a candidate's rectangle may go on into blocks found before (2,) [m]."""
     unseen = np.zeros(2)
     if candidate.plan.corners_seen == 4:

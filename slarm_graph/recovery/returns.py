@@ -48,7 +48,7 @@ NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
 """Stands for returns where there are none to look at."""
 
 
-def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
+def gather_returns(end_points_m: Floats, resolution_m: float) -> Returns:
     """Reduce end points (N, 2) [m] to their mean per cell, which keeps lines through them."""
     if not len(end_points_m):
         return NO_RETURNS

@@ -62,7 +62,7 @@ class Outline:
     fitted: Mask
 
 
-def straightened(
+def straighten_outlines(
     outlines_m: Sequence[Floats], returns: Returns, resolution_m: float
 ) -> list[Outline]:
     """Straighten all outlines (K, 2) of a free region [m]."""
