@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Drive where the radio map is least sure, per second of driving.
+"""Informative path planning for the measured radio map: variance reduction per second of driving.
 
-What is not known to be in the way counts as floor, of which nothing has been heard: going there
-tells of the radio map and of the place itself. Goals are judged by what is heard on the whole way
-to them, and by its time.
+Unknown space counts as floor without readings: going there informs about the radio map and about
+the place itself. Goals are rated by the readings along the whole path to them, and by its time.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ from slarm_graph.radio.measured.field_variance import FieldVariance, Shadowing
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
 
 _MOST_NODES: Final = 6_000
-"""Of the floor that is planned on: a plan takes some tenths of a second on so many."""
+"""Nodes of the floor: planning takes some tenths of a second on so many."""
 _GOALS: Final = 40
-"""Goals that are judged; half as many miss a good one now and then, more only take time."""
+"""Candidate goals; half as many miss a good one now and then, more only take time."""
 _APART_M: Final = 1.0
-"""Between two of them: below any range of shadowing."""
+"""Distance between candidates: below any range of shadowing."""
 _START_S: Final = 1.5
-"""Added to a way's time, to brake, look and set off; without it goals are the nearest steps."""
+"""Added to a path's time, to brake, plan and accelerate; without it goals are the nearest steps."""
 _REVIEW_S: Final = 4.0
-"""A goal is looked at again after so long: 2.4 m of driving."""
+"""Time after which a goal is replanned: 2.4 m of driving."""
 _MAX_ASKS: Final = 8
-"""A place that was the goal so many times is let be: half a minute of trying to get there."""
+"""A place that was the goal so many times is given up: half a minute of trying to get there."""
 _PLACE_M: Final = 0.5
 """Goals in one square of this side are one place: about the robot's width and a half."""
 _ANY_CELL: Final = 255
@@ -77,7 +76,7 @@ class RadioSurveyConfig(Stage):
 
 
 class RadioSurvey:
-    """Goes where a radio map gains most certainty per second."""
+    """Drives where the variance of the radio map falls most per second."""
 
     settings: ClassVar[type[Stage]] = RadioSurveyConfig
 
@@ -86,7 +85,7 @@ class RadioSurvey:
         self._asks: Counter[tuple[int, int]] = Counter()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Go on to where most is gained, until the map is as sure as wished."""
+        """Drive to the best goal, until the map's standard deviation is as low as wished."""
         start = start_cell(coverage, pose)
         if start is None:
             return Finished("no free cell near the robot")
@@ -105,7 +104,7 @@ class RadioSurvey:
         return leg or Finished(f"no way tells more; the radio map is sure to {left_db:.2f} dB")
 
     def _worth_trying(self, nodes: Nodes) -> Mask:
-        """Which nodes (M,) lie in no place that was the goal too often."""
+        """Which nodes (M,) lie outside places that were the goal too often."""
         vain = [place for place, asks in self._asks.items() if asks >= _MAX_ASKS]
         if not vain:
             return np.ones(len(nodes), dtype=np.bool_)
@@ -159,7 +158,7 @@ class RadioSurvey:
 
 
 def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
-    """Flat index (M,) of the cell of each node that is nearest to its centre."""
+    """Flat index (M,) of the cell nearest to the centre of each node."""
     cells = np.argwhere(nodes.of_cell >= 0)
     owner = nodes.of_cell[tuple(cells.T)]
     away = np.linalg.norm(nodes.geometry.center_of(cells) - nodes.centers_m[owner], axis=1)
@@ -170,7 +169,7 @@ def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
 
 
 def _goals(variance: FieldVariance, time_s: Floats) -> NDArray[np.int64]:
-    """Nodes (G,) with much variance for their time, none near another."""
+    """Candidate nodes (G,) with the greatest variance over travel time, none near another."""
     rate = variance.variance_db2 / time_s
     chosen: list[int] = []
     while len(chosen) < _GOALS and rate.max(initial=0.0) > 0.0:

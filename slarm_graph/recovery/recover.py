@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Map recovery, the second half of GGMR: from an occupancy grid to the geographic map.
 
-Threshold; drop specks; close pinholes; straighten walls on lines fitted to the laser's returns;
-match obstacles to known sizes for their heights; expansion radius; what can be driven to; coverage.
-No visited cell ever becomes an obstacle, and where the robot fits, free space keeps its
-connections.
+Threshold; remove specks; close pinholes; straighten walls on lines fitted to the laser's returns;
+match obstacles to known sizes for their heights; expansion radius; reachable space; coverage. No
+visited cell ever becomes an obstacle, and free space in which the robot fits stays connected.
 """
 
 from __future__ import annotations
@@ -66,7 +65,7 @@ _MOVED_CELLS = 2.5
 """Straightening moves an outline by two cells at most, `_BAND_CELLS` of the walls, and half of
 one."""
 _NEAR_HALO, _THIN_HALO = 3, 5
-"""Rows around that decide: as far as straightening moves, and one more cell and its corner."""
+"""Halo of a window [cells]: as far as straightening moves, and one more cell and its corner."""
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 """A face is known to about a centimetre (walls are fitted to within millimetres, poses to
 centimetres), and to a tenth of a cell where cells are finer."""
@@ -74,7 +73,7 @@ centimetres), and to a tenth of a cell where cells are finer."""
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """What is known on the grid: classes, and where straightened, outlines and solids."""
+    """Recovered shape on the grid: cleaned classes, and if straightened, outlines and solids."""
 
     clean: CleanGrid
     outlines: list[Outline]
@@ -188,7 +187,7 @@ def _shape(
     config: RecoveryConfig,
     end_points: Floats | None,
 ) -> _Shape:
-    """Clean the grid and straighten the outline of the region the robot can get to."""
+    """Clean the grid and straighten the outline of the reachable region."""
     geometry = grid.geometry
     clean = clean_grid(grid, visited_cells(geometry, trajectory), config)
     set_aside(grid.probability)
@@ -213,7 +212,7 @@ def _shape(
 
 @dataclass(frozen=True, slots=True)
 class _RasterisedShape:
-    """A shape's polygons laid onto a grid: outlines, faces that are free or blocked, solids."""
+    """A shape's polygons rasterised on a grid: outlines, free and blocked faces, solids."""
 
     outlines: Polygons
     free_faces: Polygons
@@ -222,7 +221,7 @@ class _RasterisedShape:
 
     @staticmethod
     def on(geometry: GridGeometry, shape: _Shape) -> _RasterisedShape:
-        """Lay a recovered shape onto the cells of a grid."""
+        """Rasterise a recovered shape on the cells of a grid."""
         rings = [outline.corners_m for outline in shape.outlines]
         free_faces, blocked_faces = _faces(rings, geometry.resolution_m)
         return _RasterisedShape(
@@ -233,7 +232,7 @@ class _RasterisedShape:
         )
 
     def free(self, window: Window) -> Mask:
-        """Cells whose centre the outlines call free; on a face, the reference's rule."""
+        """Cells whose centre is inside the outlines; on a face, the reference's rule."""
         free = self.outlines.odd(window)
         free |= self.free_faces.any(window)
         free &= ~self.blocked_faces.any(window)
@@ -241,7 +240,7 @@ class _RasterisedShape:
 
 
 def _region(shape: _Shape, raster: _RasterisedShape, target: GridGeometry, visited: Mask) -> Mask:
-    """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
+    """Reachable cells, by their centres: straightened near walls, else the grid's."""
     clean, look_up = shape.clean, shape.clean.geometry.resample
     where = clean.where if target == clean.geometry else target.shape
     region = look_up(clean.reached, target, outside=False)
@@ -260,7 +259,7 @@ def _region(shape: _Shape, raster: _RasterisedShape, target: GridGeometry, visit
     passable = look_up(clean.passable, target, outside=False)
 
     def part(window: Window) -> Mask:
-        """What holds in a window of the target."""
+        """Reachable cells in a window of the target."""
         here = np.where(near[window], raster.free(window), region[window]) & ~thin[window]
         return here | passable[window] | visited[window]
 
@@ -282,9 +281,9 @@ def _near_border(clean: CleanGrid, window: Window) -> Mask:
 
 
 def _without_thin(clean: CleanGrid, raster: _RasterisedShape, window: Window) -> tuple[Mask, Mask]:
-    """Free cells, of a window, as straightened; and those of walls whose faces met in one line.
+    """Free cells of a window as straightened, and cells of walls whose two faces coincide.
 
-    These are occupied cells with nothing left near them, and not among the free ones.
+    The latter are occupied cells without any blocked one left near them, and are not free.
     """
     occupied, cell_m = clean.occupied[window], clean.geometry.resolution_m
     free = np.where(_near_border(clean, window), raster.free(window), clean.reached[window])
@@ -296,9 +295,9 @@ def _without_thin(clean: CleanGrid, raster: _RasterisedShape, window: Window) ->
 def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
     """Thin quadrilaterals (N, 4, 2) around the sides [m], of free and of blocked faces.
 
-    Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a
-    face, which is only known to about a centimetre. As in the reference, such a centre is free
-    when the free side lies to its right or above, else blocked.
+    Grids and buildings share round numbers, so that whole rows of centres lie exactly on a face,
+    which is only known to about a centimetre. As in the reference, such a centre is free when the
+    free side lies to its right or above, else blocked.
     """
     half_m = min(_FACE_CELLS * resolution_m, _FACE_M)
     if not rings:
