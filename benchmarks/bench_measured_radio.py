@@ -133,9 +133,9 @@ def kriging(known: RssReadings, asked: RssReadings) -> Predicted:
 def log_distance(ap: AccessPoint, known: RssReadings, asked: RssReadings) -> Predicted:
     """Fit level and exponent by least squares."""
 
-    def rows(placed: RssReadings) -> Floats:
+    def rows(readings: RssReadings) -> Floats:
         """Return the design (N, 2)."""
-        flat = np.linalg.norm(placed.points_m - ap.position_m()[:2], axis=1)
+        flat = np.linalg.norm(readings.points_m - ap.position_m()[:2], axis=1)
         return np.column_stack([np.ones(len(flat)), np.log10(np.hypot(flat, ap.z_m - ANTENNA_M))])
 
     fitted, *_ = np.linalg.lstsq(rows(known), known.rss_dbm, rcond=None)
@@ -148,13 +148,13 @@ def prediction(mean: MeanFunction, known: RssReadings, asked: RssReadings) -> Pr
     ap = mean.access_point
     assert ap is not None
 
-    def loss(placed: RssReadings) -> Floats:
+    def loss(readings: RssReadings) -> Floats:
         """Return the expected loss (N,) [dB]."""
         links = links_to(
             mean.geographic.geometry,
             mean.geographic.heights_m,
             ap,
-            placed.points_m,
+            readings.points_m,
             antenna_height_m=mean.antenna_height_m,
             mount_radius_m=mean.mount_radius_m,
         )

@@ -238,10 +238,10 @@ def test_the_determinant_of_field_and_drift_is_that_of_their_dense_matrix():
     nodes = make_nodes(GRID, two_rooms(), 0.8, 10_000)
     times = np.array([0.2, 0.7, 1.1, 5.0])
     points = np.tile([1.0, 1.0], (4, 1))
-    placed = RssReadings(points, times, np.full(4, -60.0), np.zeros(4, dtype=np.int64))
+    readings = RssReadings(points, times, np.full(4, -60.0), np.zeros(4, dtype=np.int64))
     nothing = Coefficients(np.zeros(1), np.ones(1))
     problem = Problem(
-        FloorField(nodes), placed, np.ones((4, 1)), nothing, np.zeros(4), Receiver(), np.zeros(4)
+        FloorField(nodes), readings, np.ones((4, 1)), nothing, np.zeros(4), Receiver(), np.zeros(4)
     )
     np.testing.assert_array_equal(problem.drift_times_s(), [0.0, 1.0, 5.0])
     prior = problem.prior(Hyperparameters(2.0, 3.0, 0.7, 4.0, np.array([2.0])))

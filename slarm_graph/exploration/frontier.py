@@ -47,7 +47,7 @@ turn."""
 
 
 class NearestFrontier:
-    """Baseline: drive to the nearest frontier until none is left."""
+    """Baseline: drive to the nearest frontier until none is left; what was seen counts as known."""
 
     def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
         del settings, driving

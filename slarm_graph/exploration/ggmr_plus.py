@@ -57,7 +57,7 @@ class GgmrPlusConfig(Stage):
 
 
 class GgmrPlus:
-    """The improved GGMR explorer: shorter drives at the same coverage."""
+    """Ours: the same seam as `ggmr`, less driving."""
 
     settings: ClassVar[type[Stage]] = GgmrPlusConfig
 

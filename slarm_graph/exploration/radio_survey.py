@@ -76,7 +76,7 @@ class RadioSurveyConfig(Stage):
 
 
 class RadioSurvey:
-    """Drives where the variance of the radio map falls most per second."""
+    """Goes where a radio map gains most certainty per second."""
 
     settings: ClassVar[type[Stage]] = RadioSurveyConfig
 

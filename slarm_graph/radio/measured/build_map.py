@@ -85,11 +85,11 @@ def build_measured_map(
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
-    blocks, done, notices = find_blocks(geographic), [], []
-    often, heard = [], {name: int(placed.heard.sum()) for name, placed in readings.items()}
+    blocks, predictions, notices = find_blocks(geographic), [], []
+    names, heard = [], {name: int(own.heard.sum()) for name, own in readings.items()}
     for name, count in heard.items():
         if count >= config.least_readings:
-            often.append(name)
+            names.append(name)
             continue
         notices.append(
             f"{name} was heard {count_of(count, 'time')}; {config.least_readings} make a map"
@@ -97,7 +97,7 @@ def build_measured_map(
 
     cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
 
-    def done_one(name: str) -> PredictedAccessPoint:
+    def fit_one(name: str) -> PredictedAccessPoint:
         """Fit and predict one access point, with floor fields of its own: caches are not shared."""
         mean = MeanFunction(
             geographic, known.get(name), radio.antenna_height_m, radio.mount_radius_m, blocks
@@ -106,39 +106,39 @@ def build_measured_map(
         one = _locate_and_fit(floors, mean, readings[name], name, radio, config)
         return predict_access_point(nodes, one, cells, name, radio)
 
-    heartbeat(f"measured maps of {count_of(len(often), 'access point')}")
+    heartbeat(f"measured maps of {count_of(len(names), 'access point')}")
     with ThreadPoolExecutor(min(usable_cores(), _MOST_AT_ONCE)) as pool:
-        for name, one in zip(often, pool.map(done_one, often), strict=True):
+        for name, one in zip(names, pool.map(fit_one, names), strict=True):
             heartbeat(f"measured map of {name}, {count_of(len(readings[name]), 'reading')}")
-            done.append(one)
-    if not done:
+            predictions.append(one)
+    if not predictions:
         raise BadInput("; ".join(notices) or "no reading of signal strength lies on the way")
-    return _assemble(geographic, cells, done, radio, tuple(notices))
+    return _assemble(geographic, cells, predictions, radio, tuple(notices))
 
 
 def _locate_and_fit(
     floors: tuple[FloorField, FloorField],
     mean: MeanFunction,
-    placed: RssReadings,
+    readings: RssReadings,
     name: str,
     radio: RadioConfig,
     config: MeasuredConfig,
 ) -> FittedAccessPoint:
     """Fit one access point, located by its readings where its position is not given."""
     if mean.access_point is not None or not config.locate:
-        return fit_access_point(floors, mean, placed, config)
-    found = locate(floors[1], mean, placed, config)
+        return fit_access_point(floors, mean, readings, config)
+    found = locate(floors[1], mean, readings, config)
     x, y, z = (float(v) for v in found.position_m)
     point = AccessPoint(name, x, y, z, radio.power_dbm, radio.frequency_hz)
     mean = replace(mean, access_point=point)
-    fitted = fit_access_point(floors, mean, placed, config, found.hyper)
+    fitted = fit_access_point(floors, mean, readings, config, found.hyper)
     return replace(fitted, position_sd_m=found.sd_m())
 
 
 def fit_access_point(
     floors: tuple[FloorField, FloorField],
     mean: MeanFunction,
-    placed: RssReadings,
+    readings: RssReadings,
     config: MeasuredConfig,
     hyper: Hyperparameters | None = None,
 ) -> FittedAccessPoint:
@@ -149,44 +149,46 @@ def fit_access_point(
     floors : (FloorField, FloorField)
         To fit on, and a coarser one for the hyperparameters.
     mean : MeanFunction
-    placed : RssReadings
+    readings : RssReadings
     config : MeasuredConfig
     hyper : Hyperparameters, optional
         If known, such as from locating it.
     """
     fine, coarse = floors
-    heard = placed.only(placed.heard)
+    heard = readings.only(readings.heard)
     if hyper is None:
         part = heard.only(_minutes_subset(heard.times_s, config.search_readings))
         # The loss of each block is a column: four times the search's time, for the same.
         alike = replace(mean, blocks=None)
         hyper = fit_field(_make_problem(coarse, alike, part, Receiver())).hyper
-    if placed.heard.all() and config.saturation_dbm is None:
-        return FittedAccessPoint(mean, placed, _fit_given(fine, mean, placed, Receiver(), hyper))
+    if readings.heard.all() and config.saturation_dbm is None:
+        return FittedAccessPoint(
+            mean, readings, _fit_given(fine, mean, readings, Receiver(), hyper)
+        )
     first = _fit_given(fine, mean, heard, Receiver(), hyper)
-    receiver = _estimate_receiver(first, fine.nodes, mean, placed, config)
-    return FittedAccessPoint(mean, placed, _fit_given(fine, mean, placed, receiver, hyper))
+    receiver = _estimate_receiver(first, fine.nodes, mean, readings, config)
+    return FittedAccessPoint(mean, readings, _fit_given(fine, mean, readings, receiver, hyper))
 
 
 def _make_problem(
-    floor: FloorField, mean: MeanFunction, placed: RssReadings, receiver: Receiver
+    floor: FloorField, mean: MeanFunction, readings: RssReadings, receiver: Receiver
 ) -> Problem:
-    design, map_variance_db2 = mean.reading_design_and_variance(placed)
-    slope = mean.distance_slope_db_m(placed.points_m)
-    map_variance_db2 *= floor.nodes.shared(placed.points_m)
+    design, map_variance_db2 = mean.reading_design_and_variance(readings)
+    slope = mean.distance_slope_db_m(readings.points_m)
+    map_variance_db2 *= floor.nodes.shared(readings.points_m)
     return Problem(
-        floor, placed, design, mean.coefficients(placed), slope, receiver, map_variance_db2
+        floor, readings, design, mean.coefficients(readings), slope, receiver, map_variance_db2
     )
 
 
 def _fit_given(
     floor: FloorField,
     mean: MeanFunction,
-    placed: RssReadings,
+    readings: RssReadings,
     receiver: Receiver,
     hyper: Hyperparameters,
 ) -> Fit:
-    return fit_field(_make_problem(floor, mean, placed, receiver), hyper, search=False)
+    return fit_field(_make_problem(floor, mean, readings, receiver), hyper, search=False)
 
 
 def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:
@@ -202,15 +204,15 @@ def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:
 
 
 def _estimate_receiver(
-    fit: Fit, nodes: Nodes, mean: MeanFunction, placed: RssReadings, config: MeasuredConfig
+    fit: Fit, nodes: Nodes, mean: MeanFunction, readings: RssReadings, config: MeasuredConfig
 ) -> Receiver:
     """The receiver's sensitivity threshold, and how often a strong packet is lost."""
-    weakest = float(np.nanmin(placed.rss_dbm))
+    weakest = float(np.nanmin(readings.rss_dbm))
     threshold = weakest if config.threshold_dbm is None else config.threshold_dbm
-    level = mean.map_design(placed.points_m) @ fit.posterior.beta[: mean.terms]
-    level += nodes.weights(placed.points_m) @ fit.posterior.state[: len(nodes)]
+    level = mean.map_design(readings.points_m) @ fit.posterior.beta[: mean.terms]
+    level += nodes.weights(readings.points_m) @ fit.posterior.state[: len(nodes)]
     strong = level > threshold + _CLEARLY_ABOVE_DB
-    lost = float((~placed.heard[strong]).mean()) if strong.any() else 0.0
+    lost = float((~readings.heard[strong]).mean()) if strong.any() else 0.0
     most = np.inf if config.saturation_dbm is None else config.saturation_dbm
     return Receiver(threshold, most, float(np.clip(lost, 1e-3, 0.99)))
 
@@ -218,23 +220,23 @@ def _estimate_receiver(
 def _assemble(
     geographic: GeographicMap,
     cells: NDArray[np.int64],
-    done: Sequence[PredictedAccessPoint],
+    predictions: Sequence[PredictedAccessPoint],
     radio: RadioConfig,
     notices: tuple[str, ...],
 ) -> MeasuredMap:
     """Assemble the map from the predictions of cells (N, 2)."""
-    shape = (len(done), *geographic.geometry.shape)
+    shape = (len(predictions), *geographic.geometry.shape)
     layers = [np.full(shape, np.nan, dtype=np.float32) for _ in range(3)]
-    for index, one in enumerate(done):
+    for index, one in enumerate(predictions):
         for layer, values in zip(layers, one.levels, strict=True):
             layer[index][tuple(cells.T)] = values
     return MeasuredMap(
         geographic.geometry,
-        tuple(one.access_point for one in done),
+        tuple(one.access_point for one in predictions),
         mean_dbm=layers[0],
         mean_sd_db=layers[1],
         reading_sd_db=layers[2],
-        fitted=tuple(one.terms for one in done),
+        fitted=tuple(one.terms for one in predictions),
         antenna_height_m=radio.antenna_height_m,
         notices=notices,
     )

@@ -187,25 +187,25 @@ def _link_clearances(
     certain_map = replace(geographic, heights_m=certain.astype(np.float32))
     found = []
     for ap in access_points:
-        placed = readings.get(ap.name)
-        if placed is None or placed.heard.sum() < config.least_readings:
+        own = readings.get(ap.name)
+        if own is None or own.heard.sum() < config.least_readings:
             continue
-        heard = np.flatnonzero(placed.heard)
-        placed = placed.only(heard[:: -(-len(heard) // _MOST_READINGS)])
+        heard = np.flatnonzero(own.heard)
+        own = own.only(heard[:: -(-len(heard) // _MOST_READINGS)])
         mean = MeanFunction(certain_map, ap, radio.antenna_height_m, radio.mount_radius_m)
-        lowest_m = [_lowest_over(geographic, n, ap, placed, radio) for n in groups]
-        found.append(LinkClearances(placed, mean, np.stack(lowest_m)))
+        lowest_m = [_lowest_over(geographic, n, ap, own, radio) for n in groups]
+        found.append(LinkClearances(own, mean, np.stack(lowest_m)))
     return found
 
 
 def _lowest_over(
-    geographic: GeographicMap, group: int, ap: AccessPoint, placed: RssReadings, radio: RadioConfig
+    geographic: GeographicMap, group: int, ap: AccessPoint, own: RssReadings, radio: RadioConfig
 ) -> Floats:
     """Lowest heights (N,) of links over the plans of a group [m]."""
     return lowest_link_heights(
         [geographic.solids[n] for n in geographic.height_groups[group].solids],
         ap.position_m(),
-        placed.points_m,
+        own.points_m,
         radio.antenna_height_m,
         mount_radius_m=radio.mount_radius_m,
     )

@@ -96,7 +96,7 @@ class MultiWallSettings(Stage):
 
 
 class MultiWall:
-    """Log-distance path loss plus a loss per wall or obstacle of the map that the link crosses."""
+    """Log-distance path loss with a loss for every wall and obstacle of the map that is passed."""
 
     settings = MultiWallSettings
 
