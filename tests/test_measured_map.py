@@ -161,7 +161,7 @@ def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
     """Oracle: dense covariance of readings with an error in common, and what their mean says."""
     nodes = make_nodes(GRID, free_floor(floor()), 0.4, 10_000)
     centers = nodes.centers_m[[3, 3, 3, 40, 40, 90]]
-    shared = nodes.shared(centers)
+    shared = nodes.points_in_node(centers)
     np.testing.assert_array_equal(shared, [3, 3, 3, 2, 2, 1])
     noise, doubt = 4.0, 9.0
     for count in (1, 2, 3):
@@ -173,7 +173,9 @@ def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
     found = _make_problem(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
     map_variance_db2 = mean.map_design_and_variance(here)[1]
     assert map_variance_db2.max() > 0.0
-    np.testing.assert_allclose(found.map_variance_db2, map_variance_db2 * nodes.shared(here))
+    np.testing.assert_allclose(
+        found.map_variance_db2, map_variance_db2 * nodes.points_in_node(here)
+    )
 
 
 @pytest.mark.parametrize("off", [(1, 0), (0, -1)])

@@ -94,7 +94,7 @@ class ClosedLoop:
     extent_m : (x_min, x_max, y_min, y_max)
         The rough boundary [m].
     start : Pose2
-        `world_from_robot` at the beginning, which the robot is told.
+        `world_from_robot` at the beginning, known to the robot.
     mapping : MappingConfig, optional
         Of the map for driving.
     log : ReadingLog, optional
@@ -227,7 +227,7 @@ class ClosedLoop:
     def _relocate(self, *, stands: bool) -> None:
         """Return to the start, instead of exploring, until the map is consistent again.
 
-        Known places on the way let the backend relocalise the robot.
+        Places seen before let the backend relocalise the robot.
         """
         began, self._is_relocating = not self._is_relocating, True
         if stands and not began:

@@ -137,8 +137,10 @@ class RadioSurvey:
         per_node = self._settings.readings_per_s * self._settings.node_side_m
         reductions = variance.variance_reductions(paths, per_node / self._driving.speed_m_s)
         to_goals = variance.nodes.centers_m[goals] - (pose.x, pose.y)
-        off = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
-        turn_s = np.array([abs(wrap_angle(float(a))) for a in off]) / self._driving.turn_rate_rad_s
+        turns_rad = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
+        turn_s = (
+            np.array([abs(wrap_angle(float(a))) for a in turns_rad]) / self._driving.turn_rate_rad_s
+        )
         for index in np.argsort(-reductions / (time_s[goals] + turn_s), kind="stable"):
             leg = self._leg_to(coverage, int(ends[goals[index]]), pose)
             if leg is not None:

@@ -35,7 +35,7 @@ def column(radio: RadioMap, name: str) -> NDArray[np.float64]:
     return np.array([getattr(ap, name) for ap in radio.access_points], dtype=np.float64)
 
 
-def three_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
+def line_of_sight_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
     """Line of sight of some cells: 1 clear, 0 blocked, -1 unknown, through unobserved cells."""
     classes = radio.line_of_sight[index][at].astype(np.int8)
     if radio.los_unknown is not None:

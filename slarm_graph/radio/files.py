@@ -24,7 +24,7 @@ from slarm_graph.radio.columns import (
     WORDS,
     column,
     from_values,
-    three_classes,
+    line_of_sight_classes,
 )
 from slarm_graph.raster.bands import bands, found_in_band, in_runs
 from slarm_graph.raster.layers import set_aside
@@ -109,7 +109,7 @@ def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
         for first in range(0, len(valued), _ROWS_AT_A_TIME):
             at = np.unravel_index(valued[first : first + _ROWS_AT_A_TIME], loss_db.shape)
             values = loss_db[at].astype(np.float64)
-            classes = three_classes(radio, index, at)
+            classes = line_of_sight_classes(radio, index, at)
             centers = radio.geometry.center_of(np.stack(at, axis=1))
             rows = np.column_stack([centers, values, -values, power_dbm - values, classes])
             yield (line * len(rows)) % tuple(rows.ravel().tolist())

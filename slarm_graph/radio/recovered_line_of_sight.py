@@ -182,7 +182,7 @@ def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
 def _past_unobserved(
     geographic: GeographicMap, asked: Mask, position_m: Floats, config: RadioConfig
 ) -> Mask:
-    """Links (rows, cols), of those asked, through unobserved cells, so of unknown line of sight."""
+    """Links (rows, cols), of those asked, through unobserved cells: line of sight unknown."""
     unseen, geometry = unobserved_pockets(geographic), geographic.geometry
     if geographic.tiles is not None:
         return _through_cells(unseen, geometry, asked, position_m, config, geographic.tiles)

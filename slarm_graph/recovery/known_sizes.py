@@ -20,7 +20,7 @@ Size = tuple[float, ...]
 _GAP_M = 1e-6
 """Solids within a micrometre touch: files state corners to less digits than that."""
 _ALIKE_M = 0.01
-"""Sizes that agree within this cannot be told apart."""
+"""Sizes that agree within this are indistinguishable."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,7 +130,7 @@ def _beside(rings: Sequence[Floats], returns: Returns) -> tuple[Floats, NDArray[
     near = list(returns.near_each(0.5 * (low + high), reach_m))
     owner = np.repeat(np.arange(len(rings)), [len(one) for one in near])
     points = returns.points[np.concatenate(near)]
-    # What is farther from the box around the ring is not asked for: most of a long one's circle.
+    # Exclude returns far from the bounding box of the ring: most of the circle of a long one.
     off_m = np.maximum(low[owner] - points, points - high[owner]).max(axis=1)
     points, owner = points[off_m < 2.0 * _BAND_M], owner[off_m < 2.0 * _BAND_M]
     areas = np.array([shapely.Polygon(ring) for ring in rings])

@@ -43,7 +43,7 @@ _JUT_CELLS = 2.5
 _MOST_TAKEN_IN = 5
 """Stretches between two of the same wall: a frame has three, and both sides of it one each."""
 _LEAST_MAIN_M = 1.0
-"""Less fitted wall than this says nothing of the building's direction."""
+"""Less fitted wall than this does not determine the building's direction."""
 
 
 @dataclass(frozen=True, slots=True)

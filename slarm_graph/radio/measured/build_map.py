@@ -175,7 +175,7 @@ def _make_problem(
 ) -> Problem:
     design, map_variance_db2 = mean.reading_design_and_variance(readings)
     slope = mean.distance_slope_db_m(readings.points_m)
-    map_variance_db2 *= floor.nodes.shared(readings.points_m)
+    map_variance_db2 *= floor.nodes.points_in_node(readings.points_m)
     return Problem(
         floor, readings, design, mean.coefficients(readings), slope, receiver, map_variance_db2
     )

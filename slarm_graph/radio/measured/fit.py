@@ -133,9 +133,9 @@ class Problem:
         How steep the mean is at the readings [dB/m].
     receiver : Receiver
     map_variance_db2 : (N,) float64
-        Variance of the mean at the readings, which no coefficient takes up, times the readings
-        that share it [dB^2]: n of them with one error in common say as much of their mean as n
-        with independent ones n times as large.
+        Variance of the mean by wall position error, times the number of readings that share the
+        error [dB^2]: n readings with a common error inform about their mean as n with independent
+        errors of n times the variance.
     """
 
     floor: FloorField

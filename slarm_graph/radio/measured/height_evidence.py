@@ -62,7 +62,7 @@ class LinkClearances:
         """Return the regression when so many obstacles block each link (N,)."""
         design, map_variance_db2 = self.mean.reading_design_and_variance(self.readings)
         design[:, _WALLS] -= stopped
-        map_variance_db2 *= floor.nodes.shared(self.readings.points_m)
+        map_variance_db2 *= floor.nodes.points_in_node(self.readings.points_m)
         slope = self.mean.distance_slope_db_m(self.readings.points_m)
         coefficients = self.mean.coefficients(self.readings)
         return Problem(

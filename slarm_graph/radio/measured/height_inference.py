@@ -92,14 +92,14 @@ def infer_heights(
     tops_m = [geographic.height_groups[n].levels_m for n in groups]
     levels_m = STEP_M * np.arange(np.ceil(max(top.max() for top in tops_m) / STEP_M) + 1.0)
     priors = [level_probabilities(top[:, 0], levels_m) for top in tops_m]
-    told = np.sum([_deciding_links(one.lowest_m, priors, levels_m) for one in heard], axis=0)
-    some = np.flatnonzero(told)
-    some = np.sort(some[np.argsort(-told[some], kind="stable")][:_MOST_OBSTACLES])
+    deciding = np.sum([_deciding_links(one.lowest_m, priors, levels_m) for one in heard], axis=0)
+    chosen = np.flatnonzero(deciding)
+    chosen = np.sort(chosen[np.argsort(-deciding[chosen], kind="stable")][:_MOST_OBSTACLES])
     found = list(priors)
     floor = _floor(geographic, config)
     for _ in range(_ROUNDS):
         heard = [one.fitted(floor, levels_m, found) for one in heard]
-        for which in np.array_split(some, -(-len(some) // _AT_ONCE)) if len(some) else ():
+        for which in np.array_split(chosen, -(-len(chosen) // _AT_ONCE)) if len(chosen) else ():
             heartbeat(f"heights of {count_of(len(which), 'obstacle')} by what is heard behind them")
             evidence = [height_evidence(one, floor, levels_m, found, which) for one in heard]
             logs = [np.log(np.maximum(priors[k], 1e-300)) for k in which]
@@ -109,7 +109,7 @@ def infer_heights(
         HeightPosterior(
             groups[k], _center_m(geographic, groups[k]), levels_m, priors[k], found[k], n
         )
-        for k, n in zip(some.tolist(), told[some].tolist(), strict=True)
+        for k, n in zip(chosen.tolist(), deciding[chosen].tolist(), strict=True)
     )
 
 

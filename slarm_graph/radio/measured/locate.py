@@ -150,7 +150,7 @@ class _Search:
         self._mean, self._heard = mean, heard
         self._coefficients = mean.coefficients(heard)
         design, map_variance_db2 = mean.reading_design_and_variance(heard)
-        map_variance_db2 *= floor.nodes.shared(heard.points_m)
+        map_variance_db2 *= floor.nodes.points_in_node(heard.points_m)
         slope = mean.distance_slope_db_m(heard.points_m)
         problem = Problem(
             floor, heard, design, self._coefficients, slope, Receiver(), map_variance_db2

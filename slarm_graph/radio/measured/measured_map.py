@@ -72,7 +72,7 @@ class MeasuredMap:
     fitted : tuple of FittedTerms, length A
     antenna_height_m : float
     notices : tuple of str
-        What a user should know.
+        Warnings for the user.
     """
 
     geometry: GridGeometry

@@ -53,7 +53,7 @@ class Nodes:
             found[index] = away.argmin(axis=1)
         return found
 
-    def shared(self, points_m: Floats) -> NDArray[np.int64]:
+    def points_in_node(self, points_m: Floats) -> NDArray[np.int64]:
         """Return for each of points (N, 2) [m] how many of them lie in its node (N,)."""
         own = self.at(points_m)
         return np.asarray(np.bincount(own, minlength=len(self))[own])
@@ -68,7 +68,9 @@ class Nodes:
         most = int(np.diff(graph.indptr).max(initial=1))
         columns = np.zeros((len(own), most), dtype=np.int64)
         shares = np.zeros((len(own), most))
-        _blend(points_m, own, self.centers_m, graph.indptr, graph.indices, columns, shares)
+        _interpolation_weights(
+            points_m, own, self.centers_m, graph.indptr, graph.indices, columns, shares
+        )
         rows = np.repeat(np.arange(len(own)), most)
         entries = (shares.ravel(), (rows, columns.ravel()))
         found = sparse.csr_array(entries, shape=(len(own), len(self)))
@@ -77,7 +79,7 @@ class Nodes:
 
 
 @kernel
-def _blend(
+def _interpolation_weights(
     points: Floats,
     own: NDArray[np.int64],
     centers: Floats,

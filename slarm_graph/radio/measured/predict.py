@@ -60,7 +60,7 @@ class PredictedAccessPoint:
 
 def predict_access_point(
     nodes: Nodes,
-    one: FittedAccessPoint,
+    fitted: FittedAccessPoint,
     cells: NDArray[np.int64],
     name: str,
     radio: RadioConfig,
@@ -70,23 +70,23 @@ def predict_access_point(
     Parameters
     ----------
     nodes : Nodes
-    one : FittedAccessPoint
+    fitted : FittedAccessPoint
     cells : (N, 2) int64
         Rows and columns.
     name : str
     radio : RadioConfig
     """
-    mean_dbm, variance = predict_cells(nodes, one, cells)
-    reading = np.sqrt(variance + one.fit.reading_sd_db() ** 2)
+    mean_dbm, variance = predict_cells(nodes, fitted, cells)
+    reading = np.sqrt(variance + fitted.fit.reading_sd_db() ** 2)
     levels = np.stack([mean_dbm, np.sqrt(variance), reading]).astype(np.float32)
-    return PredictedAccessPoint(_as_access_point(name, one, radio), _terms(one), levels)
+    return PredictedAccessPoint(_as_access_point(name, fitted, radio), _terms(fitted), levels)
 
 
 def predict_cells(
-    nodes: Nodes, one: FittedAccessPoint, cells: NDArray[np.int64]
+    nodes: Nodes, fitted: FittedAccessPoint, cells: NDArray[np.int64]
 ) -> tuple[Floats, Floats]:
     """Return expected level (N,) [dBm] and its variance (N,) [dB^2] in cells (N, 2)."""
-    posterior, terms, count = one.fit.posterior, one.mean.terms, len(nodes)
+    posterior, terms, count = fitted.fit.posterior, fitted.mean.terms, len(nodes)
     on_nodes = np.column_stack(
         [
             posterior.state[:count],
@@ -100,7 +100,7 @@ def predict_cells(
         points_m = nodes.geometry.center_of(cells[part])
         there = nodes.weights(points_m) @ on_nodes
         design = np.zeros((len(points_m), len(posterior.beta)))
-        design[:, :terms], map_variance_db2 = one.mean.map_design_and_variance(points_m)
+        design[:, :terms], map_variance_db2 = fitted.mean.map_design_and_variance(points_m)
         mean_dbm[part] = design @ posterior.beta + there[:, 0]
         variance[part] = (
             map_variance_db2 + there[:, 1] + posterior.coefficient_variance(design, there[:, 2:])
@@ -108,25 +108,25 @@ def predict_cells(
     return mean_dbm, variance
 
 
-def _as_access_point(name: str, one: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
+def _as_access_point(name: str, fitted: FittedAccessPoint, radio: RadioConfig) -> AccessPoint:
     """The access point by name; without a position all but its frequency is nan."""
-    ap = one.mean.access_point
+    ap = fitted.mean.access_point
     if ap is None:
         nowhere = float("nan")
         return AccessPoint(name, nowhere, nowhere, nowhere, nowhere, radio.frequency_hz)
     return replace(ap, name=name)
 
 
-def _terms(one: FittedAccessPoint) -> FittedTerms:
-    hyper, posterior = one.fit.hyper, one.fit.posterior
-    terms = min(one.mean.terms, len(MAP_TERMS))
+def _terms(fitted: FittedAccessPoint) -> FittedTerms:
+    hyper, posterior = fitted.fit.hyper, fitted.fit.posterior
+    terms = min(fitted.mean.terms, len(MAP_TERMS))
     values, spread = np.full(3, np.nan), np.full(3, np.nan)
     values[:terms] = posterior.beta[:terms]
     spread[:terms] = np.sqrt(np.diag(posterior.beta_covariance))[:terms]
     level, exponent, wall = (float(v) for v in values)
     return FittedTerms(
-        len(one.readings),
-        int((~one.readings.heard).sum()),
+        len(fitted.readings),
+        int((~fitted.readings.heard).sum()),
         level,
         exponent,
         wall,
@@ -137,5 +137,5 @@ def _terms(one: FittedAccessPoint) -> FittedTerms:
         hyper.drift_s,
         float(hyper.noise_sd_db[0]),
         hyper.freedom,
-        one.position_sd_m,
+        fitted.position_sd_m,
     )

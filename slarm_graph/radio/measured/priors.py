@@ -24,7 +24,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.factor import Factor, Ints
 from slarm_graph.radio.measured.nodes import Nodes
 
-_RANGES_KEPT = 8
+_CACHED_RANGES = 8
 """Precisions of so many ranges are cached for the optimiser; memory, not results."""
 
 
@@ -60,16 +60,16 @@ class FloorField:
     """Unit-variance fields on the nodes of a floor, cached by range."""
 
     nodes: Nodes
-    _kept: dict[float, Precision] = field(default_factory=dict)
+    _cache: dict[float, Precision] = field(default_factory=dict)
     _order: Ints | None = None
 
     def unit_precision(self, range_m: float) -> Precision:
         """Return the precision (M, M) of a field of unit variance and a range [m]."""
-        if range_m not in self._kept:
-            if len(self._kept) >= _RANGES_KEPT:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[range_m] = self._make(range_m)
-        return self._kept[range_m]
+        if range_m not in self._cache:
+            if len(self._cache) >= _CACHED_RANGES:
+                self._cache.pop(next(iter(self._cache)))
+            self._cache[range_m] = self._make(range_m)
+        return self._cache[range_m]
 
     def _make(self, range_m: float) -> Precision:
         area = self.nodes.area_m2
@@ -93,11 +93,13 @@ def drift_precision(times_s: Floats, correlation_s: float) -> Precision:
     """
     if not len(times_s):
         return Precision(sparse.csc_array((0, 0)), 0.0)
-    kept = np.exp(-np.diff(times_s) / correlation_s)
-    gain = 1.0 / np.maximum(1.0 - kept**2, 1e-9)
+    decay = np.exp(-np.diff(times_s) / correlation_s)
+    gain = 1.0 / np.maximum(1.0 - decay**2, 1e-9)
     diagonal = np.ones(len(times_s))
-    diagonal[1:] += kept**2 * gain
-    diagonal[:-1] += kept**2 * gain
-    beside = -kept * gain
-    matrix = sparse.diags_array([beside, diagonal, beside], offsets=[-1, 0, 1], format="csc")
+    diagonal[1:] += decay**2 * gain
+    diagonal[:-1] += decay**2 * gain
+    off_diagonal = -decay * gain
+    matrix = sparse.diags_array(
+        [off_diagonal, diagonal, off_diagonal], offsets=[-1, 0, 1], format="csc"
+    )
     return Precision(sparse.csc_array(matrix), float(np.log(gain).sum()))

@@ -119,22 +119,22 @@ def gaussian_equivalent(
     sigma = np.sqrt(variance)
     values = np.where(np.isnan(rss_dbm), expected_dbm, rss_dbm)
     weights = (freedom + 1.0) / (freedom + (values - expected_dbm) ** 2 / variance)
-    silent = np.isnan(rss_dbm)
-    full = ~silent & (rss_dbm >= receiver.saturation_dbm)
+    not_heard = np.isnan(rss_dbm)
+    saturated = ~not_heard & (rss_dbm >= receiver.saturation_dbm)
     for which, limit, sign, lost in (
-        (silent, receiver.threshold_dbm, 1.0, receiver.lost_share),
-        (full, receiver.saturation_dbm, -1.0, 0.0),
+        (not_heard, receiver.threshold_dbm, 1.0, receiver.lost_share),
+        (saturated, receiver.saturation_dbm, -1.0, 0.0),
     ):
         if which.any():
             scaled = sign * (limit - expected_dbm[which]) / sigma[which]
-            slope, curve = _beyond(scaled, lost)
+            slope, curve = _censored_derivatives(scaled, lost)
             weights[which] = np.maximum(curve, _LEAST_WEIGHT)
             push = -sign * slope * sigma[which] / weights[which]
             values[which] = expected_dbm[which] + push
     return values, weights
 
 
-def _beyond(scaled: Floats, lost: float) -> tuple[Floats, Floats]:
+def _censored_derivatives(scaled: Floats, lost: float) -> tuple[Floats, Floats]:
     """Slope and negative curvature of log(lost + (1 - lost) Phi(u)) at u."""
     u = np.clip(scaled, -30.0, 30.0)
     log_share = log_ndtr(u) + np.log1p(-lost)
