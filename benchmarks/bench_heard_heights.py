@@ -31,9 +31,9 @@ from slarm_graph.frontends.simulation.receiver import SignalChannel
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.heights import heard_heights, with_heights
-from slarm_graph.radio.measured.log import RssLog, place
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.height_inference import infer_heights, with_heights
+from slarm_graph.radio.measured.readings import RssReadings
+from slarm_graph.radio.measured.rss_log import RssLog, place
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.raster.distance import within
 from slarm_graph.recovery.recover import recover_scans
@@ -57,7 +57,9 @@ FIRST_SEED = 1_000
 """Seeds of shadowing and fading begin here, apart from those of drives."""
 
 
-def walked(name: str, seed: int) -> tuple[WorldMap, RunConfig, dict[str, Placed], GeographicMap]:
+def walked(
+    name: str, seed: int
+) -> tuple[WorldMap, RunConfig, dict[str, RssReadings], GeographicMap]:
     """Hear a world along lanes, and recover it from scans of true poses."""
     world = simulated.with_six(load_world(name))
     config = without_sizes(with_prior(world, simulated.settings("ggmr+", seed)))
@@ -115,7 +117,7 @@ def heard_along(
 
 def driven(
     name: str, seed: int, *, tour: bool
-) -> tuple[WorldMap, RunConfig, dict[str, Placed], GeographicMap]:
+) -> tuple[WorldMap, RunConfig, dict[str, RssReadings], GeographicMap]:
     """Hear a world on a drive that is told no size."""
     go = simulated.tour if tour else simulated.drive
     config = simulated.settings("ggmr+", seed)
@@ -146,7 +148,7 @@ def main() -> None:
             world, config, readings, before = walked(name, given.seed)
         rng = np.random.default_rng(given.seed)
         how = (config.radio, MeasuredConfig(), rng)
-        heard = heard_heights(before, readings, world.access_points, *how)
+        heard = infer_heights(before, readings, world.access_points, *how)
         told = [accuracy(world, config, one) for one in (before, with_heights(before, heard))]
         figures = [f"{one.accuracy:.3f} ({one.los_brier:.4f})" for one in told]
         worst = [f"{one.worst.accuracy:.3f}" for one in told]

@@ -26,9 +26,9 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.connectivity.paths import connected_path
 from slarm_graph.radio.connectivity.signal import SignalMap
-from slarm_graph.radio.measured.fuse import fuse
+from slarm_graph.radio.measured.build_map import build_measured_map
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 
 CELL_M, ROOM_M, DOOR_M = 0.05, 8.0, 1.2
 """Side of a cell, of a room, and width of a door: those of offices."""
@@ -58,7 +58,7 @@ def floor_map(walls: Mask) -> GeographicMap:
 
 def heard(
     walls: Mask, aps: list[AccessPoint], count: int, rng: np.random.Generator
-) -> dict[str, Placed]:
+) -> dict[str, RssReadings]:
     """Readings along lanes over all of the floor, as many of each access point."""
     side_m = CELL_M * len(walls)
     each = count // len(aps)
@@ -81,7 +81,7 @@ def heard(
         level = -40.0 - 20.0 * np.log10(away) - 4.0 * passed
         level += field[tuple((points // CELL_M).astype(int).T[::-1])]
         level += NOISE_DB * rng.standard_normal(len(points))
-        made[ap.name] = Placed(points, way / SPEED_M_S, level, np.zeros(len(points), np.int64))
+        made[ap.name] = RssReadings(points, way / SPEED_M_S, level, np.zeros(len(points), np.int64))
     return made
 
 
@@ -101,7 +101,9 @@ def made(cells: int, readings: int, locate: bool) -> MeasuredMap:
         for n in range(COUNT)
     ]
     parts = heard(walls, aps, readings, rng)
-    return fuse(floor_map(walls), parts, () if locate else aps, RadioConfig(), MeasuredConfig())
+    return build_measured_map(
+        floor_map(walls), parts, () if locate else aps, RadioConfig(), MeasuredConfig()
+    )
 
 
 def spent(label: str, began: tuple[float, float]) -> None:

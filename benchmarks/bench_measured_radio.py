@@ -26,11 +26,11 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains
-from slarm_graph.radio.measured.fuse import fit_access_point, floor_of
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.build_map import fit_access_point, free_floor
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 from slarm_graph.radio.measured.validate import (
     FOLDS,
     Predicted,
@@ -91,13 +91,13 @@ def flat_map(folder: Path) -> GeographicMap:
     return GeographicMap(grid, states, heights, "infinite", Coverage(free, free, free))
 
 
-def readings_of(table: dict[str, Floats], number: int) -> Placed:
+def readings_of(table: dict[str, Floats], number: int) -> RssReadings:
     """Readings of an anchor that were heard; whole decibels are single packets (class 1)."""
     rss = table[f"rssi_{number}"]
     single = (rss == np.round(rss)).astype(np.int64)
     points = np.column_stack([table["x"], table["y"]])
     times = (table["ts"] - table["ts"][0]) * 1e-9
-    everything = Placed(points, times, rss, single, table["heading"] + np.pi, classes=2)
+    everything = RssReadings(points, times, rss, single, table["heading"] + np.pi, classes=2)
     return everything.only(everything.heard)
 
 
@@ -106,7 +106,7 @@ def gaussian(mean: Floats, sd: Floats) -> Predicted:
     return Predicted(mean, np.broadcast_to(sd, mean.shape), NEARLY_GAUSSIAN)
 
 
-def gaussian_process(kernel: object, known: Placed, asked: Placed) -> Predicted:
+def gaussian_process(kernel: object, known: RssReadings, asked: RssReadings) -> Predicted:
     """Fit scikit-learn's Gaussian process to the plan coordinates."""
     rng = np.random.default_rng(0)
     level = known.rss_dbm.mean()
@@ -119,7 +119,7 @@ def gaussian_process(kernel: object, known: Placed, asked: Placed) -> Predicted:
     return gaussian(level + mean, sd)
 
 
-def kriging(known: Placed, asked: Placed) -> Predicted:
+def kriging(known: RssReadings, asked: RssReadings) -> Predicted:
     """Krige the plan coordinates; PyKrige's variance is that of the mean, without the nugget."""
     rng = np.random.default_rng(0)
     some = rng.choice(len(known), min(KRIGING_READINGS, len(known)), replace=False)
@@ -130,12 +130,12 @@ def kriging(known: Placed, asked: Placed) -> Predicted:
     return gaussian(np.asarray(mean), np.sqrt(np.asarray(variance) + nugget))
 
 
-def log_distance(ap: AccessPoint, known: Placed, asked: Placed) -> Predicted:
+def log_distance(ap: AccessPoint, known: RssReadings, asked: RssReadings) -> Predicted:
     """Fit level and exponent by least squares."""
 
-    def rows(placed: Placed) -> Floats:
+    def rows(readings: RssReadings) -> Floats:
         """Return the design (N, 2)."""
-        flat = np.linalg.norm(placed.points_m - ap.position_m()[:2], axis=1)
+        flat = np.linalg.norm(readings.points_m - ap.position_m()[:2], axis=1)
         return np.column_stack([np.ones(len(flat)), np.log10(np.hypot(flat, ap.z_m - ANTENNA_M))])
 
     fitted, *_ = np.linalg.lstsq(rows(known), known.rss_dbm, rcond=None)
@@ -143,18 +143,18 @@ def log_distance(ap: AccessPoint, known: Placed, asked: Placed) -> Predicted:
     return gaussian(rows(asked) @ fitted, sd)
 
 
-def prediction(mean: Mean, known: Placed, asked: Placed) -> Predicted:
+def prediction(mean: MeanFunction, known: RssReadings, asked: RssReadings) -> Predicted:
     """Take 3GPP InH as it is; the power is the mean level, for no data sheet gives it."""
     ap = mean.access_point
     assert ap is not None
 
-    def loss(placed: Placed) -> Floats:
+    def loss(readings: RssReadings) -> Floats:
         """Return the expected loss (N,) [dB]."""
         links = links_to(
             mean.geographic.geometry,
             mean.geographic.heights_m,
             ap,
-            placed.points_m,
+            readings.points_m,
             antenna_height_m=mean.antenna_height_m,
             mount_radius_m=mean.mount_radius_m,
         )
@@ -164,7 +164,7 @@ def prediction(mean: Mean, known: Placed, asked: Placed) -> Predicted:
     return gaussian(power - loss(asked), np.std(known.rss_dbm + loss(known)))
 
 
-def peers(mean: Mean, known: Placed, asked: Placed) -> dict[str, Predicted]:
+def peers(mean: MeanFunction, known: RssReadings, asked: RssReadings) -> dict[str, Predicted]:
     """Return the answers of all peers."""
     assert mean.access_point is not None
     return {
@@ -189,7 +189,7 @@ def main() -> None:
     table = columns(given.folder / "calibration_df.csv")
     anchors = columns(given.folder / "anchors.csv")
     config = MeasuredConfig()
-    nodes = make_nodes(geographic.geometry, floor_of(geographic), config.node_side_m, 20_000)
+    nodes = make_nodes(geographic.geometry, free_floor(geographic), config.node_side_m, 20_000)
     floors = FloorField(nodes), FloorField(nodes)
     folds = block_folds(
         np.column_stack([table["x"], table["y"]]), np.random.default_rng(given.seed)
@@ -198,7 +198,7 @@ def main() -> None:
     for number, x, y, z in zip(*(anchors[key] for key in ("id", "x", "y", "z")), strict=True):
         name = int(number)
         ap = AccessPoint(f"anchor {name}", x, y, z, 0.0, FREQUENCY_HZ)
-        mean = Mean(geographic, ap, ANTENNA_M, 0.25)
+        mean = MeanFunction(geographic, ap, ANTENNA_M, 0.25)
         heard = np.isfinite(table[f"rssi_{name}"])
         everything = readings_of(table, name)
         for fold in range(FOLDS):

@@ -27,7 +27,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.kernels import kernel
 from slarm_graph.radio.line_of_sight import line_of_sight_over_cells
-from slarm_graph.radio.propagation.crossings import passages
+from slarm_graph.radio.propagation.crossings import link_crossings
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.recover import recover
 from slarm_graph.trajectory import Trajectory
@@ -107,11 +107,11 @@ def walls_row(name: str, occupied: Mask) -> str:
     eye_m = np.array([0.4137, 0.5219]) * len(occupied) * RESOLUTION_M
     points_m = geometry.center_of(np.argwhere(~occupied))
 
-    def count(off_cells: int, shift_m: Floats) -> NDArray[np.int16]:
+    def count(shift_cells: int, shift_m: Floats) -> NDArray[np.int16]:
         """Counts with both ends of the links shifted."""
         there = np.array([*(eye_m + shift_m), 2.5])
-        return passages(
-            geometry, heights_m, there, points_m + shift_m, ANTENNA_M, off_cells=off_cells
+        return link_crossings(
+            geometry, heights_m, there, points_m + shift_m, ANTENNA_M, shift_cells=shift_cells
         ).counts
 
     shifts = RESOLUTION_M * np.array([(0, 0), (-1, 0), (1, 0), (0, -1), (0, 1)])

@@ -41,9 +41,9 @@ from slarm_graph.frontends.simulation.world_recording import tour as tour_script
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.fuse import fuse
-from slarm_graph.radio.measured.log import RssLog, heard_with, place
+from slarm_graph.radio.measured.build_map import build_measured_map
 from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.radio.measured.rss_log import RssLog, heard_with, place
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover_scans
@@ -184,7 +184,7 @@ def measured_of(heard: Heard, until_s: float = np.inf, known: bool = False) -> M
     placed = place(heard.log, heard.path, 0.02).readings
     parts = {name: one.only(one.times_s <= until_s) for name, one in placed.items()}
     points = heard.world.access_points if known else ()
-    return fuse(heard.geographic, parts, points, heard.config.radio, MeasuredConfig())
+    return build_measured_map(heard.geographic, parts, points, heard.config.radio, MeasuredConfig())
 
 
 def at(layer: Floats, geometry: GridGeometry, points_m: Floats) -> Floats:

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """What half and double of a constant do to the metrics.
 
-    python benchmarks/sensitivity.py slarm_graph.recovery.walls:_BAND_CELLS
+    python benchmarks/sensitivity.py slarm_graph.recovery.wall_lines:_BAND_CELLS
     python benchmarks/sensitivity.py --drive slarm_graph.exploration.frontier:_STRIP_M
 
 Constants of recovery and radio map are judged on one drive through every world, from which only the

@@ -35,7 +35,7 @@ from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, Marks, trajectory_
 from slarm_graph.geographic import CellState, GeographicMap
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.radio.measured.files import fitted_rows
-from slarm_graph.radio.measured.heard_height import HeardHeight, height_rows
+from slarm_graph.radio.measured.height_posterior import HeightPosterior, height_rows
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.raster.bands import windows
 from slarm_graph.readings import ScanStatus
@@ -73,7 +73,7 @@ class ReportContent:
     verdict : str
         What the run says of its own consistency.
     measured : MeasuredMap or None
-    heights : sequence of HeardHeight
+    heights : sequence of HeightPosterior
         What was heard of heights that nobody had said.
     """
 
@@ -93,7 +93,7 @@ class ReportContent:
     marks: Marks = field(default_factory=Marks)
     verdict: str = ""
     measured: MeasuredMap | None = None
-    heights: Sequence[HeardHeight] = ()
+    heights: Sequence[HeightPosterior] = ()
 
 
 def report_html(content: ReportContent) -> str:
@@ -228,7 +228,7 @@ def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
     return (Section("Measured signal strength", blocks),)
 
 
-def _heights_part(heights: Sequence[HeardHeight]) -> tuple[Section, ...]:
+def _heights_part(heights: Sequence[HeightPosterior]) -> tuple[Section, ...]:
     """Return the section on heights that were heard, none where nothing was."""
     if not heights:
         return ()

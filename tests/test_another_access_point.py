@@ -14,8 +14,8 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.connectivity import another
-from slarm_graph.radio.connectivity.another import rank_places, wall_places_m
+from slarm_graph.radio.connectivity import candidate_sites
+from slarm_graph.radio.connectivity.candidate_sites import candidate_sites_m, rank_sites
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.signal import SignalMap
 from slarm_graph.radio.propagation.over_map import make_model, predicted_radio_map
@@ -38,7 +38,7 @@ def two_rooms():
 def ranked(geographic, threshold_dbm=THRESHOLD_DBM):
     signal = SignalMap.of_prediction(predicted_radio_map(geographic, [AP], CONFIG))
     asked = {"height_m": 2.4, "threshold_dbm": threshold_dbm}
-    return rank_places(geographic, signal, make_model(CONFIG), CONFIG.radio, **asked)
+    return rank_sites(geographic, signal, make_model(CONFIG), CONFIG.radio, **asked)
 
 
 def test_the_ranking_is_that_of_whole_radio_maps_with_the_new_one():
@@ -50,13 +50,13 @@ def test_the_ranking_is_that_of_whole_radio_maps_with_the_new_one():
             geographic, [AP, AccessPoint("new", x, y, 2.4, -10.0, AP.frequency_hz)]
         )
         - alone
-        for x, y in wall_places_m(geographic)[::3].tolist()
+        for x, y in candidate_sites_m(geographic)[::3].tolist()
     }
     by_place = {(p.x_m, p.y_m): p for p in places}
     floor_m2 = geographic.accessible.sum() * 0.01
-    for place, expected in gained.items():
-        assert by_place[place].gained_m2 == pytest.approx(expected)
-        assert by_place[place].share == pytest.approx((alone + expected) / floor_m2)
+    for site, expected in gained.items():
+        assert by_place[site].gained_m2 == pytest.approx(expected)
+        assert by_place[site].share == pytest.approx((alone + expected) / floor_m2)
     assert [p.gained_m2 for p in places] == sorted((p.gained_m2 for p in places), reverse=True)
     assert places[0].gained_m2 >= max(gained.values()) > 2.0 * np.median(list(gained.values()))
     assert places[0].x_m > 4.0  # in or at the room that has none
@@ -69,7 +69,7 @@ def _connected_m2(geographic, points):
 
 def test_every_square_of_wall_beside_the_floor_has_a_place_on_it():
     geographic = two_rooms()
-    places = wall_places_m(geographic, 0.5)
+    places = candidate_sites_m(geographic, 0.5)
     rows, cols = GRID.cell_of(places).T
     assert (geographic.states[rows, cols] == CellState.OBSTACLE).all()
     squares = {tuple(square) for square in np.floor(places / 0.5).astype(int).tolist()}
@@ -85,9 +85,9 @@ def test_every_square_of_wall_beside_the_floor_has_a_place_on_it():
 def test_large_floors_are_judged_on_a_sample(monkeypatch):
     geographic = two_rooms()
     whole = {(p.x_m, p.y_m): p.gained_m2 for p in ranked(geographic)}
-    monkeypatch.setattr(another, "_MOST_CELLS", 300)
-    for place in ranked(geographic):
-        assert place.gained_m2 == pytest.approx(whole[place.x_m, place.y_m], abs=1.0)
+    monkeypatch.setattr(candidate_sites, "_MOST_CELLS", 300)
+    for site in ranked(geographic):
+        assert site.gained_m2 == pytest.approx(whole[site.x_m, site.y_m], abs=1.0)
 
 
 def test_nothing_to_gain_and_no_wall():

@@ -26,7 +26,7 @@ from slarm_graph.exploration.coverage_grid import (
     known_coverage,
 )
 from slarm_graph.exploration.explorer import Finished
-from slarm_graph.exploration.live_map import _densely, _forbidden, mark_swept
+from slarm_graph.exploration.live_map import _densified, _forbidden, mark_swept
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, Mask
@@ -89,7 +89,7 @@ def test_everything_that_can_be_reached_is_swept_tile_by_tile(kind: type[_OnTile
         if isinstance(goal, Finished):
             break
         np.testing.assert_allclose(goal.points_m[0], [pose.x, pose.y])
-        cells = np.floor(_densely(goal.points_m, 0.01) / 0.05 - 1e-9).astype(int)
+        cells = np.floor(_densified(goal.points_m, 0.01) / 0.05 - 1e-9).astype(int)
         assert free[cells[:, 1], cells[:, 0]].all()
         mark_swept(swept, goal.points_m / 0.05, 0.18 / 0.05)
         driven_m += float(np.hypot(*np.diff(goal.points_m, axis=0).T).sum())
@@ -137,19 +137,19 @@ def test_a_disc_sweeps_the_cells_whose_middle_it_passes_over(seed: int) -> None:
     before = swept.copy()
     mark_swept(swept, path, radius)
     centers = np.stack(np.meshgrid(np.arange(22) + 0.5, np.arange(18) + 0.5), axis=-1)
-    dense = _densely(path, 0.5)
+    dense = _densified(path, 0.5)
     away = np.linalg.norm(centers[:, :, None] - dense, axis=-1).min(axis=2)
     np.testing.assert_array_equal(swept, before | (away <= radius))
 
 
 def test_points_along_a_way_are_no_farther_apart_than_asked_for() -> None:
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [1.0, 0.35]])
-    dense = _densely(corners, 0.25)
+    dense = _densified(corners, 0.25)
     apart = np.hypot(*np.diff(dense, axis=0).T)
     np.testing.assert_allclose(apart, [0.25] * 4 + [0.0] + [0.175] * 2, atol=1e-12)
     for corner in corners:
         assert (np.abs(dense - corner).max(axis=1) < 1e-12).any()
-    np.testing.assert_array_equal(_densely(corners[:1], 0.25), corners[:1])
+    np.testing.assert_array_equal(_densified(corners[:1], 0.25), corners[:1])
 
 
 def test_rough_boundary_area_and_keep_out_rule_cells_out() -> None:

@@ -39,7 +39,7 @@ def look(selector: FrontierSelector, x_m: float, *shut: str) -> str | None:
         near[:, :5] = False
     if EAST in shut:
         near[:, -5:] = False
-    leg = selector.look_at_unknown(driving, near, Pose2(x_m, 0.25, 0.0))
+    leg = selector.leg_to_frontier(driving, near, Pose2(x_m, 0.25, 0.0))
     if leg is None:
         return None
     assert isinstance(leg, Leg)
@@ -137,7 +137,7 @@ def test_the_goal_is_where_a_path_ends_and_not_its_first_corner() -> None:
     bent = driving_grid(
         driving.geometry, driving.passable, driving.occupied, driving.observed, driving.swept
     )
-    leg = selector.look_at_unknown(bent, bent.passable, Pose2(5.0, 0.35, 0.0))
+    leg = selector.leg_to_frontier(bent, bent.passable, Pose2(5.0, 0.35, 0.0))
     assert isinstance(leg, Leg)
     assert len(leg.points_m) > 2
     assert selector._goal_m is not None

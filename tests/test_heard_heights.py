@@ -18,20 +18,29 @@ from slarm_graph.config import MappingConfig, MeasuredConfig, RadioConfig, Recov
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.fit import Hyperparameters
-from slarm_graph.radio.measured.heard_height import HeardHeight, height_rows, write_heights_csv
-from slarm_graph.radio.measured.height_evidence import LinksOver, height_evidence
+from slarm_graph.radio.measured.height_evidence import LinkClearances, height_evidence
+from slarm_graph.radio.measured.height_inference import (
+    STEP_M,
+    infer_heights,
+    level_probabilities,
+    with_heights,
+)
+from slarm_graph.radio.measured.height_posterior import (
+    HeightPosterior,
+    height_rows,
+    write_heights_csv,
+)
 from slarm_graph.radio.measured.height_sampler import (
-    _APART_DB,
+    _LOSS_SPREAD_DB,
     HeightEvidence,
     height_probabilities,
-    integrated,
+    marginalised,
 )
-from slarm_graph.radio.measured.heights import STEP_M, heard_heights, prior_of, with_heights
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed
-from slarm_graph.radio.propagation.solids_passed import lowest_over, solids_passed
+from slarm_graph.radio.measured.readings import RssReadings
+from slarm_graph.radio.propagation.solid_crossings import lowest_link_heights, solid_crossings
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.height_prior import HeightPrior
 from slarm_graph.recovery.recover import recover_scans
@@ -55,11 +64,13 @@ def test_what_is_higher_than_the_lowest_of_a_link_stops_it():
     points = rng.uniform([0.0, 0.0], [9.0, 6.0], (400, 2))
     for heights in ((2.4, 0.5), (0.4, 1.5)):
         start = [0.8, 3.0, heights[0]]
-        lowest = lowest_over([box(3.0, 2.4, 0.0)], start, points, heights[1], mount_radius_m=0.2)
+        lowest = lowest_link_heights(
+            [box(3.0, 2.4, 0.0)], start, points, heights[1], mount_radius_m=0.2
+        )
         assert 20 < np.isfinite(lowest).sum() < 380
         for top in (0.6, 0.9, 1.3, 2.0, np.inf):
             solid = [box(3.0, 2.4, top)]
-            passed = solids_passed(solid, start, points, heights[1], mount_radius_m=0.2)
+            passed = solid_crossings(solid, start, points, heights[1], mount_radius_m=0.2)
             assert ((lowest < top) == (passed == 1)).all()
         # By points along the links.
         along = np.linspace(0.0, 1.0, 4001)[:, None, None]
@@ -78,7 +89,7 @@ def test_what_is_linear_is_integrated_out_as_dense_algebra_does():
     values, fixed, others = rng.normal(size=30), rng.normal(size=(30, 2)), rng.normal(size=(30, 3))
     mean, sd = np.array([1.0, -2.0]), np.array([0.7, 3.0])
     columns = np.column_stack([values, fixed, others])
-    found, among = integrated(columns.T @ np.linalg.inv(noise) @ columns, 2, mean, sd)
+    found, among = marginalised(columns.T @ np.linalg.inv(noise) @ columns, 2, mean, sd)
     total = np.linalg.inv(noise + fixed @ np.diag(sd**2) @ fixed.T)
     np.testing.assert_allclose(among, others.T @ total @ others, atol=1e-9)
     np.testing.assert_allclose(found, others.T @ total @ (values - fixed @ mean), atol=1e-9)
@@ -89,8 +100,8 @@ def test_as_many_obstacles_are_expected_as_their_heights_are_likely():
     levels, lowest = np.array([0.0, 0.5, 1.0]), rng.uniform(0.0, 1.2, (2, 9))
     lowest[0, :3], lowest[1, 4] = np.inf, 0.5
     shares = [np.array([0.2, 0.3, 0.5]), np.array([0.0, 0.9, 0.1])]
-    nothing = Placed(np.zeros((9, 2)), np.zeros(9), np.zeros(9), np.zeros(9, dtype=np.int64))
-    links = LinksOver(nothing, Mean(room([], levels), AP, 0.5, 0.2), lowest)
+    nothing = RssReadings(np.zeros((9, 2)), np.zeros(9), np.zeros(9), np.zeros(9, dtype=np.int64))
+    links = LinkClearances(nothing, MeanFunction(room([], levels), AP, 0.5, 0.2), lowest)
     wanted = [
         sum(
             share[k] * (level > low[n])
@@ -99,7 +110,7 @@ def test_as_many_obstacles_are_expected_as_their_heights_are_likely():
         )
         for n in range(9)
     ]
-    np.testing.assert_allclose(links.expected(levels, shares), wanted, atol=1e-12)
+    np.testing.assert_allclose(links.expected_obstructions(levels, shares), wanted, atol=1e-12)
 
 
 def test_what_is_as_high_as_the_floor_stops_nothing_and_what_is_higher_stops_more():
@@ -108,12 +119,12 @@ def test_what_is_as_high_as_the_floor_stops_nothing_and_what_is_higher_stops_mor
     geographic = room(solids, levels)
     heard = heard_in(solids, 5)["ap"]
     lowest = [
-        lowest_over([one], AP.position_m(), heard.points_m, RADIO.antenna_height_m)
+        lowest_link_heights([one], AP.position_m(), heard.points_m, RADIO.antenna_height_m)
         for one in solids
     ]
     flat = replace(geographic, heights_m=np.zeros(GRID.shape, dtype=np.float32))
     hyper = Hyperparameters(3.0, 1.0, 0.5, 5.0, np.array([2.0]))
-    links = LinksOver(heard, Mean(flat, AP, 0.5, 0.2), np.stack(lowest), hyper)
+    links = LinkClearances(heard, MeanFunction(flat, AP, 0.5, 0.2), np.stack(lowest), hyper)
     free = geographic.states == CellState.ACCESSIBLE
     floor = FloorField(make_nodes(GRID, free, 0.5, 10_000))
     shares = [np.full(31, 1.0 / 31)] * 2
@@ -134,7 +145,7 @@ def enumerated(heard, priors, wall_db, wall_sd_db):
             own = [c[:, k] for c, k in zip(columns, levels, strict=True)]
             passed = certain + sum(own)
             covariance = np.eye(len(values)) + wall_sd_db**2 * np.outer(passed, passed)
-            covariance += _APART_DB**2 * sum(np.outer(c, c) for c in own)
+            covariance += _LOSS_SPREAD_DB**2 * sum(np.outer(c, c) for c in own)
             logs[levels] += stats.multivariate_normal(-wall_db * passed, covariance).logpdf(values)
     most = max(logs.values())
     found = [np.zeros(len(p)) for p in priors]
@@ -168,7 +179,7 @@ def test_heights_are_drawn_as_often_as_enumeration_says():
 def test_prior_is_that_of_the_class_and_a_little_of_anything():
     levels = STEP_M * np.arange(31)
     given = HeightPrior(3.0, 0.2).levels_m("furniture")
-    prior = prior_of(given, levels)
+    prior = level_probabilities(given, levels)
     assert prior.sum() == pytest.approx(1.0)
     assert prior[levels < given[0] - STEP_M].sum() == 0.0
     assert prior[levels <= 1.15].sum() == pytest.approx(0.5, abs=0.05)
@@ -200,11 +211,11 @@ def heard_in(solids, seed, noise_db=2.0):
         points = points[~((points > low - 0.1) & (points < high + 0.1)).all(axis=1)]
     points = points[np.argsort(points[:, 0])]
     away = np.hypot(np.hypot(*(points - [AP.x_m, AP.y_m]).T), AP.z_m - RADIO.antenna_height_m)
-    passed = solids_passed(solids, AP.position_m(), points, RADIO.antenna_height_m)
+    passed = solid_crossings(solids, AP.position_m(), points, RADIO.antenna_height_m)
     rss = LEVEL - 10.0 * EXPONENT * np.log10(away) - WALL * passed
     rss += noise_db * rng.normal(size=len(rss))
     times = 0.5 * np.arange(len(rss))
-    return {"ap": Placed(points, times, rss, np.zeros(len(rss), dtype=np.int64))}
+    return {"ap": RssReadings(points, times, rss, np.zeros(len(rss), dtype=np.int64))}
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +225,7 @@ def low_and_high():
     geographic = room(solids, HeightPrior(3.0, 0.2).levels_m("furniture"))
     config, rng = MeasuredConfig(node_side_m=0.3), np.random.default_rng(0)
     readings = heard_in(solids, 5)
-    return solids, geographic, heard_heights(geographic, readings, [AP], RADIO, config, rng)
+    return solids, geographic, infer_heights(geographic, readings, [AP], RADIO, config, rng)
 
 
 def test_heights_are_heard(low_and_high):
@@ -253,9 +264,9 @@ def test_nothing_heard_leaves_the_map_alone(low_and_high):
     config, rng = MeasuredConfig(), np.random.default_rng(0)
     elsewhere = [replace(AP, name="another")]
     readings = heard_in(solids, 5)
-    assert heard_heights(geographic, readings, elsewhere, RADIO, config, rng) == ()
+    assert infer_heights(geographic, readings, elsewhere, RADIO, config, rng) == ()
     certain = replace(geographic, height_groups=())
-    assert heard_heights(certain, readings, [AP], RADIO, config, rng) == ()
+    assert infer_heights(certain, readings, [AP], RADIO, config, rng) == ()
     unchanged = with_heights(geographic, ())
     assert unchanged.height_groups == geographic.height_groups
     assert unchanged.height_source == geographic.height_source
@@ -279,7 +290,7 @@ def test_every_obstacle_of_a_room_has_a_height_of_its_own():
 def test_table_has_prior_and_posterior(tmp_path):
     levels = STEP_M * np.arange(4)
     prior, posterior = np.array([0.1, 0.4, 0.4, 0.1]), np.array([0.0, 0.0, 0.2, 0.8])
-    one = HeardHeight(7, np.array([1.0, 2.0]), levels, prior, posterior, 12)
+    one = HeightPosterior(7, np.array([1.0, 2.0]), levels, prior, posterior, 12)
     (row,) = height_rows([one])
     assert (row["obstacle"], row["x_m"], row["y_m"], row["readings"]) == (7, 1.0, 2.0, 12)
     assert [row[f"prior_q{q}_m"] for q in ("05", "50", "95")] == [0.0, 0.1, 0.3]

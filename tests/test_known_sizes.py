@@ -19,7 +19,7 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains
 from slarm_graph.radio.radio_map import radio_map
-from slarm_graph.recovery.known_sizes import MeasuredPlan, known_sizes_of, match
+from slarm_graph.recovery.known_sizes import MeasuredPlan, known_sizes_of, match_size
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.recovery.wall_shapes import rectangle_m
 from slarm_graph.world import Solid, WorldMap
@@ -118,8 +118,8 @@ def test_known_sizes_of_what_touches():
 def test_no_height_is_promised_that_another_size_of_the_plan_exceeds():
     plan = MeasuredPlan(np.array([1.1, 1.3]), 1.43, 4, np.zeros(2))
     sizes = ((1.3, 1.1, 2.0, 1.0), (1.3, 1.1, 2.3, 1.0), (1.2, 1.1, 2.9, 1.0))
-    assert match(plan, sizes, 0.15).height_m == 2.3
-    assert match(plan, sizes[::-1], 0.15).height_m == 2.3
+    assert match_size(plan, sizes, 0.15).height_m == 2.3
+    assert match_size(plan, sizes[::-1], 0.15).height_m == 2.3
 
 
 def test_the_share_tells_round_from_square():
@@ -127,19 +127,22 @@ def test_the_share_tells_round_from_square():
     for seen in (1, 2, 4):
         round_m2 = 0.36 * (1.0 - (1.0 - math.pi / 4) * seen / 4)
         sides = np.array([0.6, 0.6])
-        assert match(MeasuredPlan(sides, round_m2, seen, np.zeros(2)), sizes, 0.15).height_m == 0.9
-        assert match(MeasuredPlan(sides, 0.36, seen, np.zeros(2)), sizes, 0.15).misfit_m < 1e-9
-    assert match(MeasuredPlan(sides, 0.36, 4, np.zeros(2)), sizes, 0.15).height_m == 0.6
+        assert (
+            match_size(MeasuredPlan(sides, round_m2, seen, np.zeros(2)), sizes, 0.15).height_m
+            == 0.9
+        )
+        assert match_size(MeasuredPlan(sides, 0.36, seen, np.zeros(2)), sizes, 0.15).misfit_m < 1e-9
+    assert match_size(MeasuredPlan(sides, 0.36, 4, np.zeros(2)), sizes, 0.15).height_m == 0.6
 
 
 def test_a_thing_goes_on_only_as_far_as_the_other_hides():
     size = ((1.1, 0.3, 2.4, 1.0),)
     for unseen_m, found in ((0.0, False), (0.04, False), (0.06, True), (3.2, True)):
         plan = MeasuredPlan(np.array([0.9, 0.3]), 0.27, 1, np.array([unseen_m, 0.0]))
-        assert (match(plan, size, 0.15) is not None) == found
+        assert (match_size(plan, size, 0.15) is not None) == found
     longer = MeasuredPlan(np.array([1.4, 0.3]), 0.42, 1, np.array([3.2, 0.0]))
-    assert match(longer, size, 0.15) is None
-    assert match(longer, (), 0.15) is None
+    assert match_size(longer, size, 0.15) is None
+    assert match_size(longer, (), 0.15) is None
 
 
 def test_sizes_that_cannot_be_are_refused():

@@ -19,7 +19,7 @@ from slarm_graph.exploration.lane_order import (
     _Spots,
     _spots,
     _turn_times_s,
-    in_driving_order,
+    order_lanes,
 )
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry
@@ -114,7 +114,7 @@ def test_lanes_side_by_side_are_driven_to_and_fro_where_they_are_worth_it() -> N
     lanes = [Lane(row(30.5, 10.5, 70.5), 600.0), Lane(row(20.5, 10.5, 70.5), 600.0)]
     for price_s_m2, kept in [(1e6, 2), (7.3, 2), (7.0, 1), (4.2, 1), (4.1, 0)]:
         robot = Pose2(0.475, 1.025, 0.0)
-        tour, rest = in_driving_order(lanes, driving, robot, CONFIG, price_s_m2)
+        tour, rest = order_lanes(lanes, driving, robot, CONFIG, price_s_m2)
         assert rest == []
         assert len(tour) == kept
         expected = [lanes[1].points, lanes[0].points[::-1]]

@@ -15,10 +15,10 @@ from scipy import ndimage
 from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.contour_lanes import contour_lanes
 from slarm_graph.exploration.coverage_grid import driving_grid
-from slarm_graph.exploration.lane_order import in_driving_order
+from slarm_graph.exploration.lane_order import order_lanes
 from slarm_graph.exploration.live_map import mark_swept
 from slarm_graph.exploration.smooth_paths import smooth_path
-from slarm_graph.exploration.tour import ordered, without_detours
+from slarm_graph.exploration.tour import short_tour, worthwhile
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.raster.thinning import pruned, thinned, traced
@@ -111,7 +111,7 @@ def random_links(seed: int, count: int) -> tuple[Floats, Floats]:
 @settings(max_examples=30, deadline=None)
 def test_no_turn_or_move_of_a_stretch_makes_a_tour_shorter(seed: int) -> None:
     between, first = random_links(seed, 7)
-    tour = ordered(between, first).tolist()
+    tour = short_tour(between, first).tolist()
     assert sorted(end // 2 for end in tour) == list(range(7))
     length = cost(tour, between, first)
     for i, j in itertools.combinations(range(8), 2):
@@ -126,7 +126,7 @@ def test_no_turn_or_move_of_a_stretch_makes_a_tour_shorter(seed: int) -> None:
 
 def test_long_tours_are_much_shorter_than_greedy_ones() -> None:
     between, first = random_links(0, 60)
-    tour = ordered(between, first).tolist()
+    tour = short_tour(between, first).tolist()
     greedy, left = [], set(range(120))
     costs = first
     while left:
@@ -143,7 +143,7 @@ def test_long_tours_are_much_shorter_than_greedy_ones() -> None:
 def test_no_stretch_of_a_tour_costs_more_than_it_is_worth(seed: int) -> None:
     between, first = random_links(seed, 7)
     worth = np.random.default_rng(seed + 1).uniform(0, 8, 7)
-    tour = without_detours(ordered(between, first), between, first, worth).tolist()
+    tour = worthwhile(short_tour(between, first), between, first, worth).tolist()
 
     def value(some: list[int]) -> float:
         return float(sum(worth[end // 2] for end in some)) - cost(some, between, first)
@@ -178,6 +178,6 @@ def test_a_robot_too_near_to_a_wall_for_its_tile_still_finds_all_lanes() -> None
     lanes = contour_lanes(passable, passable, 3.4, 60.0)
     inside, outside = Pose2(2.0, 2.0, 0.0), Pose2(0.7, 2.0, 0.0)
     for pose in (inside, outside):
-        tour, rest = in_driving_order(lanes, driving, pose, DrivingConfig(), 1e6)
+        tour, rest = order_lanes(lanes, driving, pose, DrivingConfig(), 1e6)
         assert len(tour) == len(lanes)
         assert rest == []

@@ -21,7 +21,7 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_past_solids,
     line_of_sight_to_points,
 )
-from slarm_graph.radio.shadows import in_front, next_around
+from slarm_graph.radio.shadows import next_containing, unoccluded
 from slarm_graph.world import Solid
 
 HEIGHTS_M = [0.3, 1.0, 1.8, 2.5, math.inf]
@@ -208,7 +208,7 @@ def test_the_next_polygon_around_a_point_is_the_one_that_shapely_finds(seed):
         around = [shapely.Polygon(star).contains(shapely.Point(point)) for star in stars]
         for first in range(9):
             expected = next((i for i in range(first, 8) if around[i]), 8)
-            assert next_around(first, point[None], np.concatenate(stars), starts) == expected
+            assert next_containing(first, point[None], np.concatenate(stars), starts) == expected
 
 
 def test_outer_wall_hides_the_far_leg_of_an_l_shaped_room():
@@ -279,4 +279,4 @@ def test_cells_behind_others_hide_nothing_else(eye: tuple[float, float]) -> None
     past = line_of_sight_past_cells(geometry, cells, position_m, 0.5)
     np.testing.assert_array_equal(past, clear)
     boxes, _ = shadows.boxes_of_cells(cells, 0.0, np.ones((3, 3), dtype=np.bool_))
-    assert in_front(np.array(eye), boxes).mean() < 0.5
+    assert unoccluded(np.array(eye), boxes).mean() < 0.5

@@ -13,14 +13,14 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.factor import Factor
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem
 from slarm_graph.radio.measured.nodes import make_nodes
-from slarm_graph.radio.measured.posterior import Coefficients, Conditioned
+from slarm_graph.radio.measured.posterior import Coefficients, FactoredModel
 from slarm_graph.radio.measured.priors import (
     FloorField,
     Precision,
     drift_precision,
     field_correlation,
 )
-from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 from slarm_graph.radio.measured.validate import _bridge
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
@@ -123,7 +123,7 @@ def test_gains_are_those_of_the_evidence_under_a_prior_and_noise_nearby():
     rng = np.random.default_rng(4)
     floor = FloorField(make_nodes(GRID, two_rooms(), 0.5, 10_000))
     points = rng.uniform([0.2, 0.2], [5.8, 3.8], (80, 2))
-    where, design = floor.nodes.weights(points), rng.normal(size=(80, 2))
+    observation, design = floor.nodes.weights(points), rng.normal(size=(80, 2))
     readings, weights = 3.0 * rng.normal(size=80), rng.uniform(0.5, 2.0, 80)
     coefficients = Coefficients(np.array([1.0, -2.0]), np.array([3.0, 0.5]))
 
@@ -131,14 +131,20 @@ def test_gains_are_those_of_the_evidence_under_a_prior_and_noise_nearby():
         return floor.unit_precision(range_m), weights * noise
 
     def evidence(prior: Precision, precision: Floats) -> float:
-        return Conditioned(prior, where, precision).on(design, coefficients, readings).log_evidence
+        return (
+            FactoredModel(prior, observation, precision)
+            .condition(design, coefficients, readings)
+            .log_evidence
+        )
 
     one = np.ones(80)
-    here = Conditioned(floor.unit_precision(2.0), where, weights)
+    here = FactoredModel(floor.unit_precision(2.0), observation, weights)
     towards = (1.0, 0.0 * one), (0.0, one), (0.5, rng.normal(size=80))
     near = [told(2.0 * np.exp(1e-5 * a), np.exp(1e-5 * b)) for a, b in towards]
-    gains = here.gains(here.on(design, coefficients, readings), design, readings, near)
-    for (a, b), gain in zip(towards, gains, strict=True):
+    changes = here.evidence_changes(
+        here.condition(design, coefficients, readings), design, readings, near
+    )
+    for (a, b), gain in zip(towards, changes, strict=True):
         up, down = (told(2.0 * np.exp(h * a), np.exp(h * b)) for h in (1e-4, -1e-4))
         slope = (evidence(*up) - evidence(*down)) / 2e-4
         assert abs(slope) > 0.1
@@ -150,18 +156,18 @@ def test_conditioning_is_universal_kriging():
     nodes = make_nodes(GRID, two_rooms(), 0.5, 10_000)
     prior = FloorField(nodes).unit_precision(2.0)
     count, size = 80, len(nodes)
-    where = sparse.csr_array(
+    observation = sparse.csr_array(
         (np.ones(count), (np.arange(count), rng.integers(0, size, count))), shape=(count, size)
     )
     design = rng.normal(size=(count, 2))
     noise = rng.uniform(0.5, 2.0, count)
     readings = rng.normal(size=count) * 3.0
     coefficients = Coefficients(np.array([1.0, -2.0]), np.array([3.0, 0.5]))
-    got = Conditioned(prior, where, 1.0 / noise).on(design, coefficients, readings)
+    got = FactoredModel(prior, observation, 1.0 / noise).condition(design, coefficients, readings)
 
     field = np.linalg.inv(prior.matrix.toarray())
     spread = np.diag(coefficients.sd**2)
-    a = where.toarray()
+    a = observation.toarray()
     total = a @ field @ a.T + design @ spread @ design.T + np.diag(noise)
     residual = readings - design @ coefficients.mean
     expected = stats.multivariate_normal(np.zeros(count), total).logpdf(residual)
@@ -232,10 +238,10 @@ def test_the_determinant_of_field_and_drift_is_that_of_their_dense_matrix():
     nodes = make_nodes(GRID, two_rooms(), 0.8, 10_000)
     times = np.array([0.2, 0.7, 1.1, 5.0])
     points = np.tile([1.0, 1.0], (4, 1))
-    placed = Placed(points, times, np.full(4, -60.0), np.zeros(4, dtype=np.int64))
+    readings = RssReadings(points, times, np.full(4, -60.0), np.zeros(4, dtype=np.int64))
     nothing = Coefficients(np.zeros(1), np.ones(1))
     problem = Problem(
-        FloorField(nodes), placed, np.ones((4, 1)), nothing, np.zeros(4), Receiver(), np.zeros(4)
+        FloorField(nodes), readings, np.ones((4, 1)), nothing, np.zeros(4), Receiver(), np.zeros(4)
     )
     np.testing.assert_array_equal(problem.drift_times_s(), [0.0, 1.0, 5.0])
     prior = problem.prior(Hyperparameters(2.0, 3.0, 0.7, 4.0, np.array([2.0])))
@@ -245,8 +251,8 @@ def test_the_determinant_of_field_and_drift_is_that_of_their_dense_matrix():
     covariance = np.linalg.inv(prior.matrix.toarray())
     np.testing.assert_allclose(np.diag(covariance)[: len(nodes)], 9.0, rtol=1e-6)
     np.testing.assert_allclose(np.diag(covariance)[len(nodes) :], 0.49, rtol=1e-6)
-    where = problem.where().toarray()
-    expected = np.zeros_like(where)
+    observation = problem.observation().toarray()
+    expected = np.zeros_like(observation)
     expected[:, : len(nodes)] = nodes.weights(points).toarray()
     expected[range(4), len(nodes) + np.array([0, 0, 1, 2])] = 1.0
-    np.testing.assert_array_equal(where, expected)
+    np.testing.assert_array_equal(observation, expected)

@@ -18,16 +18,16 @@ from slarm_graph.radio.measured import factor, fit
 from slarm_graph.radio.measured.fit import (
     Hyperparameters,
     Problem,
-    _first_guess,
-    _freedom,
-    _searched,
+    _fit_degrees_of_freedom,
+    _initial_hyperparameters,
+    _maximise_evidence,
     fit_field,
-    log_student,
+    log_student_t,
 )
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.posterior import Coefficients
 from slarm_graph.radio.measured.priors import FloorField, field_correlation
-from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 40, 60)
 CENTRE = np.log([3.0, 5.0, 2.0, 5.0, 4.0, 4.0])
@@ -42,11 +42,11 @@ def problem_of(count: int = 40, seed: int = 0, sd_db: float = 3.0) -> Problem:
     points = rng.uniform([0.1, 0.1], [5.9, 3.9], (count, 2))
     kind = np.arange(count) % 2
     rss = -60.0 + 4.0 * np.sin(points[:, 0]) + sd_db * (1 + kind) * rng.normal(size=count)
-    placed = Placed(points, np.arange(count) * 0.4, rss, kind, classes=2)
+    readings = RssReadings(points, np.arange(count) * 0.4, rss, kind, classes=2)
     design = np.column_stack([np.ones(count), points[:, 1]])
     coefficients = Coefficients(np.array([-60.0, 0.0]), np.array([10.0, 1.0]))
     nothing = np.zeros(count)
-    return Problem(FloorField(nodes), placed, design, coefficients, nothing, Receiver(), nothing)
+    return Problem(FloorField(nodes), readings, design, coefficients, nothing, Receiver(), nothing)
 
 
 def cost_of(
@@ -55,9 +55,13 @@ def cost_of(
     """Second implementation: the readings' whole covariance, and the prior of the vector."""
     tried = hyper.moved(vector)
     state = np.linalg.inv(problem.prior(tried).matrix.toarray())
-    where, b = problem.where().toarray(), problem.design
-    noise = tried.noise_sd_db[problem.placed.noise_class] ** 2 / weights
-    total = where @ state @ where.T + (b * problem.coefficients.sd**2) @ b.T + np.diag(noise)
+    observation, b = problem.observation().toarray(), problem.design
+    noise = tried.noise_sd_db[problem.readings.noise_class] ** 2 / weights
+    total = (
+        observation @ state @ observation.T
+        + (b * problem.coefficients.sd**2) @ b.T
+        + np.diag(noise)
+    )
     off = values - b @ problem.coefficients.mean
     likelihood = stats.multivariate_normal(np.zeros(len(off)), total).logpdf(off)
     return float(-likelihood + 0.5 * np.sum(((vector - CENTRE) / DOUBT) ** 2))
@@ -66,13 +70,13 @@ def cost_of(
 @pytest.mark.parametrize("seed", range(2))
 def test_the_search_ends_where_no_step_is_likelier(seed: int) -> None:
     problem = problem_of(seed=seed)
-    hyper = _first_guess(problem)
+    hyper = _initial_hyperparameters(problem)
     np.testing.assert_allclose(hyper.vector(), CENTRE)
     expected = np.full(40, -60.0)
     values, weights = gaussian_equivalent(
-        problem.placed.rss_dbm, expected, problem.noise_variance(hyper), Receiver(), 8.0
+        problem.readings.rss_dbm, expected, problem.noise_variance(hyper), Receiver(), 8.0
     )
-    found = _searched(problem, hyper, expected, weights)
+    found = _maximise_evidence(problem, hyper, expected, weights)
 
     def cost(vector: Floats) -> float:
         return cost_of(problem, hyper, vector, values, weights)
@@ -161,8 +165,8 @@ def test_noise_grows_with_what_an_uncertain_position_makes_of_field_and_mean() -
     own = np.array([1.5, 2.5, 1.5, 2.5]) ** 2
     np.testing.assert_allclose(problem.noise_variance(hyper), own)
     sd_m, slope, doubt = np.array([0.0, 0.1, 0.5, 2.0]), np.arange(4.0), np.arange(4.0) / 7
-    problem.placed = replace(problem.placed, position_sd_m=sd_m)
-    problem.mean_slope_db_m, problem.doubt_db2 = slope, doubt
+    problem.readings = replace(problem.readings, position_sd_m=sd_m)
+    problem.mean_slope_db_m, problem.map_variance_db2 = slope, doubt
     lost = 2.0 * 9.0 * (1.0 - field_correlation(sd_m, 2.0))
     np.testing.assert_allclose(
         problem.noise_variance(hyper), own + doubt + lost + (slope * sd_m) ** 2
@@ -172,7 +176,7 @@ def test_noise_grows_with_what_an_uncertain_position_makes_of_field_and_mean() -
 @pytest.mark.parametrize("freedom", [3.0, 8.0, 100.0])
 def test_students_density_is_that_of_another_program(freedom: float) -> None:
     scaled = np.linspace(-6.0, 6.0, 25)
-    np.testing.assert_allclose(log_student(scaled, freedom), stats.t(freedom).logpdf(scaled))
+    np.testing.assert_allclose(log_student_t(scaled, freedom), stats.t(freedom).logpdf(scaled))
 
 
 @pytest.mark.parametrize(("true", "low", "high"), [(3.0, 3.0, 4.0), (100.0, 30.0, 100.0)])
@@ -182,9 +186,9 @@ def test_heavy_tails_are_told_from_gaussian_noise(true: float, low: float, high:
     noise = 2.0 * stats.t(true).ppf((np.arange(400) + 0.5) / 400)
     rss = -60.0 + noise
     rss[::7] = np.nan
-    problem.placed = replace(problem.placed, rss_dbm=rss)
+    problem.readings = replace(problem.readings, rss_dbm=rss)
     hyper = Hyperparameters(2.0, 3.0, 1.0, 4.0, np.array([2.0, 2.0]))
-    assert low <= _freedom(problem, hyper, np.full(400, -60.0)) <= high
+    assert low <= _fit_degrees_of_freedom(problem, hyper, np.full(400, -60.0)) <= high
 
 
 def test_a_new_readings_spread_is_that_of_its_noise_and_the_drift() -> None:
@@ -208,10 +212,10 @@ def test_some_readings_keep_all_that_is_known_of_them() -> None:
     rss = np.array([-60.0, np.nan, -70.0, -80.0, np.nan])
     every = np.arange(5.0)
     points = np.arange(10.0).reshape(5, 2)
-    placed = Placed(points, every, rss, np.arange(5), every / 10, every / 100, classes=5)
-    assert placed.heard.tolist() == [True, False, True, True, False]
+    readings = RssReadings(points, every, rss, np.arange(5), every / 10, every / 100, classes=5)
+    assert readings.heard.tolist() == [True, False, True, True, False]
     for which in (np.array([3, 0]), np.array([True, False, False, True, True])):
-        found = placed.only(which)
+        found = readings.only(which)
         order = np.arange(5)[which]
         np.testing.assert_array_equal(found.points_m[:, 0], 2.0 * order)
         np.testing.assert_array_equal(found.times_s, order)

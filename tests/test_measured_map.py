@@ -15,7 +15,8 @@ from slarm_graph.config import MeasuredConfig, RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.blocks import blocks_of
+from slarm_graph.radio.measured.blocks import find_blocks
+from slarm_graph.radio.measured.build_map import _make_problem, build_measured_map, free_floor
 from slarm_graph.radio.measured.files import (
     LAYERS,
     read_measured_npz,
@@ -24,13 +25,12 @@ from slarm_graph.radio.measured.files import (
     write_measured_netcdf,
     write_measured_npz,
 )
-from slarm_graph.radio.measured.fuse import _problem, floor_of, fuse
 from slarm_graph.radio.measured.locate import _over_map, _Search
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.pictures import write_measured_png
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed, Receiver
+from slarm_graph.radio.measured.readings import Receiver, RssReadings
 
 GRID = GridGeometry(0.0, 0.0, 0.1, 60, 90)
 AP = AccessPoint("ap", 1.5, 1.2, 2.4)
@@ -49,8 +49,8 @@ def floor():
 
 
 def true_level(geographic, points, **how):
-    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m, **how)
-    return mean.of_map(points) @ [LEVEL, EXPONENT, WALL]
+    mean = MeanFunction(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m, **how)
+    return mean.map_design(points) @ [LEVEL, EXPONENT, WALL]
 
 
 def drive(rng, count):
@@ -60,7 +60,7 @@ def drive(rng, count):
 
 
 def placed(points, rss):
-    return Placed(points, 0.5 * np.arange(len(rss)), rss, np.zeros(len(rss), dtype=np.int64))
+    return RssReadings(points, 0.5 * np.arange(len(rss)), rss, np.zeros(len(rss), dtype=np.int64))
 
 
 @pytest.fixture(scope="module")
@@ -69,7 +69,9 @@ def noisy():
     geographic = floor()
     points = drive(rng, 900)
     rss = true_level(geographic, points) + 3.0 * rng.normal(size=900)
-    return geographic, fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    return geographic, build_measured_map(
+        geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG
+    )
 
 
 def test_the_models_terms_are_found(noisy):
@@ -106,11 +108,13 @@ def test_doubt_of_a_links_walls_is_that_of_walls_a_cell_off():
     for rows, cols in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
         heights = np.roll(geographic.heights_m, (rows, cols), axis=(0, 1))
         moved = replace(geographic, heights_m=heights)
-        counts.append(Mean(moved, AP, 0.5, 0.25).passages(points).counts[0])
-    design, doubt_db2 = Mean(geographic, AP, 0.5, 0.25).with_doubt(points)
+        counts.append(MeanFunction(moved, AP, 0.5, 0.25).link_crossings(points).counts[0])
+    design, map_variance_db2 = MeanFunction(geographic, AP, 0.5, 0.25).map_design_and_variance(
+        points
+    )
     np.testing.assert_allclose(design[:, 2], -np.mean(counts, axis=0))
-    np.testing.assert_allclose(doubt_db2, 25.0 * np.var(counts, axis=0))
-    assert 0.02 < (doubt_db2 > 0.0).mean() < 0.4
+    np.testing.assert_allclose(map_variance_db2, 25.0 * np.var(counts, axis=0))
+    assert 0.02 < (map_variance_db2 > 0.0).mean() < 0.4
 
 
 def with_block():
@@ -123,20 +127,20 @@ def with_block():
 
 
 def test_blocks_are_what_is_deeper_than_any_wall():
-    found = blocks_of(with_block())
+    found = find_blocks(with_block())
     assert found.count == 1
     inside = np.zeros(GRID.shape, dtype=np.int16)
     inside[39:45, 63:69] = 1
     np.testing.assert_array_equal(found.insides, inside)
-    assert blocks_of(floor()).count == 0
+    assert find_blocks(floor()).count == 0
 
 
 def test_a_link_is_through_a_block_whose_inside_it_passes():
-    mean = Mean(with_block(), AP, 0.5, 0.25, blocks_of(with_block()))
+    mean = MeanFunction(with_block(), AP, 0.5, 0.25, find_blocks(with_block()))
     points = np.array([[8.5, 5.4], [8.5, 3.0], [5.8, 5.2]])
-    design = mean.of_map(points)
+    design = mean.map_design(points)
     np.testing.assert_array_equal(design[:, 3], [-1.0, 0.0, 0.0])
-    np.testing.assert_array_equal(design[:, :3], replace(mean, blocks=None).of_map(points))
+    np.testing.assert_array_equal(design[:, :3], replace(mean, blocks=None).map_design(points))
 
 
 def test_a_hollow_block_leaves_the_loss_of_a_wall_in_its_interval():
@@ -144,18 +148,20 @@ def test_a_hollow_block_leaves_the_loss_of_a_wall_in_its_interval():
     rng, geographic = np.random.default_rng(8), with_block()
     points = drive(rng, 1500)
     points = points[geographic.heights_m[tuple(GRID.cell_of(points).T)] == 0.0]
-    mean = Mean(geographic, AP, 0.5, 0.25, blocks_of(geographic), faces_off_cells=0)
-    rss = mean.of_map(points) @ [LEVEL, EXPONENT, WALL, WALL] + 2.0 * rng.normal(size=len(points))
-    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    mean = MeanFunction(geographic, AP, 0.5, 0.25, find_blocks(geographic), face_error_cells=0)
+    rss = mean.map_design(points) @ [LEVEL, EXPONENT, WALL, WALL] + 2.0 * rng.normal(
+        size=len(points)
+    )
+    made = build_measured_map(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
     assert abs(made.fitted[0].wall_db - WALL) < 0.3
     assert abs(made.fitted[0].wall_db - WALL) < 1.96 * made.fitted[0].sd[2]
 
 
 def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
     """Oracle: dense covariance of readings with an error in common, and what their mean says."""
-    nodes = make_nodes(GRID, floor_of(floor()), 0.4, 10_000)
+    nodes = make_nodes(GRID, free_floor(floor()), 0.4, 10_000)
     centers = nodes.centers_m[[3, 3, 3, 40, 40, 90]]
-    shared = nodes.shared(centers)
+    shared = nodes.points_in_node(centers)
     np.testing.assert_array_equal(shared, [3, 3, 3, 2, 2, 1])
     noise, doubt = 4.0, 9.0
     for count in (1, 2, 3):
@@ -163,11 +169,13 @@ def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
         says = np.ones(count) @ np.linalg.solve(together, np.ones(count))
         alone = noise + doubt * shared[shared == count][0]
         assert says == pytest.approx(count / alone)
-    mean, here = Mean(floor(), AP, 0.5, 0.25), drive(np.random.default_rng(1), 400)
-    found = _problem(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
-    doubt_db2 = mean.with_doubt(here)[1]
-    assert doubt_db2.max() > 0.0
-    np.testing.assert_allclose(found.doubt_db2, doubt_db2 * nodes.shared(here))
+    mean, here = MeanFunction(floor(), AP, 0.5, 0.25), drive(np.random.default_rng(1), 400)
+    found = _make_problem(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
+    map_variance_db2 = mean.map_design_and_variance(here)[1]
+    assert map_variance_db2.max() > 0.0
+    np.testing.assert_allclose(
+        found.map_variance_db2, map_variance_db2 * nodes.points_in_node(here)
+    )
 
 
 @pytest.mark.parametrize("off", [(1, 0), (0, -1)])
@@ -176,8 +184,8 @@ def test_walls_a_cell_off_do_not_make_their_loss_less(off):
     rng, geographic = np.random.default_rng(8), floor()
     points = drive(rng, 1500)
     moved = replace(geographic, heights_m=np.roll(geographic.heights_m, off, axis=(0, 1)))
-    rss = true_level(moved, points, faces_off_cells=0) + 2.0 * rng.normal(size=len(points))
-    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    rss = true_level(moved, points, face_error_cells=0) + 2.0 * rng.normal(size=len(points))
+    made = build_measured_map(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
     assert abs(made.fitted[0].wall_db - WALL) < 1.0
     assert made.fitted[0].sd[2] < 0.5
 
@@ -203,7 +211,7 @@ def test_what_was_not_heard_counts():
     errors = []
     for silent in (True, False):
         kept = np.ones(len(rss), dtype=bool) if silent else np.isfinite(rss)
-        made = fuse(
+        made = build_measured_map(
             geographic,
             {"ap": placed(points[kept], rss[kept])},
             [AP],
@@ -223,7 +231,7 @@ def test_outliers_do_not_pull():
     points = drive(rng, 600)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=600)
     rss[::12] -= 25.0
-    made = fuse(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
+    made = build_measured_map(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
     cells = np.argwhere(geographic.accessible)
     truth = true_level(geographic, GRID.center_of(cells))
     assert abs(np.mean(made.mean_dbm[0][tuple(cells.T)] - truth)) < 1.0
@@ -233,7 +241,7 @@ def test_too_few_readings_are_told():
     geographic = floor()
     few = placed(np.full((3, 2), 1.0), np.full(3, -50.0))
     with pytest.raises(BadInput, match="heard 3 times"):
-        fuse(geographic, {"ap": few}, [AP], RADIO, CONFIG)
+        build_measured_map(geographic, {"ap": few}, [AP], RADIO, CONFIG)
 
 
 def test_an_unknown_access_point_is_found():
@@ -241,7 +249,7 @@ def test_an_unknown_access_point_is_found():
     geographic = floor()
     points = drive(rng, 900)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
-    made = fuse(geographic, {"someone": placed(points, rss)}, [], RADIO, CONFIG)
+    made = build_measured_map(geographic, {"someone": placed(points, rss)}, [], RADIO, CONFIG)
     found, sd = made.access_points[0], made.fitted[0].position_sd_m
     assert np.hypot(found.x_m - AP.x_m, found.y_m - AP.y_m) < 0.5
     assert max(sd[:2]) < 0.5
@@ -254,7 +262,7 @@ def test_without_a_position_there_is_still_a_map():
     points = drive(rng, 500)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=500)
     config = MeasuredConfig(node_side_m=0.4, locate=False)
-    made = fuse(geographic, {"someone": placed(points, rss)}, [], RADIO, config)
+    made = build_measured_map(geographic, {"someone": placed(points, rss)}, [], RADIO, config)
     cells = np.argwhere(geographic.accessible)
     error = made.mean_dbm[0][tuple(cells.T)] - true_level(geographic, GRID.center_of(cells))
     assert np.sqrt((error**2).mean()) < 3.0
@@ -293,15 +301,15 @@ def test_designs_from_several_positions_are_those_of_each():
     low = np.where(geographic.heights_m > 0.0, np.float32(1.4), np.float32(0.0))
     points = drive(rng, 40)
     heard = replace(placed(points, rng.normal(size=40)), headings_rad=rng.uniform(-3.0, 3.0, 40))
-    mean = Mean(
+    mean = MeanFunction(
         replace(geographic, heights_m=low), AP, RADIO.antenna_height_m, RADIO.mount_radius_m
     )
     positions = np.array([[1.0, 1.5, 2.5], [4.2, 1.1, 0.5], [1.0, 1.5, 0.5], [4.2, 1.1, 8.0]])
-    found = mean.of_readings_from(heard, positions)
+    found = mean.reading_designs_from(heard, positions)
     assert len(np.unique(found[:, :, 2].sum(axis=1))) == 3
     for position, design in zip(positions, found, strict=True):
-        there = replace(mean, access_point=AccessPoint("there", *position), faces_off_cells=0)
-        np.testing.assert_allclose(design, there.of_readings(heard))
+        there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
+        np.testing.assert_allclose(design, there.reading_design(heard))
 
 
 def test_part_of_the_readings_rules_out_only_what_all_rule_out():
@@ -310,16 +318,16 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     geographic = floor()
     points = drive(rng, 900)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
-    mean = Mean(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
-    field = FloorField(make_nodes(GRID, floor_of(geographic), 0.8, 500))
+    mean = MeanFunction(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
+    field = FloorField(make_nodes(GRID, free_floor(geographic), 0.8, 500))
     search = _Search(field, mean, placed(points, rss))
     lattice = _over_map(mean)
     screened = search.evidences(lattice)
     full = search._evidences_at(lattice)
     for position in lattice[::60]:
-        there = replace(mean, access_point=AccessPoint("there", *position), faces_off_cells=0)
-        design = there.of_readings(search._heard)
-        told = search._base.on(design, search._coefficients, search._values).log_evidence
+        there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
+        design = there.reading_design(search._heard)
+        told = search._model.condition(design, search._coefficients, search._values).log_evidence
         assert search._evidences_at(position[None]) == pytest.approx(told)
     kept = np.isfinite(screened)
     np.testing.assert_allclose(screened[kept], full[kept], rtol=1e-9)

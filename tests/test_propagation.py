@@ -16,7 +16,11 @@ from slarm_graph.files.configs import load_config
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.path_loss import path_loss_db
-from slarm_graph.radio.propagation.crossings import crossings_by_height, passages, wall_crossings
+from slarm_graph.radio.propagation.crossings import (
+    crossings_by_height,
+    link_crossings,
+    wall_crossings,
+)
 from slarm_graph.radio.propagation.links import Links
 from slarm_graph.radio.propagation.over_map import links_to, make_model, predicted_radio_map
 from slarm_graph.radio.radio_map import radio_map
@@ -134,13 +138,13 @@ def test_a_map_moved_by_a_cell_has_the_crossings_of_a_moved_access_point():
     heights[10:50, 30:32], heights[20:23, 12:66], heights[42, 10:40] = math.inf, 1.0, 1.9
     points = rng.uniform([0.1, -0.9], [5.9, 2.9], (150, 2))
     eye = np.array([0.512, 0.337, 2.5])
-    found = passages(GRID, heights, eye, points, 0.4, off_cells=2)
+    found = link_crossings(GRID, heights, eye, points, 0.4, shift_cells=2)
     shifts = 0.1 * 2 * np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])
     for counts, shift in zip(found.counts, shifts, strict=True):
         moved = wall_crossings(GRID, heights, eye - [*shift, 0.0], points - shift, 0.4)
         np.testing.assert_array_equal(counts, moved)
     assert len({tuple(counts) for counts in found.counts}) == 5
-    (alone,) = passages(GRID, heights, eye, points, 0.4).counts
+    (alone,) = link_crossings(GRID, heights, eye, points, 0.4).counts
     np.testing.assert_array_equal(alone, found.counts[0])
 
 
@@ -196,9 +200,11 @@ def test_a_link_passes_the_inside_of_an_obstacle_below_its_top():
     insides[:, 22:28], insides[:, 42:48] = 1, 2
     for eye_m, through in ((0.5, [True, True]), (8.0, [False, True])):
         eye = [0.05, 0.05, eye_m]
-        found = passages(GRID, heights, eye, [[5.95, 0.05], [1.05, 0.05]], 0.5, insides=insides)
+        found = link_crossings(
+            GRID, heights, eye, [[5.95, 0.05], [1.05, 0.05]], 0.5, insides=insides
+        )
         assert found.through[0].tolist() == through
-    assert passages(GRID, heights, eye, [[5.95, 0.05]], 0.5).through.shape == (1, 0)
+    assert link_crossings(GRID, heights, eye, [[5.95, 0.05]], 0.5).through.shape == (1, 0)
 
 
 def test_radio_map_by_another_model():

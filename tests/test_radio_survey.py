@@ -20,7 +20,7 @@ from slarm_graph.exploration.radio_survey import (
 )
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.certainty import Certainty, Shadowing
+from slarm_graph.radio.measured.field_variance import FieldVariance, Shadowing
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.priors import FloorField, field_correlation
 
@@ -37,7 +37,7 @@ def floor_nodes():
 def test_variances_and_gains_are_those_of_dense_algebra():
     nodes, rng = floor_nodes(), np.random.default_rng(0)
     heard = rng.uniform([0.1, 0.1], [2.5, 3.9], (40, 2))
-    sure = Certainty(nodes, heard, SHADOWING)
+    sure = FieldVariance(nodes, heard, SHADOWING)
     unit = FloorField(nodes).unit_precision(3.0).matrix.toarray()
     prior = 16.0 * np.linalg.inv(unit)
     pick = np.eye(len(nodes))[nodes.at(heard)]
@@ -53,10 +53,10 @@ def test_variances_and_gains_are_those_of_dense_algebra():
     assert sure.rms_db(everywhere) == pytest.approx(
         np.sqrt(nodes.area_m2 @ np.diag(posterior) / nodes.area_m2.sum()), rel=1e-5
     )
-    ways = [np.array([3, 20, 41]), np.array([60])]
-    for way, gain in zip(ways, sure.gains(ways, 4.0), strict=True):
-        more = np.eye(len(nodes))[way]
-        inner = more @ posterior @ more.T + np.diag(9.0 / 4.0 + beside[way])
+    paths = [np.array([3, 20, 41]), np.array([60])]
+    for path, gain in zip(paths, sure.variance_reductions(paths, 4.0), strict=True):
+        more = np.eye(len(nodes))[path]
+        inner = more @ posterior @ more.T + np.diag(9.0 / 4.0 + beside[path])
         after = posterior - posterior @ more.T @ np.linalg.solve(inner, more @ posterior)
         less = nodes.area_m2 @ (np.diag(posterior) - np.diag(after))
         assert gain == pytest.approx(less, rel=1e-4)
@@ -137,7 +137,7 @@ def test_a_piece_of_floor_is_driven_to_where_its_middle_is() -> None:
 
 def test_goals_are_uncertain_for_their_time_and_a_metre_apart() -> None:
     rng = np.random.default_rng(4)
-    sure = Certainty(floor_nodes(), rng.uniform([0.1, 0.1], [2.5, 3.9], (40, 2)), SHADOWING)
+    sure = FieldVariance(floor_nodes(), rng.uniform([0.1, 0.1], [2.5, 3.9], (40, 2)), SHADOWING)
     time_s = rng.uniform(2.0, 20.0, len(sure.nodes))
     time_s[::7] = np.inf
     goals = _goals(sure, time_s)
@@ -152,7 +152,7 @@ def test_goals_are_uncertain_for_their_time_and_a_metre_apart() -> None:
         assert rate[node] == 0.0 or rate[near].max() >= rate[node]
     wide = GridGeometry(0.0, 0.0, 0.1, 120, 100)
     nodes = make_nodes(wide, np.ones(wide.shape, dtype=bool), 0.5, 1000)
-    sure = Certainty(nodes, np.array([[0.1, 0.1]]), SHADOWING)
+    sure = FieldVariance(nodes, np.array([[0.1, 0.1]]), SHADOWING)
     assert len(_goals(sure, np.ones(len(nodes)))) == 40
     assert not len(_goals(sure, np.full(len(nodes), np.inf)))
 
@@ -165,8 +165,8 @@ def test_of_ways_that_tell_the_same_the_one_ahead_is_gone(heading: float) -> Non
     explorer = RadioSurvey(RadioSurveyConfig(), DrivingConfig(turn_rate_rad_s=0.2))
     leg = explorer.next_goal(middle, Pose2(3.0, 3.0, heading))
     assert isinstance(leg, Leg)
-    way = leg.points_m[-1] - leg.points_m[0]
-    assert abs(np.arctan2(way[1], way[0]) - heading) % (2.0 * np.pi) < 0.5
+    path = leg.points_m[-1] - leg.points_m[0]
+    assert abs(np.arctan2(path[1], path[0]) - heading) % (2.0 * np.pi) < 0.5
 
 
 def test_places_asked_for_too_often_are_told_by_squares() -> None:

@@ -15,7 +15,12 @@ from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.polygons import contains
-from slarm_graph.recovery.cell_classes import changed_cells, cut_off, expanded, whole_cells_m
+from slarm_graph.recovery.cell_classes import (
+    changed_cells,
+    enclosed_cells,
+    expansion,
+    whole_cells_m,
+)
 from slarm_graph.recovery.cell_heights import cell_heights
 from slarm_graph.recovery.coverage import footprint_cells, observed_cells, path_points_m
 from slarm_graph.recovery.grid_cleaning import _small_holes
@@ -45,7 +50,7 @@ def test_cells_nearer_than_the_radius_to_what_is_not_free_are_kept_clear(
     whole = math.ceil(radius_m / 0.1 - 1e-9)
     near = ndimage.distance_transform_edt(~shut)[4:-4, 4:-4] <= whole + 1e-9
     expected = (states == CellState.ACCESSIBLE) & near & (radius_m > 0.0)
-    np.testing.assert_array_equal(expanded(GRID, states, radius_m, GRID.shape), expected)
+    np.testing.assert_array_equal(expansion(GRID, states, radius_m, GRID.shape), expected)
     assert whole_cells_m(GRID, radius_m) == pytest.approx(0.1 * whole)
 
 
@@ -59,7 +64,7 @@ def test_what_no_accessible_way_joins_to_the_robot_is_cut_off(seed: int) -> None
     labels, _ = ndimage.label(accessible)
     own = np.unique(labels[visited & accessible])
     expected = accessible & ~np.isin(labels, own[own > 0])
-    np.testing.assert_array_equal(cut_off(states, visited, GRID.shape), expected)
+    np.testing.assert_array_equal(enclosed_cells(states, visited, GRID.shape), expected)
     assert expected[:, 18:].any()
 
 

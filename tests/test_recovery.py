@@ -21,9 +21,9 @@ from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.raster.distance import within
 from slarm_graph.recovery.coverage import visited_cells
-from slarm_graph.recovery.grid_cleaning import cleaned
+from slarm_graph.recovery.grid_cleaning import clean_grid
 from slarm_graph.recovery.recover import _faces, recover, recover_scans, with_sizes_of
-from slarm_graph.recovery.returns import gathered
+from slarm_graph.recovery.returns import gather_returns
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 
@@ -80,7 +80,7 @@ def test_invariants_on_any_grid(drawn, expansion_radius_m, straighten, known_siz
     # Passable space stays free, hence keeps its connections.
     room_cells = ndimage.distance_transform_edt(~(grid.occupied & ~visited))
     fits = room_cells > config.robot_radius_m / grid.geometry.resolution_m
-    passable = cleaned(grid, visited, config).reached & ((grid.free & fits) | visited)
+    passable = clean_grid(grid, visited, config).reached & ((grid.free & fits) | visited)
     within = np.isin(recovered.states, (CellState.ACCESSIBLE, CellState.EXPANSION))
     still = within | (recovered.states == CellState.ENCLOSED)
     assert not np.any(passable & ~still)
@@ -223,12 +223,12 @@ def test_footprint_is_the_disc_around_the_path():
 def test_returns_are_gathered_without_moving_their_mean():
     rng = np.random.default_rng(0)
     points = rng.normal(0.0, 1.0, (5000, 2))
-    returns = gathered(points, 0.1)
+    returns = gather_returns(points, 0.1)
     assert returns.weights.sum() == 5000
     np.testing.assert_allclose(
         np.average(returns.points, axis=0, weights=returns.weights), points.mean(axis=0)
     )
-    assert not len(gathered(np.zeros((0, 2)), 0.1).points)
+    assert not len(gather_returns(np.zeros((0, 2)), 0.1).points)
 
 
 @pytest.mark.parametrize("resolution", [0.05, 0.1, 0.25])
@@ -303,9 +303,9 @@ def test_cleaning_treats_all_borders_alike(seed, axis):
     geometry, visited = GridGeometry(0.0, 0.0, 0.05, 24, 30), np.zeros((24, 30), dtype=bool)
     visited[12, 15] = True
     probability[12, 15] = 0.0
-    there = cleaned(OccupancyGrid(geometry, probability), visited, RecoveryConfig())
+    there = clean_grid(OccupancyGrid(geometry, probability), visited, RecoveryConfig())
     flipped = np.ascontiguousarray(np.flip(probability, axis))
-    mirrored = cleaned(
+    mirrored = clean_grid(
         OccupancyGrid(geometry, flipped),
         np.ascontiguousarray(np.flip(visited, axis)),
         RecoveryConfig(),

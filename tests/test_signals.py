@@ -17,7 +17,7 @@ from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.signals.rss import beside, open_rss
-from slarm_graph.radio.measured.log import RssLog, merged, place
+from slarm_graph.radio.measured.rss_log import RssLog, merged, place
 from slarm_graph.trajectory import Trajectory
 
 

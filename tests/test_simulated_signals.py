@@ -17,9 +17,9 @@ from slarm_graph.frontends.simulation.receiver import SignalChannel, shadowing
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.log import heard_with
+from slarm_graph.radio.measured.rss_log import heard_with
 from slarm_graph.radio.propagation.crossings import wall_crossings
-from slarm_graph.radio.propagation.solids_passed import solids_passed
+from slarm_graph.radio.propagation.solid_crossings import solid_crossings
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import Solid, WorldMap
@@ -43,10 +43,10 @@ def test_level_is_the_law_by_hand():
 def test_solids_count_below_their_top_only():
     # The desk's far side is 7 m away: there the link to an antenna at 9 m is 2.5 - 2 * 7 / 8 high.
     points = np.array([[3.0, 4.0], [6.0, 4.0], [9.0, 4.0], [8.6, 4.0], [7.9, 4.0], [20.0, 4.0]])
-    counts = solids_passed((WALL, LOW), AP.position_m(), points, 0.5)
+    counts = solid_crossings((WALL, LOW), AP.position_m(), points, 0.5)
     assert counts.tolist() == [0, 1, 1, 2, 2, 1]
-    assert solids_passed((WALL,), [3.9, 4.0, 2.5], points[1:2], 0.5).tolist() == [1]
-    held = solids_passed((WALL,), [3.9, 4.0, 2.5], points[1:2], 0.5, mount_radius_m=0.4)
+    assert solid_crossings((WALL,), [3.9, 4.0, 2.5], points[1:2], 0.5).tolist() == [1]
+    held = solid_crossings((WALL,), [3.9, 4.0, 2.5], points[1:2], 0.5, mount_radius_m=0.4)
     assert held.tolist() == [0]
 
 
@@ -58,7 +58,7 @@ def test_solids_passed_agree_with_the_walk_over_cells(name):
     free = np.argwhere(truth.reachable)
     points = truth.geometry.center_of(free[rng.choice(len(free), 400)])
     ap = world.access_points[0].position_m()
-    by_solid = solids_passed(world.solids, ap, points, 0.5, mount_radius_m=0.25)
+    by_solid = solid_crossings(world.solids, ap, points, 0.5, mount_radius_m=0.25)
     cells = wall_crossings(
         truth.geometry, np.where(truth.blocked, truth.heights_m, 0.0), ap, points, 0.5,
         mount_radius_m=0.25,
@@ -74,13 +74,13 @@ def test_pieces_of_a_wall_are_one_where_they_touch():
     start = [3.0, 1.0, 2.5]
     points = np.array([[5.0, 2.6], [4.6, 1.0], [5.0, 2.2]])
     # Through the mitre from one piece into the other, through one piece, and through both apart.
-    assert solids_passed((along, up), start, points, 0.5).tolist() == [1, 1, 2]
+    assert solid_crossings((along, up), start, points, 0.5).tolist() == [1, 1, 2]
     arms = [[4, 0], [7, 0], [7, 3], [6, 3], [6, 1], [5, 1], [5, 3], [4, 3]]
     fork = Solid("u", np.array(arms, dtype=float), 3.0)
     behind = np.array([[8.0, 2.0], [8.0, 0.5], [5.5, 2.0]])
-    assert solids_passed((fork,), [3.0, 2.0, 2.5], behind[:1], 0.5).tolist() == [2]
-    assert solids_passed((fork,), [3.0, 0.5, 2.5], behind[1:2], 0.5).tolist() == [1]
-    assert solids_passed((fork,), [3.0, 2.0, 2.5], behind[2:], 0.5).tolist() == [1]
+    assert solid_crossings((fork,), [3.0, 2.0, 2.5], behind[:1], 0.5).tolist() == [2]
+    assert solid_crossings((fork,), [3.0, 0.5, 2.5], behind[1:2], 0.5).tolist() == [1]
+    assert solid_crossings((fork,), [3.0, 2.0, 2.5], behind[2:], 0.5).tolist() == [1]
 
 
 def test_shadowing_has_unit_variance_and_falls_exponentially():

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from slarm_graph.exploration.baselines import _rows_to_and_fro
+from slarm_graph.exploration.baselines import _boustrophedon_rows
 
 
 @pytest.mark.parametrize(
@@ -26,7 +26,7 @@ def test_rows_begin_at_the_corner_nearest_to_the_entry(
     """Each next row begins where the last one ended; halfway up, from the first."""
     wanted = np.zeros((9, 9), dtype=np.bool_)
     wanted[2:7, 1:5] = True
-    found = _rows_to_and_fro(wanted, entry)
+    found = _boustrophedon_rows(wanted, entry)
     assert tuple(found[0]) == first
     assert tuple(found[1]) == second
     assert len(found) == len({tuple(cell) for cell in found.tolist()}) == int(wanted.sum())

@@ -17,7 +17,10 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
     moved_to_faces,
 )
-from slarm_graph.radio.uncertain_sight import told_apart, weigh
+from slarm_graph.radio.line_of_sight_probability import (
+    multiply_by_group_probabilities,
+    split_by_certainty,
+)
 from slarm_graph.raster.fill import inside_solids
 from slarm_graph.world import Solid
 
@@ -72,11 +75,11 @@ def test_as_a_mask_for_every_level(seed: int, access_point_m: float) -> None:
     ]
     on_face = inside_solids(geometry, solids)
     expected = _by_masks(geometry, solids, groups, on_face, position_m)
-    sure, levels = told_apart(solids, groups, access_point_m, 0.5)
+    sure, levels = split_by_certainty(solids, groups, access_point_m, 0.5)
     probability = np.ones(geometry.shape, dtype=np.float32)
     probability[~line_of_sight_past_solids(geometry, sure, position_m, 0.5)] = 0.0
     points = moved_to_faces(geometry.center_of(np.argwhere(on_face)), solids)
     probability[on_face] = line_of_sight_to_points(points, sure, position_m, 0.5)
-    weigh(probability, geometry, levels, on_face, points, position_m, 0.5)
+    multiply_by_group_probabilities(probability, geometry, levels, on_face, points, position_m, 0.5)
     assert 0.1 < expected.mean() < 0.99
     np.testing.assert_allclose(probability, expected, rtol=0.0, atol=1e-6)

@@ -16,7 +16,7 @@ from slarm_graph.polygons import contains
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.wall_lines import Wall, wall_between
-from slarm_graph.recovery.walls import _closed, _corner, _joined, straightened
+from slarm_graph.recovery.walls import _closed, _corner, _joined, straighten_outlines
 
 CELL_M = 0.05
 L_ROOM = np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [2.5, 2.0], [2.5, 3.0], [0.0, 3.0]])
@@ -61,7 +61,7 @@ def test_a_room_without_noise_has_its_exact_corners(rad: float) -> None:
     returns = returns_on(room, pillar)
     for roll in range(5):
         begun = [np.roll(outline, 7 * roll, axis=0) for outline in outlines]
-        found = straightened(begun, returns, CELL_M)
+        found = straighten_outlines(begun, returns, CELL_M)
         assert same_ring(found[0].corners_m, room)
         assert same_ring(found[1].corners_m, pillar)
         assert all(one.fitted.all() for one in found)
@@ -69,7 +69,7 @@ def test_a_room_without_noise_has_its_exact_corners(rad: float) -> None:
 
 def test_an_outline_without_returns_stays_as_cells_have_it() -> None:
     far = returns_on(L_ROOM + 50.0)
-    (found,) = straightened([L_ROOM], far, CELL_M)
+    (found,) = straighten_outlines([L_ROOM], far, CELL_M)
     assert same_ring(found.corners_m, L_ROOM)
     assert not found.fitted.any()
 
@@ -78,7 +78,7 @@ def test_nothing_is_fitted_to_what_is_smaller_than_the_shortest_wall() -> None:
     """Though its side across be longer: what is so small is no wall."""
     for side_m, is_fitted in ((0.29, False), (0.31, True)):
         corners = side_m * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        (found,) = straightened([corners], returns_on(corners), CELL_M)
+        (found,) = straighten_outlines([corners], returns_on(corners), CELL_M)
         assert found.fitted.any() == is_fitted
         assert is_fitted or same_ring(found.corners_m, corners)
 

@@ -13,7 +13,7 @@ from slarm_graph.frontends.signals.rss_files import (
     read_anchor_log,
     read_rss_csv,
 )
-from slarm_graph.radio.measured.log import RssLog
+from slarm_graph.radio.measured.rss_log import RssLog
 
 
 def open_rss(given: str, recording: Sequence[Path] = (), distro: str | None = None) -> RssLog:

@@ -18,7 +18,7 @@ import numpy as np
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectory_columns import stamp_ns
-from slarm_graph.radio.measured.log import RssLog
+from slarm_graph.radio.measured.rss_log import RssLog
 
 _STAMPS = {"stamp_ns": "ns", "stamp": "", "stamp_s": "", "time": "", "timestamp": ""}
 """Names of the column of stamps, and its unit where a name says so; else as large as they are."""

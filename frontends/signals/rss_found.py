@@ -25,7 +25,7 @@ from slarm_graph.frontends.recordings.recordings import Topic
 from slarm_graph.frontends.recordings.ros_writing import typestore_of
 from slarm_graph.frontends.recordings.rosbag import open_recording
 from slarm_graph.frontends.signals.rss_topic import read_rss_topic, recorded
-from slarm_graph.radio.measured.log import RssLog
+from slarm_graph.radio.measured.rss_log import RssLog
 
 _STANDARD: Final = {
     "actionlib_msgs", "action_msgs", "builtin_interfaces", "diagnostic_msgs", "geometry_msgs",

@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader, AnyReaderError
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.frontends.recordings.ros_writing import typestore_of
-from slarm_graph.radio.measured.log import RssLog
+from slarm_graph.radio.measured.rss_log import RssLog
 
 _LISTS = (list, tuple, np.ndarray)
 """What rosbags makes of arrays."""

@@ -18,7 +18,7 @@ from slarm_graph.config import SignalConfig
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.radio.fading import channel_coefficients
 from slarm_graph.radio.propagation.models import decades_of_distance, friis_loss_at_1_m_db
-from slarm_graph.radio.propagation.solids_passed import solids_passed
+from slarm_graph.radio.propagation.solid_crossings import solid_crossings
 from slarm_graph.readings import Signal
 from slarm_graph.world import WorldMap
 
@@ -65,7 +65,7 @@ class SignalChannel:
     def passed(self, index: int, points_m: Floats) -> Floats:
         """Return the number (N,) of solids on the links of one access point to points (N, 2)."""
         ap = self._world.access_points[index]
-        counts = solids_passed(
+        counts = solid_crossings(
             self._world.solids, ap.position_m(), points_m, ANTENNA_M, mount_radius_m=MOUNT_M
         )
         return counts.astype(np.float64)

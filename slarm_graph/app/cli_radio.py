@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from slarm_graph.app.planning_radio import RadioOverMap
     from slarm_graph.app.run_folder import RunFolder
     from slarm_graph.config import RunConfig
-    from slarm_graph.radio.connectivity.another import WallPlace
+    from slarm_graph.radio.connectivity.candidate_sites import CandidateSite
     from slarm_graph.radio.connectivity.signal import SignalMap
 
 MapFile = Annotated[
@@ -209,7 +209,7 @@ def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
     show_table(head, rows)
 
 
-def _tell_places(places: Sequence[WallPlace]) -> None:
+def _tell_places(places: Sequence[CandidateSite]) -> None:
     """Print the best places for one more access point."""
     from slarm_graph.app.cli_output import show_table
 

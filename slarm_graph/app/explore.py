@@ -41,7 +41,7 @@ from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
-from slarm_graph.radio.measured.log import heard_with
+from slarm_graph.radio.measured.rss_log import heard_with
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of

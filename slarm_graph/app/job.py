@@ -14,7 +14,7 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import OccupancyGrid
-from slarm_graph.radio.measured.heard_height import HeardHeight
+from slarm_graph.radio.measured.height_posterior import HeightPosterior
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.radio_map import radio_notices
@@ -85,7 +85,7 @@ class Run:
     metrics : tuple of Metric
     measured : MeasuredMap or None
         None without readings of signal strength.
-    heights : tuple of HeardHeight
+    heights : tuple of HeightPosterior
         What readings of signal strength said of heights that nobody had said.
     """
 
@@ -100,7 +100,7 @@ class Run:
     consistency: Contradictions
     metrics: tuple[Metric, ...]
     measured: MeasuredMap | None = None
-    heights: tuple[HeardHeight, ...] = ()
+    heights: tuple[HeightPosterior, ...] = ()
 
     def notices(self) -> tuple[str, ...]:
         """Return what a user should know."""

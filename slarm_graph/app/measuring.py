@@ -17,9 +17,9 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.frontends.signals.rss import beside, open_rss
 from slarm_graph.geographic import GeographicMap
-from slarm_graph.radio.measured.heard_height import HeardHeight, write_heights_csv
-from slarm_graph.radio.measured.log import PlacedLog, RssLog, merged, place
+from slarm_graph.radio.measured.height_posterior import HeightPosterior, write_heights_csv
 from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.radio.measured.rss_log import RssAlongTrajectory, RssLog, merged, place
 
 NO_SIGNALS = ("none",)
 """What `--rss` says to leave alone what the recording holds."""
@@ -94,7 +94,7 @@ def measured_map(
     if not logs:
         return None
     # Optimisers, NetCDF and matplotlib are loaded only where there is something for them to do.
-    from slarm_graph.radio.measured.fuse import fuse
+    from slarm_graph.radio.measured.build_map import build_measured_map
 
     placed = _placed(logs, slam, config)
     total = sum(map(len, logs))
@@ -103,7 +103,7 @@ def measured_map(
             "no reading of signal strength lies within the trajectory's time:"
             " do both have the same clock?"
         )
-    made = fuse(
+    made = build_measured_map(
         geographic, placed.readings, access_points, config.radio, config.measured, heartbeat
     )
     told = [doubt for log in logs for doubt in log.doubts()]
@@ -121,35 +121,37 @@ def heights_heard(
     access_points: Sequence[AccessPoint],
     config: RunConfig,
     heartbeat: Heartbeat = silent,
-) -> tuple[HeardHeight, ...]:
+) -> tuple[HeightPosterior, ...]:
     """Tell heights that nobody has said by what was heard behind obstacles; none where unheard."""
     if not (logs and access_points and geographic.height_groups and config.measured.heights):
         return ()
-    from slarm_graph.radio.measured.heights import heard_heights
+    from slarm_graph.radio.measured.height_inference import infer_heights
 
     found = _placed(logs, slam, config).readings
     rng = np.random.default_rng(config.seed)
     how = (config.radio, config.measured, rng, heartbeat)
-    return heard_heights(geographic, found, access_points, *how)
+    return infer_heights(geographic, found, access_points, *how)
 
 
-def with_heights_heard(geographic: GeographicMap, heard: Sequence[HeardHeight]) -> GeographicMap:
+def with_heights_heard(
+    geographic: GeographicMap, heard: Sequence[HeightPosterior]
+) -> GeographicMap:
     """Return the map with these heights; the map itself where nothing was heard."""
     if not heard:
         return geographic
-    from slarm_graph.radio.measured.heights import with_heights
+    from slarm_graph.radio.measured.height_inference import with_heights
 
     return with_heights(geographic, heard)
 
 
-def save_heights(folder: RunFolder, heard: Sequence[HeardHeight]) -> None:
+def save_heights(folder: RunFolder, heard: Sequence[HeightPosterior]) -> None:
     """Write what was heard of heights, where there is anything."""
     if heard:
         with folder.replacing("obstacle_heights.csv") as temporary:
             write_heights_csv(temporary, heard)
 
 
-def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> PlacedLog:
+def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> RssAlongTrajectory:
     """Readings along the trajectory, whose positions are as sure as it says."""
     sds_m = position_sds_m(slam)
     return place(

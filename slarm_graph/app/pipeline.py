@@ -47,9 +47,9 @@ from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import end_points_m, render, thinned
-from slarm_graph.radio.measured.heard_height import HeardHeight
-from slarm_graph.radio.measured.log import RssLog, heard_with
+from slarm_graph.radio.measured.height_posterior import HeightPosterior
 from slarm_graph.radio.measured.measured_map import MeasuredMap
+from slarm_graph.radio.measured.rss_log import RssLog, heard_with
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
@@ -189,7 +189,7 @@ def with_heard(
     config: RunConfig,
     folder: RunFolder,
     progress: Progress,
-) -> tuple[GeographicMap, tuple[HeardHeight, ...]]:
+) -> tuple[GeographicMap, tuple[HeightPosterior, ...]]:
     """Return the map with heights as they were heard, and what was heard of them."""
     if not heard:
         return geographic, ()

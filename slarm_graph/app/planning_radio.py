@@ -25,7 +25,7 @@ from slarm_graph.files.texts import csv_text
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
-from slarm_graph.radio.connectivity.another import WallPlace, rank_places
+from slarm_graph.radio.connectivity.candidate_sites import CandidateSite, rank_sites
 from slarm_graph.radio.connectivity.coverage import connections
 from slarm_graph.radio.connectivity.paths import ConnectedPath, connected_path
 from slarm_graph.radio.connectivity.signal import (
@@ -174,9 +174,9 @@ def save_places(
     threshold_dbm: float,
     config: RunConfig,
     folder: RunFolder,
-) -> tuple[WallPlace, ...]:
+) -> tuple[CandidateSite, ...]:
     """Write `one_more.csv`, places for one more access point; return them, the best first."""
-    places = rank_places(
+    places = rank_sites(
         made.geographic,
         made.signal,
         make_model(config),

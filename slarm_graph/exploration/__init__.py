@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where to drive: GGMR, the baselines, planning and the closed loop.
+"""Exploration: GGMR, baselines, path planning, path following, and the closed loop.
 
 An explorer is a class with the method of `slarm_graph.exploration.explorer.Explorer`, the attribute
 `settings` (a `slarm_graph.config.Stage`) and the constructor `(settings, driving: DrivingConfig)`.

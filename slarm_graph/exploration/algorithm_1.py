@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""GGMR as the paper has it: Algorithm 1, literally, with its open points settled.
+"""GGMR: the paper's Algorithm 1, literally, with what it leaves open decided.
 
-Settled: a new start position is the open cell with the cheapest path from here (ties: lowest row,
-then lowest column), the direction of travel is looked for anew in every row that the robot comes
+Decided: a new start position is the open cell with the cheapest path from here (ties: lowest row,
+then lowest column), the direction of travel is determined anew in every row that the robot comes
 to (+x first, then -x), a diagonal step is two moves through a side cell that is not blocked, and
 the algorithm ends when no reachable open cell is left.
 """
@@ -28,7 +28,7 @@ from slarm_graph.exploration.searches import Labels, new_labels, walk_back, wave
 from slarm_graph.kernels import kernel
 
 _FIRST_ROOM: Final = 1024
-"""Cells of a path that there is room for at first; it doubles where needed."""
+"""Initial capacity of a path [cells]; doubles where needed."""
 PathCells = NDArray[np.int32]
 Walked = NDArray[np.int32]
 """Flat cell and facing of every step, (M, 2)."""
@@ -36,12 +36,12 @@ Walked = NDArray[np.int32]
 
 @dataclass(frozen=True, slots=True)
 class GgmrCounts:
-    """What Algorithm 1 took.
+    """Operation counts of a run of Algorithm 1.
 
     Parameters
     ----------
     comparisons : int
-        Looks at the value of a neighbouring cell.
+        Look-ups of a neighbouring cell's value.
     restarts : int
         New start positions, each reached by A*.
     turns : int
@@ -65,7 +65,7 @@ class GgmrPath:
     cells : (M, 2) int32
         Cells in the order of driving, the start included.
     facing : (M,) int8
-        Direction of travel along the row at every cell; 0 where it is looked for anew.
+        Direction of travel along the row at every cell; 0 where it is to be determined.
     counts : GgmrCounts
     complete : bool
         Whether no reachable open cell is left.
@@ -91,7 +91,7 @@ def ggmr_path(
     coverage : CoverageGrid
     start : (row, col)
     facing : {0, 1, -1}
-        Direction of travel along the row to go on with; 0 looks for it anew.
+        Direction of travel along the row to continue with; 0 determines it anew.
     max_cells : int, optional
         Stop after the first step that makes the path this long.
     """
@@ -110,10 +110,10 @@ def ggmr_path(
 def _algorithm_1(
     codes: Codes, moves: Moves, start: int, facing: int, max_cells: int, labels: Labels
 ) -> tuple[Walked, NDArray[np.int64], bool]:
-    """Walk until `max_cells` are in the path or nothing reachable is left; marks `codes`.
+    """Run until `max_cells` are in the path or no reachable open cell is left; marks `codes`.
 
-    Returns flat cells and facings of the path, (comparisons, restarts, revisits), and whether
-    nothing is left.
+    Returns flat cells and facings of the path, (comparisons, restarts, revisits), and whether the
+    coverage is complete.
     """
     cols = codes.shape[1]
     flat, bits = codes.ravel(), moves.ravel()
@@ -157,7 +157,7 @@ def _algorithm_1(
 
 @kernel
 def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> tuple[int, int]:
-    """Look along the row, +x first, then -x; return the direction of travel and the looks."""
+    """Direction of travel along the row, +x first, then -x; and the number of look-ups."""
     if (bits[here] & 1) and flat[here + 1] == OPEN:
         return 1, 1
     behind_open = (bits[here] >> 4) & 1 and flat[here - 1] == OPEN
@@ -166,7 +166,7 @@ def _direction(flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int) -> t
 
 @kernel
 def _with_room(walked: Walked, missing: int) -> Walked:
-    """Double the room of a path where some is missing."""
+    """Double the capacity of a path where it is short."""
     if missing <= 0:
         return walked
     more = np.empty((2 * len(walked) + missing, 2), dtype=np.int32)
@@ -190,9 +190,9 @@ def _count_turns(cells: PathCells) -> int:
 def _step_up(
     flat: NDArray[np.uint8], bits: NDArray[np.uint8], here: int, facing: int, cols: int
 ) -> tuple[int, int, int]:
-    """Look up, up-ahead and up-behind.
+    """Find an open cell up, up-ahead or up-behind.
 
-    Returns the next cell and, for a diagonal, the cell after it (-1: none), and the looks taken.
+    Returns the next cell and, for a diagonal, the cell after it (-1: none), and the look-ups.
     """
     up = here + cols
     up_open = (bits[here] >> 2) & 1

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Coverage methods to compare with, on tiles as wide as the robot: BA* and cell sweeps."""
+"""Baseline coverage planners on tiles as wide as the robot: BA* and boustrophedon decomposition."""
 
 from __future__ import annotations
 
@@ -40,33 +40,33 @@ sharp corners and less elsewhere."""
 _SWEPT_SHARE: Final = 0.7
 """A tile counts as covered when the body passed over this share of its free cells."""
 _MAX_ATTEMPTS: Final = 4
-"""Times a tile is headed for before it is given up: the map says it is open and the robot finds it
-is not."""
+"""Times a tile is targeted before it is given up: open on the map, but the robot finds it is
+not."""
 _HORIZON_TILES: Final = 60
-"""Tiles of a sweep that are made into a path at once: over unknown ground the rest will change."""
+"""Planning horizon of a sweep [tiles]: over unknown ground the rest will change."""
 
 
 class _OnTiles(ABC):
-    """An explorer that thinks in tiles as wide as the robot."""
+    """An explorer that plans on tiles as wide as the robot."""
 
     def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
         del settings
         self._tiles = _TiledFloor(driving.robot_radius_m)
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Sweep from here, or go to where there is something to sweep, and sweep there."""
+        """Sweep from here, or drive to the next open tile, and sweep there."""
         tiles = self._tiles.around(coverage, pose)
         start = start_cell(tiles, pose) if tiles else None
         if tiles is None or start is None:
             return Finished("no free tile near the robot")
-        way = self._way(tiles, start)
-        if way is None:
+        path = self._next_tiles(tiles, start)
+        if path is None:
             return Finished("no reachable tile is left")
-        return self._tiles.leg(tiles, pose, way)
+        return self._tiles.leg(tiles, pose, path)
 
     @abstractmethod
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
-        """Tiles (M, 2) to go over next, from where the robot is; None where none is left."""
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+        """Next tiles (M, 2) to drive over, from the robot's; None where none is left."""
 
 
 class BaStar(_OnTiles):
@@ -76,7 +76,7 @@ class BaStar(_OnTiles):
     new sweep can begin.
     """
 
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         cells = self._sweep(tiles, start)
         if len(cells) >= 2:
             return cells
@@ -91,7 +91,7 @@ class BaStar(_OnTiles):
         return np.stack(np.divmod(flat, cols), axis=-1)
 
     def _backtrack(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
-        """Way to the nearest backtracking point, or to the nearest open tile if there is none."""
+        """Path to the nearest backtracking point, or to the nearest open tile if there is none."""
         codes = tiles.codes.copy()
         codes[start] = VISITED
         points = _backtracking_points(codes)
@@ -105,7 +105,7 @@ class BaStar(_OnTiles):
 class Boustrophedon(_OnTiles):
     """Boustrophedon cells (Choset 2000): sweep the present cell row by row, then the nearest."""
 
-    def _way(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
+    def _next_tiles(self, tiles: CoverageGrid, start: tuple[int, int]) -> Cells | None:
         labels = label_floor_cells(tiles.codes != BLOCKED, 3.0)
         is_open = tiles.codes == OPEN
         is_open[start] = False
@@ -115,13 +115,13 @@ class Boustrophedon(_OnTiles):
         if path is None:
             return None
         here = is_open & (labels == labels[path[-1, 0], path[-1, 1]])
-        rows = _rows_to_and_fro(here, (int(path[-1, 0]), int(path[-1, 1])))
+        rows = _boustrophedon_rows(here, (int(path[-1, 0]), int(path[-1, 1])))
         return np.concatenate([path[:-1], rows])
 
 
 @dataclass(slots=True)
 class _TiledFloor:
-    """Tiles of the robot's size, and those that were tried in vain."""
+    """Tiles of the robot's size, and how often each was targeted."""
 
     radius_m: float
     attempts: NDArray[np.uint8] | None = None
@@ -154,7 +154,7 @@ class _TiledFloor:
         return np.asarray(in_blocks(floor & swept, side).sum(axis=(2, 3)) >= _SWEPT_SHARE * free)
 
     def leg(self, tiles: CoverageGrid, pose: Pose2, cells: Cells) -> Leg:
-        """Turn tiles into a path, and remember which open one comes first."""
+        """Turn tiles into a path, and count an attempt at the first open one."""
         assert self.attempts is not None
         is_open = tiles.codes[cells[:, 0], cells[:, 1]] == OPEN
         first = int(np.argmax(is_open))
@@ -162,8 +162,8 @@ class _TiledFloor:
         return leg_along(tiles, pose, cells[: first + _HORIZON_TILES], more=True)
 
 
-def _rows_to_and_fro(wanted: Mask, entry: tuple[int, int]) -> Cells:
-    """All wanted tiles (M, 2), row by row away from the entry's nearer side, turning each row."""
+def _boustrophedon_rows(wanted: Mask, entry: tuple[int, int]) -> Cells:
+    """Boustrophedon order (M, 2) of wanted tiles: row by row from the side nearer to the entry."""
     rows = np.flatnonzero(wanted.any(axis=1))
     if entry[0] - rows[0] > rows[-1] - entry[0]:
         rows = rows[::-1]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The closed loop: read, localise, map, decide, drive, until everything reachable is known."""
+"""The closed exploration loop: sense, localise, map, plan and drive until nothing is left."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import DriveCommand, World
 
 _MAX_ASKS: Final = 50
-"""Goals without a path, one after the other, before the drive ends: each is marked tried, so that
-more never helped."""
+"""Consecutive goals without a path before the drive ends: the explorer counts each as tried, so
+that more never helped."""
 _MOST_RETURNS: Final = 10
-"""Paths back to the start on a map that contradicts itself, in a drive: a map that is torn still
-after so many looks from places seen before will be after the next."""
+"""Returns to the start in a drive because the map is inconsistent: one that still is after so many
+revisits of known places will be after the next."""
 _APART: Final = ("_world", "_backend", "_explorer")
 _AT_HOME_M: Final = 0.05
-"""Of a path that ends at the start, as far as the follower drives it: a driving cell."""
+"""Distance to the start that counts as being there: a driving cell."""
 _NO_LEG: Final = Leg(np.empty((0, 2)), more=False)
-"""Stands for a leg where there is none, and has no points."""
+"""Placeholder without points where there is no leg."""
 
 
 @dataclass(frozen=True, slots=True)
 class Exploration:
-    """What came out of a closed loop.
+    """Result of a closed loop.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class Exploration:
 
 
 class ClosedLoop:
-    """A robot that explores a world that it does not know, one reading at a time.
+    """A robot that explores an unknown world, one reading at a time.
 
     Parameters
     ----------
@@ -94,9 +94,9 @@ class ClosedLoop:
     extent_m : (x_min, x_max, y_min, y_max)
         The rough boundary [m].
     start : Pose2
-        `world_from_robot` at the beginning, which the robot is told.
+        `world_from_robot` at the beginning, known to the robot.
     mapping : MappingConfig, optional
-        Of the map that is driven on.
+        Of the map for driving.
     log : ReadingLog, optional
         Where the readings are kept.
     """
@@ -137,7 +137,7 @@ class ClosedLoop:
 
     @property
     def survey(self) -> Survey:
-        """What is known so far, and how it came to be known."""
+        """Estimated poses and map so far."""
         return self._survey
 
     @property
@@ -147,7 +147,7 @@ class ClosedLoop:
 
     @property
     def pose(self) -> Pose2:
-        """Where the robot holds itself to be, `world_from_robot`."""
+        """Estimated pose, `world_from_robot`."""
         return self._survey.pose
 
     def step(self) -> bool:
@@ -163,7 +163,7 @@ class ClosedLoop:
         return True
 
     def snapshot(self) -> dict[str, State]:
-        """Return the state between two steps, to go on from with a fresh loop and world."""
+        """Return the state between two steps, to resume from with a fresh loop and world."""
         return {
             "backend": self._backend.snapshot(),
             "explorer": state_of(self._explorer),
@@ -181,11 +181,11 @@ class ClosedLoop:
                 self._world.drive(self._commands[number])
 
     def kept_state(self) -> dict[str, object]:
-        """Leave out of a snapshot what has a snapshot of its own, or is driven again."""
+        """Exclude from a snapshot what has its own, or is driven again."""
         return {k: v for k, v in vars(self).items() if k not in _APART}
 
     def outcome(self) -> Exploration:
-        """Return what has been learnt so far."""
+        """Return the result so far."""
         survey = self._survey
         slam, live, truth = survey.rebuild(), survey.live, survey.truth
         return Exploration(
@@ -201,7 +201,7 @@ class ClosedLoop:
         )
 
     def _decide(self) -> None:
-        """Ask for a new leg where the present one ends, is blocked or has grown old."""
+        """Plan a new leg where the present one ends, is blocked or is due for review."""
         limit_s = self._config.mission_time_s
         if limit_s is not None and self._survey.log.driven_s >= limit_s:
             self.finished = Finished("the mission time is over")
@@ -225,9 +225,9 @@ class ClosedLoop:
             self._ask(end, self.live.coverage(path), go_on=True)
 
     def _relocate(self, *, stands: bool) -> None:
-        """Drive back to where the map began, instead of on, until it no longer contradicts itself.
+        """Return to the start, instead of exploring, until the map is consistent again.
 
-        There every place was seen before, so that the backend can find out where the robot is.
+        Places seen before let the backend relocalise the robot.
         """
         began, self._is_relocating = not self._is_relocating, True
         if stands and not began:
@@ -245,7 +245,7 @@ class ClosedLoop:
             self._follower.follow(path)
 
     def _path_home(self, coverage: CoverageGrid) -> Floats | None:
-        """A path (K, 2) [m] to the start; None where there is none, or the robot stands there."""
+        """Path (K, 2) [m] to the start; None where there is none, or the robot is there."""
         home = np.array([self._start.x, self._start.y])
         here = np.array([self.pose.x, self.pose.y])
         if math.hypot(*(home - here)) <= _AT_HOME_M:
@@ -253,7 +253,7 @@ class ClosedLoop:
         return path_between(coverage.driving, here, home)
 
     def _ask(self, pose: Pose2, coverage: CoverageGrid, *, go_on: bool) -> None:
-        # Asked without the gap in between, the explorer would take its goal there for lost.
+        # On a map without the gap, the explorer would take its goal beyond for unreachable.
         tight = self._squeeze(coverage, pose) if self._is_in_a_gap(coverage, pose) else None
         goal = tight or self._goal(coverage, pose)
         if isinstance(goal, Finished) and not go_on:
@@ -276,7 +276,7 @@ class ClosedLoop:
             self._follower.follow(goal.points_m)
 
     def _is_in_a_gap(self, coverage: CoverageGrid, pose: Pose2) -> bool:
-        """Whether what is being driven leads to where only the body itself fits."""
+        """Whether the current path leads through a gap without the margin."""
         start = driving_cell(coverage.driving, pose.x, pose.y)
         if not self._is_squeezing or self._follower.done or start is None:
             return False
@@ -284,13 +284,13 @@ class ClosedLoop:
         return not bool(reachable(coverage.driving.moves, start)[tuple(end)])
 
     def _squeeze(self, coverage: CoverageGrid, pose: Pose2) -> Leg | None:
-        """Look for a path through a gap that the body just fits through, into a part unknown."""
+        """Plan a path through a gap that only fits the body without the margin, to a new region."""
         tight = self.live.coverage(tight=True)
         start = driving_cell(coverage.driving, pose.x, pose.y)
         if start is None or self._going_home:
             return None
         beyond = reachable(tight.driving.moves, start) & ~reachable(coverage.driving.moves, start)
-        # A rim one cell or two wide all along the walls is no part of its own.
+        # A rim one cell or two wide all along the walls is no region of its own.
         rim = np.ones((5, 5), dtype=np.uint8)
         if not cv2.morphologyEx(beyond.astype(np.uint8), cv2.MORPH_OPEN, rim).any():
             return None
@@ -298,7 +298,7 @@ class ClosedLoop:
         return goal if isinstance(goal, Leg) and len(goal.points_m) > 1 else None
 
     def _goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Ask until there is a path to drive, for a goal may turn out to have none."""
+        """Ask the explorer until a goal has a path."""
         if self._going_home:
             return Finished("everything is known, back at the start")
         for _ in range(_MAX_ASKS):
@@ -310,7 +310,7 @@ class ClosedLoop:
         return _NO_LEG
 
     def _finish(self, goal: Finished, coverage: CoverageGrid) -> None:
-        """End here, or after one more look at the corrected map, or back at the start."""
+        """End here, or after planning on the corrected map, or back at the start."""
         self._follower.stop()
         if self._survey.is_stale and not self._going_home:
             self._survey.rebuild()

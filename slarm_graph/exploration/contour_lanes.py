@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes side by side along the walls: level lines of the distance to what is in the way.
+"""Coverage lanes parallel to the walls: contour lines of the distance transform.
 
-Level lines follow walls of any heading without a turn, pass through gaps, and close around
-obstacles. Where the innermost ones leave a strip between them, its middle line is a lane as well.
+Contours follow walls of any heading without a turn, pass through gaps, and close around obstacles.
+Where the innermost ones leave a strip between them, its skeleton is a lane as well.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from slarm_graph.raster.distance import clearance, distance_to, nearest_of
 from slarm_graph.raster.thinning import pruned, thinned, traced
 
 _REACH: Final = 0.75
-"""A lane is for what lies nearer than this share of the disc's radius; the rest is a sliver."""
+"""A lane serves cells nearer than this share of the disc's radius; the rest is a sliver."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,7 +32,7 @@ class Lane:
     Parameters
     ----------
     points : (K, 2) float64
-        Where the robot's centre passes, in either sense; x, y [cells].
+        Path of the robot's centre, in either direction; x, y [cells].
     area_cells : float
         Wanted cells that lie nearer to it than to any other lane.
     """
@@ -47,18 +47,18 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     Parameters
     ----------
     wanted : (rows, cols) bool
-        What the disc has still to pass over.
+        Cells that the disc has still to pass over.
     passable : (rows, cols) bool
-        Where the centre may be.
+        Cells in which the centre may be.
     radius : float
         Of the disc [cells].
     longest : float
         Lanes are cut into pieces up to this length [cells].
     """
-    rings = ring_lines(wanted, passable, radius)
+    rings = contour_lines(wanted, passable, radius)
     left = wanted & (distance_to(rings) > radius)
     lines = thinned(rings | middle_lines(left & passable, radius))
-    area = _served(rings & lines, wanted & ~left) + _served(lines, left)
+    area = _nearest_counts(rings & lines, wanted & ~left) + _nearest_counts(lines, left)
     lanes = []
     for chain in traced(lines):
         rows, cols = np.divmod(chain, lines.shape[1])
@@ -71,9 +71,9 @@ def contour_lanes(wanted: Mask, passable: Mask, radius: float, longest: float) -
     return lanes
 
 
-def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
-    """Level lines (rows, cols) of the distance to the walls, where the disc would be of use."""
-    # Where there is hardly room for one lane there shall not be two.
+def contour_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
+    """Contours (rows, cols) of the distance to the walls, within reach of wanted cells."""
+    # Where there is hardly room for one lane there must not be two.
     roomy = cv2.morphologyEx(passable.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     depth = clearance(np.pad(roomy, 1) > 0)
     band = np.floor((depth - 1.0) / (2.0 * radius)).astype(np.float32)
@@ -82,13 +82,13 @@ def ring_lines(wanted: Mask, passable: Mask, radius: float) -> Mask:
 
 
 def middle_lines(left: Mask, radius: float) -> Mask:
-    """Middle lines (rows, cols) of narrow strips, as far as the disc does not reach their ends."""
+    """Skeleton (rows, cols) of narrow strips, pruned by the disc's reach at its ends."""
     left = cv2.morphologyEx(left.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
     return pruned(thinned(left), round(_REACH * radius))
 
 
-def _served(lines: Mask, wanted: Mask) -> Floats:
-    """Wanted cells (rows * cols,) that every line cell is the nearest to."""
+def _nearest_counts(lines: Mask, wanted: Mask) -> Floats:
+    """Number (rows * cols,) of wanted cells whose nearest line cell is each."""
     if not lines.any():
         return np.zeros(lines.size)
     return np.bincount(nearest_of(lines)[wanted], minlength=lines.size).astype(np.float64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper's grid of cells to visit, and the finer one that decides where the body fits."""
+"""The paper's grid of cells to visit, and the finer grid of the robot's configuration space."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 
 OPEN: Final = 0
-"""Codes of the paper's coverage grid: any three numbers."""
+"""Code of a cell to be visited: twice the paper's grid value 0."""
 VISITED: Final = 1
-"""Codes of the paper's coverage grid: any three numbers."""
+"""Code of a visited cell: twice the paper's grid value 0.5."""
 BLOCKED: Final = 2
-"""Twice the paper's grid values 0, 0.5 and 1."""
+"""Code of a blocked cell: twice the paper's grid value 1."""
 
 Codes = NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True)
 class DrivingGrid:
-    """Where the robot's centre may be; at most 0.05 m fine whatever the coverage cells are.
+    """Configuration space of the robot's centre, on cells of at most 0.05 m.
 
     Parameters
     ----------
     geometry : GridGeometry
     passable : (rows, cols) bool
-        Far enough from everything known to be in the way; unknown cells count as passable.
+        Far enough from all known obstacles; unknown cells count as passable.
     moves : (rows, cols) uint8
         Open steps between passable cells, as in `slarm_graph.exploration.moves`.
     occupied : (rows, cols) bool
@@ -66,7 +66,7 @@ class CoverageGrid:
     driving : DrivingGrid
         The same area, an integer number of times finer.
     heard_m : (N, 2) float64
-        Where signal strength was heard [m].
+        Positions at which signal strength was received [m].
     """
 
     geometry: GridGeometry
@@ -89,14 +89,14 @@ class CoverageGrid:
 def driving_grid(
     geometry: GridGeometry, passable: Mask, occupied: Mask, observed: Mask, swept: Mask
 ) -> DrivingGrid:
-    """Complete a driving grid by its open steps."""
+    """Make a driving grid, with its open steps."""
     return DrivingGrid(geometry, passable, moves_within(passable), occupied, observed, swept)
 
 
 def coverage_grid(
     geometry: GridGeometry, driving: DrivingGrid, visited: Mask, allowed: Mask | None = None
 ) -> CoverageGrid:
-    """Gather a driving grid into coverage cells.
+    """Aggregate a driving grid into coverage cells.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def coverage_grid(
 
 
 def known_coverage(free: Mask, resolution_m: float = 1.0) -> CoverageGrid:
-    """Coverage of a fully known place where the robot fits into every free cell."""
+    """Coverage grid of a fully known place where the robot fits into every free cell."""
     rows, cols = free.shape
     geometry = GridGeometry(0.0, 0.0, resolution_m, rows, cols)
     nothing = np.zeros(free.shape, dtype=np.bool_)
@@ -150,9 +150,9 @@ def driving_cell(driving: DrivingGrid, x_m: float, y_m: float) -> tuple[int, int
 
 
 def tiled(driving: DrivingGrid, side: int) -> CoverageGrid:
-    """Gather driving cells into tiles of `side` times `side`, none of them visited.
+    """Aggregate driving cells into tiles of `side` times `side`, none of them visited.
 
-    The grid grows upwards and to the right by impassable cells until tiles divide it.
+    The grid is padded upwards and to the right by impassable cells until tiles divide it.
     """
     g = driving.geometry
     pad = ((0, -g.rows % side), (0, -g.cols % side))

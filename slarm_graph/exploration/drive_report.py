@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a drive cost: length, turns, revisits, time."""
+"""Cost of a drive: length, turns, revisits, time."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.trajectory import Trajectory
 
 _TURN_RAD: Final = math.radians(45.0)
-"""A change of heading counts as a turn from the half of a right angle on."""
+"""Least change of heading that counts as a turn: half a right angle."""
 _STILL_RAD: Final = math.radians(1.0)
-"""Smaller changes between readings are noise of the heading, not the sense of a turn."""
+"""Smaller changes between readings are noise of the heading, not the direction of a turn."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ class DriveReport:
 def drive_report(
     driven: Trajectory, geometry: GridGeometry, collisions: int, planning_s: float = 0.0
 ) -> DriveReport:
-    """Sum a drive up on the cells of a lattice."""
+    """Compute the cost of a drive, revisits on the cells of a grid."""
     span_s = float(driven.stamps_ns[-1] - driven.stamps_ns[0]) * 1e-9
     length_m = driven.path_length_m()
     revisits = revisit_share(driven, geometry)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The seam of exploration: coverage so far and a pose in, the next leg to drive out."""
+"""The seam of exploration: from coverage so far and pose to the next leg to drive."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Leg:
     points_m : (K, 2) float64
         Corners of the path in the map, beginning at the robot [m].
     more : bool
-        Whether the explorer already knows that it will go on from the end.
+        Whether the explorer already knows that it will continue from the end.
     review_s : float
-        Ask again after this time of driving, for the map will have changed [s].
+        Replan after this time of driving, as the map will have changed [s].
     """
 
     points_m: Floats

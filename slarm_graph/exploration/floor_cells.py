@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Boustrophedon decomposition (Choset 2000): floor cut into cells that rows sweep without a gap."""
+"""Boustrophedon cellular decomposition (Choset 2000) of a floor."""
 
 from __future__ import annotations
 
@@ -31,14 +31,14 @@ def label_floor_cells(wanted: Mask, jump: float) -> Labels:
 
 @kernel
 def _label_runs(wanted: Mask, labels: Labels, jump: float) -> None:
-    """Sweep upwards; a run goes on with the cell below it when each touches only the other."""
+    """Sweep upwards; a run continues the cell below it when each touches only the other."""
     before = np.zeros((0, 3), dtype=np.int64)
     last_label = 0
     for r in range(wanted.shape[0]):
         runs = _runs_of(wanted[r])
-        below, above, first = _touching(runs, before)
+        below, above, neighbour = _touching(runs, before)
         for i in range(len(runs)):
-            k = first[i]
+            k = neighbour[i]
             goes_on = (
                 below[i] == 1
                 and above[k] == 1
@@ -54,7 +54,7 @@ def _label_runs(wanted: Mask, labels: Labels, jump: float) -> None:
 
 @kernel
 def _runs_of(row: Mask) -> NDArray[np.int64]:
-    """First and last column of every run (N, 3) of a row; the third column is free."""
+    """First and last column of every run (N, 3) of a row; the third column is for its label."""
     cols = len(row)
     runs = np.zeros((cols // 2 + 1, 3), dtype=np.int64)
     count, c = 0, 0
@@ -73,9 +73,9 @@ def _runs_of(row: Mask) -> NDArray[np.int64]:
 def _touching(
     runs: NDArray[np.int64], before: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
-    """Count neighbours in the row below, and theirs in this row; and the place of the last below.
+    """Number of neighbours below each run, and above each run below; index of the last below.
 
-    Place -1 stands for no neighbour.
+    Index -1 stands for no neighbour.
     """
     below = np.zeros(len(runs), dtype=np.int64)
     above = np.zeros(len(before), dtype=np.int64)

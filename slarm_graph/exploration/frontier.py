@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Go and see: the border between what is known and what is not (Yamauchi 1997)."""
+"""Frontier-based exploration (Yamauchi 1997): drive to the border of known space."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.paths import path_to_wanted, without_straight_points
+from slarm_graph.exploration.paths import path_to_wanted, without_collinear_points
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells, Mask
@@ -24,26 +24,26 @@ from slarm_graph.raster.patches import larger_than
 _REVIEW_S: Final = 1.0
 """Time after which a goal is looked at again: ten scans of a laser of 10 Hz, 0.6 m of driving."""
 _MIN_PATCH_CELLS: Final = 3
-"""Fewer unknown cells are gaps between beams, which nobody need go and see."""
+"""Smaller components of unknown cells are gaps between beams, not worth a visit."""
 _STRIP_M: Final = 0.2
 """Gaps between the beams of a laser of 1 degree at 11 m, which close by themselves as the robot
 comes nearer."""
 _SAME_PLACE_M: Final = 0.3
-"""The rim of the unknown moves by so much from one map to the next without being another place."""
+"""A frontier moves by so much from one map to the next without being another place."""
 _ARRIVED_M: Final = 0.1
 """Half a robot's radius: nearer it sees no more than from here."""
 _NEIGHBOURHOOD_M: Final = 0.5
-"""About a robot's width and a half: what was looked at from there is not seen better from next to
-it."""
+"""About a robot's width and a half: a view from next to a goal shows no more than from it."""
 _VAIN_NEIGHBOURHOOD_M: Final = 1.5
-"""Places left unseen spoil a wider one, about that of a shelf: all its sides look into the same
+"""Neighbourhood of goals given up unseen, about that of a shelf: all its sides look into the same
 hollow."""
 _MAX_TRIES: Final = 3
 """Two tries may fail because the map was about to change; a third one does not."""
 _NEARER_M: Final = 0.1
 """Less than half a robot's radius is no progress but noise of the path."""
 _MAX_LOOKS: Final = 30
-"""A place that comes no nearer for so many looks is let be: paths to it open and close in turn."""
+"""A goal that comes no nearer for so many replans is given up: paths to it open and close in
+turn."""
 
 
 class NearestFrontier:
@@ -54,21 +54,21 @@ class NearestFrontier:
         self._selector = FrontierSelector()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Look at the nearest unknown cells."""
+        """Drive to the nearest frontier."""
         start = driving_cell(coverage.driving, pose.x, pose.y)
         if start is None:
             return Finished("no free cell near the robot")
         near = reachable(coverage.driving.moves, start)
-        leg = self._selector.look_at_unknown(coverage.driving, near, pose)
+        leg = self._selector.leg_to_frontier(coverage.driving, near, pose)
         return leg or Finished("everything reachable has been seen")
 
 
 class FrontierSelector:
-    """Goes to where unknown cells can be seen from.
+    """Selects the nearest frontier as goal, with hysteresis.
 
-    The place chosen is kept until it has been seen, for the nearest changes with every step where
-    a narrow gap seems now open and now closed. Places chosen some times are passed over, and so are
-    wide neighbourhoods that were left unseen some times, such as the hollow inside of a shelf.
+    A goal is kept until it has been seen, as the nearest frontier changes with every step where a
+    narrow gap appears open and closed in turn. Places chosen several times are excluded, and so are
+    wide neighbourhoods that were left unseen several times, such as the hollow inside of a shelf.
     Strips between far beams come last: they close by themselves as the robot comes nearer.
     """
 
@@ -78,8 +78,8 @@ class FrontierSelector:
         self._tried_m: list[Floats] = []
         self._vain_m: list[Floats] = []
 
-    def look_at_unknown(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
-        """Go on to the place chosen before, or to the nearest one; None where none is left.
+    def leg_to_frontier(self, driving: DrivingGrid, near: Mask, pose: Pose2) -> Leg | None:
+        """Continue to the goal chosen before, or to the nearest frontier; None where none is left.
 
         Parameters
         ----------
@@ -105,27 +105,27 @@ class FrontierSelector:
             self._goal_m = path[-1]
             self._tried_m.append(path[-1])
         self._note_progress(path)
-        path = without_straight_points(path)
+        path = without_collinear_points(path)
         return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
 
     def _note_progress(self, path_m: Floats) -> None:
-        """Count the looks since the path (K, 2) [m] to the goal was last seen to grow shorter."""
+        """Count the replans since the path (K, 2) [m] to the goal last grew shorter."""
         away_m = float(np.hypot(*np.diff(path_m, axis=0).T).sum())
         self._looks += 1
         if away_m < self._away_m - _NEARER_M:
             self._away_m, self._looks = away_m, 0
 
     def _has_arrived(self, here_m: Floats) -> bool:
-        """Whether the robot stands where it wanted to look from."""
+        """Whether the robot is at the goal."""
         return self._goal_m is not None and float(np.hypot(*(self._goal_m - here_m))) < _ARRIVED_M
 
     def _candidates(self, edge: Mask, driving: DrivingGrid) -> Cells:
-        """Cells (N, 2) of a frontier (rows, cols) in no neighbourhood chosen too often."""
+        """Cells (N, 2) of a frontier (rows, cols) outside neighbourhoods chosen too often."""
         cells = np.argwhere(edge)
         return np.asarray(cells[self._is_worth_trying(driving.geometry.center_of(cells))])
 
     def _let_goal_be(self, driving: DrivingGrid) -> None:
-        """Note a goal that is given up though it has not been seen."""
+        """Drop the goal, and record it where it is given up unseen."""
         if self._goal_m is not None:
             unseen_m = driving.geometry.center_of(np.argwhere(frontier(driving)))
             if self._is_at_goal(unseen_m).any():
@@ -133,26 +133,26 @@ class FrontierSelector:
         self._goal_m, self._away_m, self._looks = None, math.inf, 0
 
     def _is_at_goal(self, points_m: Floats) -> Mask:
-        """Which of points (N, 2) [m] lie near the place chosen before."""
+        """Which of points (N, 2) [m] lie near the present goal."""
         if self._goal_m is None:
             return np.zeros(len(points_m), dtype=np.bool_)
         return np.asarray(np.abs(points_m - self._goal_m).max(axis=1) <= _SAME_PLACE_M)
 
     def _is_worth_trying(self, points_m: Floats) -> Mask:
-        """Which of points (N, 2) [m] lie in no neighbourhood that was chosen too often."""
+        """Which of points (N, 2) [m] lie outside neighbourhoods that were chosen too often."""
         hopeless = _count_near(points_m, self._tried_m, _NEIGHBOURHOOD_M) >= _MAX_TRIES
         hopeless |= _count_near(points_m, self._vain_m, _VAIN_NEIGHBOURHOOD_M) >= _MAX_TRIES
         return np.asarray(~hopeless)
 
 
 def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
-    """Passable cells (rows, cols) at the rim, on both sides, of what nothing is known of.
+    """Frontier: passable cells (rows, cols) on both sides of the border of unknown space.
 
     Parameters
     ----------
     driving : DrivingGrid
     width_m : float
-        Unknown strips narrower than this are left out, such as those between far beams.
+        Unknown strips narrower than this are ignored, such as those between far beams.
     """
     free = ~(driving.observed | driving.occupied) & driving.passable
     side = max(1, round(width_m / driving.geometry.resolution_m))
@@ -165,7 +165,7 @@ def frontier(driving: DrivingGrid, width_m: float = 0.0) -> Mask:
 
 
 def _count_near(points_m: Floats, places_m: list[Floats], radius_m: float) -> NDArray[np.int64]:
-    """Count (N,) the places within a radius of each of points (N, 2)."""
+    """Number (N,) of places within a radius of each of points (N, 2)."""
     if len(places_m) < _MAX_TRIES or not len(points_m):
         return np.zeros(len(points_m), dtype=np.int64)
     found = cKDTree(places_m).query_ball_point(points_m, radius_m, return_length=True)

@@ -23,18 +23,17 @@ from slarm_graph.exploration.paths import leg_along
 from slarm_graph.geometry import Pose2
 
 _HORIZON_CELLS: Final = 400
-"""Cells planned at once, 100 m at 0.25 m: the map has changed long before the robot comes to their
-end."""
+"""Planning horizon, 100 m at 0.25 m: the map has changed long before the robot comes to its end."""
 _MAX_ATTEMPTS: Final = 4
-"""Times a cell is headed for before it is given up: the map says it is open and the robot finds it
-is not."""
+"""Times a cell is targeted before it is given up: open on the map, but the robot finds it is
+not."""
 
 
 class Ggmr:
     """The literal algorithm in closed loop: every step is decided on the map so far.
 
-    A cell that was next several times without the robot getting into it is passed over, so that a
-    map that keeps changing cannot hold the robot forever.
+    A cell that was next several times without the robot reaching it is skipped, so that a map that
+    keeps changing cannot hold the robot forever.
     """
 
     def __init__(self, settings: Stage, driving: DrivingConfig) -> None:
@@ -55,7 +54,7 @@ class Ggmr:
         return leg_along(coverage, pose, path.cells.astype(np.int64), more=not path.complete)
 
     def _facing(self, start: tuple[int, int]) -> int:
-        """Direction of travel that the last leg had where the robot is now."""
+        """Direction of travel of the last leg at the robot's present cell."""
         if self._last is None:
             return 0
         here = np.flatnonzero((self._last.cells == start).all(axis=1))

@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""GGMR+: cover with the body, see with the laser, and turn as little as possible.
+"""GGMR+: coverage by contour lanes in the order of a tour, exploration by frontiers.
 
-Against the literal algorithm: what the laser has seen free need not be driven to only to be known;
-lanes lie a body's width apart instead of a cell's, and follow the walls; their order is a tour that
-costs little time, turns included, and that is planned anew as the map grows. What was left over is
-fetched where the tour passes by, and given up where it would cost more time than it is worth.
+Unlike the literal algorithm: cells that the laser has seen free need not be visited only to be
+known; lanes are a body's width apart instead of a cell's, and follow the walls; their order is a
+tour of little time, turns included, that is replanned as the map grows. Left-over floor is covered
+where the tour passes by, and given up where it would cost more time than it is worth.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from slarm_graph.exploration.contour_lanes import Lane, contour_lanes
 from slarm_graph.exploration.coverage_grid import CoverageGrid, DrivingGrid, driving_cell
 from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.frontier import FrontierSelector
-from slarm_graph.exploration.lane_order import in_driving_order
+from slarm_graph.exploration.lane_order import order_lanes
 from slarm_graph.exploration.paths import path_between
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.exploration.smooth_paths import smooth_path
@@ -31,19 +31,19 @@ from slarm_graph.raster.distance import distance_to
 _TRACKING_M: Final = 0.01
 """How far from its lane the robot may be."""
 _LANE_M: Final = 3.0
-"""Pieces of lanes that the tour puts into order: of a room's length. The time to order them goes
+"""Length of the pieces of lanes that the tour orders: that of a room. The time to order them goes
 with the square of their number."""
 _MIN_LANE_M2: Final = 0.01
-"""A square of 0.1 m: what is smaller is a rest between cells, not floor."""
+"""A square of 0.1 m: smaller remainders between cells are not floor."""
 _PRICE_S_M2: Final = 200.0
 """Time that a square metre is worth: some forty times what it costs on a straight lane."""
 _LEG_M: Final = 4.0
-"""Driven before the tour is asked again: some seconds, in which the map changes little."""
+"""Length of a leg before the tour is consulted again: some seconds, in which the map changes
+little."""
 _NEWS_M2: Final = 0.25
-"""Floor seen since the last plan that makes a new one worth its time: a square of half a metre."""
+"""Newly observed floor that makes replanning worth its time: a square of half a metre."""
 _MAX_TRIES: Final = 4
-"""Times a lane is driven before it is given up: the map says it is free and the robot finds it is
-not."""
+"""Times a lane is driven before it is given up: free on the map, but the robot finds it is not."""
 _SAME_PLACE_M: Final = 0.1
 """Lanes whose middles share a square of this side are the same on two maps: half the distance
 between lanes and less."""
@@ -71,7 +71,7 @@ class GgmrPlus:
         self._selector = FrontierSelector()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Cover the next part of what is known to be free, or else look at the unknown."""
+        """Cover the next part of the known free floor, or else drive to a frontier."""
         driving = coverage.driving
         start = driving_cell(driving, pose.x, pose.y)
         if start is None:
@@ -81,11 +81,11 @@ class GgmrPlus:
             if leg is not None:
                 return leg
         near = reachable(driving.moves, start)
-        leg = self._selector.look_at_unknown(driving, near, pose)
+        leg = self._selector.leg_to_frontier(driving, near, pose)
         return leg or Finished("everything reachable is known")
 
     def _cover(self, driving: DrivingGrid, start: tuple[int, int], pose: Pose2) -> Leg | None:
-        """Drive on along the tour; plan anew where floor was seen since, and when it ends."""
+        """Continue the tour; replan it where floor was observed since, and when it ends."""
         if self._has_learnt(driving):
             self._plan(driving, start, pose)
         fresh = self._planned_on is driving.observed
@@ -103,7 +103,7 @@ class GgmrPlus:
         self._planned_on = driving.observed
 
     def _has_learnt(self, driving: DrivingGrid) -> bool:
-        """Whether floor was seen since the last plan that it does not know of."""
+        """Whether enough floor was observed since the last plan."""
         if self._planned_on is driving.observed:
             return False
         if self._planned_on is None or self._planned_on.shape != driving.observed.shape:
@@ -112,13 +112,13 @@ class GgmrPlus:
         return bool(news * driving.geometry.resolution_m**2 > _NEWS_M2)
 
     def _next_leg(self, driving: DrivingGrid, pose: Pose2) -> Leg | None:
-        """Take the next few metres of lanes off the tour."""
+        """Take the next few metres of lanes from the tour."""
         g = driving.geometry
         here = np.array([pose.x, pose.y])
         pieces: list[tuple[Floats, bool]] = []
         length_m = 0.0
         while self._rest and not self._tour:
-            self._tour, self._rest = in_driving_order(
+            self._tour, self._rest = order_lanes(
                 self._rest, driving, pose, self._driving, _PRICE_S_M2
             )
         while self._tour and length_m < _LEG_M:
@@ -156,6 +156,6 @@ def lanes_to_cover(driving: DrivingGrid, near: Mask, radius_m: float) -> list[La
 
 
 def _place(points: Floats, driving: DrivingGrid) -> tuple[int, int]:
-    """Where a lane is, coarsely enough to be known again on another map."""
+    """Square of a lane's midpoint, coarse enough to identify the lane on another map."""
     x, y = points[len(points) // 2] * (driving.geometry.resolution_m / _SAME_PLACE_M)
     return int(x), int(y)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Lanes in the order in which to drive them: the times of links between them, and a tour."""
+"""Order of lanes: travel times between their ends, and a short tour over them."""
 
 from __future__ import annotations
 
@@ -15,27 +15,25 @@ from slarm_graph.config import DrivingConfig
 from slarm_graph.exploration.contour_lanes import Lane
 from slarm_graph.exploration.coverage_grid import DrivingGrid, start_cell, tiled
 from slarm_graph.exploration.searches import distances_between, distances_from
-from slarm_graph.exploration.tour import ordered, without_detours
+from slarm_graph.exploration.tour import short_tour, worthwhile
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import Cells
 
 _TILE_M: Final = 0.2
-"""Distances around obstacles are found on tiles of this side, half of the narrowest passage."""
+"""Shortest paths around obstacles are computed on tiles of this side, half of the narrowest
+passage."""
 _MOST_LANES: Final = 250
-"""The nearest ones are put into order at once; the map will have changed before the rest are
-driven."""
+"""The nearest ones are ordered at once; the map will have changed before the rest are driven."""
 _HEADING_CELLS: Final = 6
-"""Over which the heading at a lane's end is taken, 0.3 m: stairs of single cells say nothing of
-it."""
+"""Length over which the heading at a lane's end is measured, 0.3 m: above stairs of cells."""
 _STOP_RAD: Final = math.radians(30.0)
-"""Sharper turns than this the follower takes standing still, see `_LOST_RAD` there."""
+"""The follower takes sharper turns than this on the spot, see `_SHARP_RAD` there."""
 _BESIDE_M: Final = 0.08
 """Ends nearer than this are one place: the heading between them is noise."""
 _NEAR_M: Final = 6.0
-"""Farther ends are taken to be a straight line and a detour apart: the tour goes to near ones first
-anyway."""
+"""Paths to farther ends are only estimated: the tour goes to near ones first anyway."""
 _DETOUR: Final = 1.5
-"""Ways longer than the former are only guessed, by the straight line times the latter."""
+"""Estimated length of longer paths, over the straight line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,14 +45,14 @@ class _Spots:
     points_m : (N, 2) float64
         x, y from the corner of the grid [m].
     out_rad : (N,) float64
-        Direction in which a spot is left.
+        Heading at which a spot is left.
     """
 
     points_m: Floats
     out_rad: Floats
 
 
-def in_driving_order(
+def order_lanes(
     lanes: list[Lane],
     driving: DrivingGrid,
     pose: Pose2,
@@ -78,7 +76,7 @@ def in_driving_order(
     list of (K, 2) float64
         Lanes as they are to be driven; x, y [cells].
     list of Lane
-        Lanes that were too far away to be looked at.
+        Lanes that were too far away to be considered.
     """
     cell_m = driving.geometry.resolution_m
     tiles = tiled(driving, max(1, round(_TILE_M / cell_m)))
@@ -100,7 +98,7 @@ def in_driving_order(
     worth_s = np.array([lane.area_cells for lane in few]) * (cell_m**2 * price_s_m2)
     worth_s -= np.array([len(lane.points) for lane in few]) * (cell_m / config.speed_m_s)
     between_s, first_s = link_s[1:, 1:], link_s[0, 1:]
-    tour = without_detours(ordered(between_s, first_s), between_s, first_s, worth_s)
+    tour = worthwhile(short_tour(between_s, first_s), between_s, first_s, worth_s)
     return [few[end // 2].points[:: -1 if end % 2 else 1] for end in tour], rest
 
 
@@ -114,7 +112,7 @@ def _spots(lanes: list[Lane], driving: DrivingGrid, pose: Pose2) -> _Spots:
 
 
 def _directions_out(points: Floats) -> tuple[float, float]:
-    """Directions in which a lane goes out at its first and its last point [rad]."""
+    """Headings at which a lane is left at its first and its last point [rad]."""
     back = min(_HEADING_CELLS, len(points) - 1)
     first, last = points[0] - points[back], points[-1] - points[-1 - back]
     return math.atan2(first[1], first[0]), math.atan2(last[1], last[0])
@@ -127,14 +125,14 @@ def _tile_of(spots: _Spots, tile_m: float, shape: tuple[int, ...]) -> Cells:
 
 
 def _nearest_first(away: Floats) -> NDArray[np.int64]:
-    """Lanes with a path there, by how far their nearer end is."""
+    """Reachable lanes, by the distance of their nearer end."""
     of_lane = away.reshape(-1, 2).min(axis=1)
     order = np.argsort(of_lane, kind="stable")
     return np.asarray(order[np.isfinite(of_lane[order])])
 
 
 def _link_times_s(spots: _Spots, around_m: Floats, slack_m: float, config: DrivingConfig) -> Floats:
-    """Time (N, N) from leaving at one spot to entering at another, turns included [s].
+    """Travel time (N, N) from leaving at one spot to entering at another, turns included [s].
 
     Parameters
     ----------

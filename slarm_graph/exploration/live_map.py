@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The map that is driven on: what the mapper knows, where the body fits, what it has covered."""
+"""The map for driving: occupancy, clearance of the robot's body, and coverage so far."""
 
 from __future__ import annotations
 
@@ -25,17 +25,18 @@ from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 
 _EXPLAINED_CELLS: Final = 2
-"""Points of a scan within two cells of what the map shows are the same wall, seen with the laser's
-noise and the pose's."""
+"""Scan points within two cells of a mapped obstacle belong to it, given the noise of laser and
+pose."""
 _HEARD_EVERY_M: Final = 0.12
-"""On the way ahead: at 0.6 m/s and 5 readings a second, a usual rate of Wi-Fi and Bluetooth."""
+"""Spacing of signal readings expected on the path ahead: at 0.6 m/s and 5 readings a second, a
+usual rate of Wi-Fi and Bluetooth."""
 _MAX_DRIVING_CELLS: Final = 1_500_000
-"""Above so many, driving cells are 0.05 m: planning looks at all of them after every scan, and
-finer cells than the map's own would say no more of a large place."""
+"""Above so many, driving cells are 0.05 m: planning processes all of them after every scan, and
+finer cells than the map's own would add nothing for a large place."""
 
 
 class LiveMap:
-    """What the robot knows of its surroundings, on driving cells inside the rough boundary.
+    """Occupancy and coverage on driving cells inside the rough boundary.
 
     Parameters
     ----------
@@ -43,7 +44,7 @@ class LiveMap:
         The rough boundary [m].
     config : ExploreConfig
     mapping : MappingConfig
-        All of it holds here too, but for the resolution.
+        All but the resolution applies.
     """
 
     def __init__(
@@ -74,12 +75,12 @@ class LiveMap:
         return self._rendering.mapper.free()
 
     def add(self, scan: LaserScan, pose: Pose2, pose_rate: Floats | None = None) -> None:
-        """Take in one scan from a pose `map_from_robot` that changes at a rate (3,)."""
+        """Integrate one scan from a pose `map_from_robot` that changes at a rate (3,)."""
         rate = np.zeros(3) if pose_rate is None else pose_rate
         self._rendering.add(scan, pose.as_array(), rate)
 
     def follow(self, scans: Sequence[LaserScan], trajectory: Trajectory, every: int = 1) -> None:
-        """Bring map and coverage in line with a corrected trajectory, as `Rendering.follow`."""
+        """Update map and coverage to a corrected trajectory, as `Rendering.follow`."""
         self._rendering.follow(scans, trajectory, every)
         self._forget_covered()
         self.pass_over(trajectory.poses[:, :2])
@@ -89,7 +90,7 @@ class LiveMap:
         self.visited = np.zeros(self.geometry.shape, dtype=np.bool_)
 
     def stand_by(self, scan: LaserScan, pose: Pose2) -> None:
-        """Keep away from what the present scan shows, whatever the map says."""
+        """Treat the points of the present scan as obstacles, whatever the map says."""
         self._scan_points = pose.transform(scan.points_m())
 
     def pass_over(self, points_m: Floats) -> None:
@@ -102,9 +103,9 @@ class LiveMap:
         Parameters
         ----------
         ahead_m : (K, 2) float64, optional
-            A path that is about to be driven and counts as such [m].
+            A path that is about to be driven and counts as driven [m].
         tight : bool
-            Whether to do without the margin, for a gap that the body just fits through.
+            Whether to drop the safety margin, for a gap that the body just fits through.
         """
         g = self.driving_geometry
         visited, swept = self.visited.copy(), self.swept.copy()
@@ -116,17 +117,17 @@ class LiveMap:
         grid = driving_grid(g, passable, self.occupied, self.free, swept)
         heard_m = self.heard_m
         if ahead_m is not None and len(heard_m):
-            heard_m = np.concatenate([heard_m, _densely(ahead_m, _HEARD_EVERY_M)])
+            heard_m = np.concatenate([heard_m, _densified(ahead_m, _HEARD_EVERY_M)])
         return replace(coverage_grid(self.geometry, grid, visited), heard_m=heard_m)
 
     def is_clear(self, path_m: Floats) -> bool:
         """Whether the body still fits along a path (K, 2) [m] near the robot.
 
-        This asks for less room than planning does, so that a wall that comes nearer by a cell does
-        not upset a path along it.
+        This needs less clearance than planning does, so that a wall that comes nearer by a cell
+        does not invalidate a path along it.
         """
         g = self.driving_geometry
-        spots = g.cell_of(_densely(path_m, g.resolution_m))
+        spots = g.cell_of(_densified(path_m, g.resolution_m))
         spots = spots[g.contains(spots)]
         if not len(spots):
             return True
@@ -138,22 +139,22 @@ class LiveMap:
         return bool(clearance.min() >= self._least_m())
 
     def shrink_by(self, rmse_m: float) -> None:
-        """Shrink the rough boundary by the error of positions, half of it on each side [m]."""
+        """Shrink the rough boundary by the position error, half of it on each side [m]."""
         if rmse_m != self._rmse_m:
             self._rmse_m = rmse_m
             self._forbidden = _forbidden(self.driving_geometry, self._extent_m, self.config, rmse_m)
 
     def _least_m(self) -> float:
-        """Least distance between the robot's centre and the centre of an occupied cell [m]."""
+        """Least clearance between the robot's centre and the centre of an occupied cell [m]."""
         return self.config.driving.robot_radius_m + 0.5 * self.driving_geometry.resolution_m
 
     def _needed_m(self) -> float:
-        """The same with the margin that planning keeps [m]."""
+        """Least clearance plus the safety margin of planning [m]."""
         return self._least_m() + self.config.driving.margin_m
 
     def _clearance_m(self, window: tuple[slice, slice]) -> NDArray[np.float32]:
         in_the_way = self._rendering.mapper.occupied(window) | self._forbidden[window]
-        # Points beside what the map shows are noise of the same; others are news.
+        # Points beside a mapped obstacle are noise of it; others are new obstacles.
         around = np.ones((2 * _EXPLAINED_CELLS + 1,) * 2, dtype=np.uint8)
         explained = cv2.dilate(in_the_way.astype(np.uint8), around) > 0
         near = self.driving_geometry.cell_of(self._scan_points)
@@ -167,7 +168,7 @@ class LiveMap:
 
     def _mark(self, points_m: Floats, visited: Mask, swept: Mask) -> None:
         g = self.driving_geometry
-        path = _densely(points_m, 0.5 * g.resolution_m)
+        path = _densified(points_m, 0.5 * g.resolution_m)
         cells = self.geometry.cell_of(path)
         inside = self.geometry.contains(cells)
         visited[cells[inside, 0], cells[inside, 1]] = True
@@ -188,7 +189,7 @@ class LiveMap:
 
 def mark_swept(swept: Mask, path: Floats, radius: float) -> None:
     """Mark the cells (rows, cols) over whose centre a disc passes along points (N, 2) [cells]."""
-    mark_discs(swept, _densely(path, 0.5), radius)
+    mark_discs(swept, _densified(path, 0.5), radius)
 
 
 def _divided(geometry: GridGeometry, limit_m: float) -> GridGeometry:
@@ -219,8 +220,8 @@ def _forbidden(
     return out
 
 
-def _densely(points: Floats, step_m: float) -> Floats:
-    """Points (M, 2) along a polyline (N, 2), at most `step_m` apart."""
+def _densified(points: Floats, step_m: float) -> Floats:
+    """Resample a polyline (N, 2) to points (M, 2) at most `step_m` apart."""
     if len(points) < 2:
         return points
     pieces = np.maximum(1, np.ceil(np.hypot(*np.diff(points, axis=0).T) / step_m)).astype(np.int64)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Follows a path, and never into what the present scan shows, whatever the map says."""
+"""Local controller: path following with collision avoidance on the present scan."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _LOOK_AHEAD_M: Final = 1.0
 """Of the path that is checked again at every scan: more than braking from 1 m/s takes, 0.2 m, and a
 reaction."""
 _STUCK_READINGS: Final = 8
-"""Most of a second at 10 Hz of wanting to go on and not being let."""
+"""Blocked readings before backing off: most of a second at 10 Hz."""
 _BACK_OFF_READINGS: Final = 10
 """A second at 10 Hz: 0.1 m at the speed below, enough to turn in."""
 _BACK_OFF_M_S: Final = -0.1
-"""A crawl, for behind there is only what the laser's back sees."""
+"""Slow, as the laser may not see behind the robot."""
 _ROOM_BEHIND_M: Final = 0.05
 """Half of what is backed off at once has to be free."""
 _STILL_M: Final = 0.05
@@ -33,14 +33,13 @@ _STILL_READINGS: Final = 100
 _MAX_STILL: Final = 6
 """A minute of standing still, in which six paths were given up, will not end by itself."""
 _GRAZE_M: Final = 0.01
-"""The body passes things at no less than this."""
+"""Least clearance of the body when it passes obstacles."""
 _AHEAD_M: Final = 0.06
-"""What is to stay free beyond the next step: the way of braking from 0.6 m/s at 3 m/s^2."""
+"""Free distance beyond the next step: the braking distance from 0.6 m/s at 3 m/s^2."""
 _BEARINGS_RAD: Final = np.radians([0, 2, -2, 4, -4, 6, -6, 8, -8, 10, -10])
-"""Small bends first, to either side; beyond ten degrees it is for the planner to find a way
-around."""
+"""Small deviations first, to either side; beyond ten degrees the planner has to find a path."""
 _OUTLIERS: Final = 2
-"""Of a scan's thousand points one or two lie elsewhere by noise; three together are something."""
+"""Of a scan's thousand points one or two may be outliers; three together are an obstacle."""
 
 
 class LocalController:
@@ -54,7 +53,7 @@ class LocalController:
 
     @property
     def is_backing_off(self) -> bool:
-        """Whether it drives back from where the map led astray."""
+        """Whether it is driving backwards from a blocked position."""
         return self._backing > 0
 
     @property
@@ -63,7 +62,7 @@ class LocalController:
         return self._still >= _MAX_STILL * _STILL_READINGS
 
     def watch(self, pose: Pose2) -> None:
-        """Give a path up on which the robot does not get on."""
+        """Give up a path on which the robot makes no progress."""
         if math.hypot(pose.x - self._still_at.x, pose.y - self._still_at.y) > _STILL_M:
             self._still_at, self._still = pose, 0
         self._still += 1
@@ -71,7 +70,7 @@ class LocalController:
             self.follower.stop()
 
     def path_ahead(self, pose: Pose2) -> Floats:
-        """Return the next stretch of the path (K, 2) [m], without where the robot is already."""
+        """Return the next stretch of the path (K, 2) [m], from just ahead of the robot."""
         points = self.follower.points_m[1:]
         here = np.array([pose.x, pose.y])
         away = points[0] - here
@@ -107,7 +106,7 @@ class LocalController:
         return DriveCommand(speed, command.turn_rate_rad_s * share)
 
     def _around(self, command: DriveCommand, scan: LaserScan, dt_s: float) -> DriveCommand:
-        """Bend a command a little where the body would graze something."""
+        """Deviate a little where the body would graze an obstacle."""
         radius_m = self._config.robot_radius_m + _GRAZE_M
         middle_rad = 0.5 * command.turn_rate_rad_s * dt_s
         needed_m = command.speed_m_s * dt_s + _AHEAD_M
@@ -119,7 +118,7 @@ class LocalController:
         return DriveCommand(command.speed_m_s, min(limit, max(-limit, turn_rate)))
 
     def _back_off(self, scan: LaserScan) -> DriveCommand:
-        """Drive back a little from where the map led astray."""
+        """Drive backwards a little from a blocked position."""
         self._backing -= 1
         self.follower.stop()
         room_m = free_ahead_m(scan, self._config.robot_radius_m, behind=True)
@@ -137,9 +136,9 @@ def free_ahead_m(
 def clear_bearing_rad(
     scan: LaserScan, radius_m: float, bearing_rad: float, needed_m: float
 ) -> float:
-    """By how much to turn from a bearing so that a disc can move freely; 0 if nothing helps [rad].
+    """Least deviation from a bearing at which a disc can move freely; 0 if there is none [rad].
 
-    Two points of the scan in the way are taken for noise, a third is not.
+    Up to two points of the scan in the way are taken for outliers.
     """
     points = scan.points_m()
     points = points[np.hypot(points[:, 0], points[:, 1]) < needed_m + 2.0 * radius_m]

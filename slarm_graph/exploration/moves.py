@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where a robot may step: clearance by the distance transform, and steps between cells.
+"""The 8-connected graph of cells for path searches, and clearance by the distance transform.
 
-All searches share one word: `moves`, a (rows, cols) uint8 layer whose bit d says that the step
-in direction d is open. Directions count eighths of a turn, counter-clockwise from +x. A diagonal
-is open only where both ways around its corner are, so that no path cuts a corner.
+The graph is `moves`, a (rows, cols) uint8 layer whose bit d says that the step in direction d is
+open. Directions count eighths of a turn, counter-clockwise from +x. A diagonal is open only where
+both ways around its corner are, so that no path cuts a corner.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ EAST, NORTH, WEST, SOUTH = 0, 2, 4, 6
 """Directions in eighths of a turn, counter-clockwise from +x; only the straight ones have a
 name."""
 DELTA_ROW = (0, 1, 1, 1, 0, -1, -1, -1)
-"""Rows by which the eight directions lead on, from east counter-clockwise."""
+"""Row offsets of the eight directions, from east counter-clockwise."""
 DELTA_COL = (1, 1, 0, -1, -1, -1, 0, 1)
-"""Columns by which the eight directions lead on, from east counter-clockwise."""
+"""Column offsets of the eight directions, from east counter-clockwise."""
 
 
 def clearance_m(blocked: Mask, resolution_m: float) -> NDArray[np.float32]:
@@ -43,7 +43,7 @@ def moves_within(passable: Mask) -> Moves:
 
 
 def moves_across(east: Mask, north: Mask) -> Moves:
-    """Open steps where the straight ones are given.
+    """Open steps, diagonal ones included, from the straight ones.
 
     Parameters
     ----------

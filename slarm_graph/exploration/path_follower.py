@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Follow corners in a plane with a differential drive: straight lines, smooth bends, turns."""
+"""Pure-pursuit path following of a polyline with a differential drive."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from slarm_graph.world import DriveCommand
 _SHARP_RAD: Final = math.radians(30.0)
 """Bends sharper than this are turned on the spot, on which a round body needs no room."""
 _ALIGNED_RAD: Final = math.radians(3.0)
-"""A turn on the spot ends here; half a lane's width is missed only after 2 m."""
+"""Heading error at which a turn on the spot ends; half a lane's width is missed only after 2 m."""
 _LOST_RAD: Final = math.radians(50.0)
-"""Further off, an arc back would leave the lane by more than a body's width: it turns on the
-spot."""
+"""With a greater heading error an arc back would leave the lane by more than a body's width: it
+turns on the spot."""
 _ARRIVED_M: Final = 0.008
 """A stop at a sharp corner comes this near to it: less than a cell, more than a step of control at
 the crawl of arrival."""
@@ -65,7 +65,7 @@ class PathFollower:
         self._stops = np.append(np.flatnonzero(_is_sharp(points_m)) + 1, len(points_m) - 1)
 
     def extend(self, points_m: Floats) -> None:
-        """Go on along points (K, 2), of which the first is the present end."""
+        """Continue along points (K, 2), of which the first is the present end."""
         self.follow(np.concatenate([self.points_m, points_m[1:]]))
 
     def stop(self) -> None:
@@ -99,7 +99,7 @@ class PathFollower:
         return DriveCommand(self._speed_m_s, self._speed_m_s * curvature)
 
     def slow_down(self, speed_m_s: float) -> None:
-        """Take note that less than the last command was driven."""
+        """Record that a slower speed than the last command's is driven."""
         self._speed_m_s = min(self._speed_m_s, speed_m_s)
 
     def _allowed_speed(self, curvature: float, straight_m: float, dt_s: float) -> float:
@@ -140,7 +140,7 @@ class PathFollower:
         return float(self._along_m[self._segment] + done_m)
 
     def _aim(self, pose: Pose2) -> tuple[float, float, float]:
-        """Point to steer for [m], and the distance to the next sharp corner or the end [m].
+        """Look-ahead point [m], and the distance to the next sharp corner or the end [m].
 
         Before a sharp corner the point lies on the straight line beyond it.
         """
@@ -156,7 +156,7 @@ class PathFollower:
 
 
 def _without_tiny_steps(points: Floats) -> Floats:
-    """Drop corners that are too near to the one before to steer by; the end stays."""
+    """Drop corners that are too near to the previous one to steer by."""
     kept = [0] if len(points) else []
     for i in range(1, len(points)):
         step = points[i] - points[kept[-1]]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Paths that can be driven: around what is known to be in the way, and pulled straight."""
+"""Shortest paths around known obstacles, shortcut by visibility (string pulling)."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def anchors_m(coverage: CoverageGrid, cells: Cells) -> Floats:
 
 
 def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) -> Leg:
-    """Turn coverage cells into a drivable path, around what lies between their anchors."""
+    """Turn coverage cells into a drivable path, around obstacles between their anchors."""
     points = np.concatenate([[[pose.x, pose.y]], anchors_m(coverage, cells)])
     pieces = [points[:1]]
     for begin, end in pairwise(points):
@@ -47,13 +47,13 @@ def leg_along(coverage: CoverageGrid, pose: Pose2, cells: Cells, *, more: bool) 
             more = True
             break
         pieces.append(piece[1:])
-    return Leg(without_straight_points(np.concatenate(pieces)), more)
+    return Leg(without_collinear_points(np.concatenate(pieces)), more)
 
 
 def path_between(driving: DrivingGrid, begin_m: Floats, end_m: Floats) -> Floats | None:
-    """Shortest path (K, 2) [m] between two points, pulled straight; None where there is none.
+    """Shortest path (K, 2) [m] between two points, shortcut; None where there is none.
 
-    A begin that lies in the expansion of an obstacle is left by the shortest path.
+    From a start within the expansion of an obstacle it leads out by the shortest path.
     """
     g = driving.geometry
     ends = (np.stack([begin_m, end_m]) - (g.origin_x_m, g.origin_y_m)) / g.resolution_m
@@ -77,9 +77,9 @@ def path_to_wanted(driving: DrivingGrid, begin_m: Floats, wanted: Mask) -> Float
 
 
 def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
-    """Pull a path over driving cells straight, beginning at the robot.
+    """Shortcut a path over driving cells, beginning at the robot.
 
-    Within its own cell the robot need not go to the centre first, which may lie behind it.
+    The centre of the robot's own cell, which may lie behind it, is skipped.
     """
     g = driving.geometry
     corner_m = np.array([g.origin_x_m, g.origin_y_m])
@@ -90,7 +90,7 @@ def drivable(driving: DrivingGrid, begin_m: Floats, cells: Cells) -> Floats:
     return np.asarray(shortcut(driving.passable, path) * g.resolution_m + corner_m)
 
 
-def without_straight_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
+def without_collinear_points(points_m: Floats, tolerance_m: float = 1e-6) -> Floats:
     """Drop repeated points and those that lie on the straight line between their neighbours."""
     keep = np.ones(len(points_m), dtype=np.bool_)
     keep[1:] = np.hypot(*np.diff(points_m, axis=0).T) > tolerance_m

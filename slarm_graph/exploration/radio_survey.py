@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Drive where the radio map is least sure, per second of driving.
+"""Informative path planning for the measured radio map: variance reduction per second of driving.
 
-What is not known to be in the way counts as floor, of which nothing has been heard: going there
-tells of the radio map and of the place itself. Goals are judged by what is heard on the whole way
-to them, and by its time.
+Unknown space counts as floor without readings: going there informs about the radio map and about
+the place itself. Goals are rated by the readings along the whole path to them, and by its time.
 """
 
 from __future__ import annotations
@@ -20,25 +19,25 @@ from pydantic import Field, model_validator
 from slarm_graph.config import DrivingConfig, Stage
 from slarm_graph.exploration.coverage_grid import BLOCKED, CoverageGrid, start_cell
 from slarm_graph.exploration.explorer import Finished, Leg
-from slarm_graph.exploration.paths import anchors_m, path_between, without_straight_points
+from slarm_graph.exploration.paths import anchors_m, path_between, without_collinear_points
 from slarm_graph.exploration.searches import new_labels, reachable, walk_back, wavefront
 from slarm_graph.geometry import Floats, Pose2, wrap_angle
 from slarm_graph.grid import Mask
-from slarm_graph.radio.measured.certainty import Certainty, Shadowing
+from slarm_graph.radio.measured.field_variance import FieldVariance, Shadowing
 from slarm_graph.radio.measured.nodes import Nodes, make_nodes
 
 _MOST_NODES: Final = 6_000
-"""Of the floor that is planned on: a plan takes some tenths of a second on so many."""
+"""Nodes of the floor: planning takes some tenths of a second on so many."""
 _GOALS: Final = 40
-"""Goals that are judged; half as many miss a good one now and then, more only take time."""
+"""Candidate goals; half as many miss a good one now and then, more only take time."""
 _APART_M: Final = 1.0
-"""Between two of them: below any range of shadowing."""
+"""Distance between candidates: below any range of shadowing."""
 _START_S: Final = 1.5
-"""Added to a way's time, to brake, look and set off; without it goals are the nearest steps."""
+"""Added to a path's time, to brake, plan and accelerate; without it goals are the nearest steps."""
 _REVIEW_S: Final = 4.0
-"""A goal is looked at again after so long: 2.4 m of driving."""
+"""Time after which a goal is replanned: 2.4 m of driving."""
 _MAX_ASKS: Final = 8
-"""A place that was the goal so many times is let be: half a minute of trying to get there."""
+"""A place that was the goal so many times is given up: half a minute of trying to get there."""
 _PLACE_M: Final = 0.5
 """Goals in one square of this side are one place: about the robot's width and a half."""
 _ANY_CELL: Final = 255
@@ -86,7 +85,7 @@ class RadioSurvey:
         self._asks: Counter[tuple[int, int]] = Counter()
 
     def next_goal(self, coverage: CoverageGrid, pose: Pose2) -> Leg | Finished:
-        """Go on to where most is gained, until the map is as sure as wished."""
+        """Drive to the best goal, until the map's standard deviation is as low as wished."""
         start = start_cell(coverage, pose)
         if start is None:
             return Finished("no free cell near the robot")
@@ -96,16 +95,16 @@ class RadioSurvey:
         s = self._settings
         nodes = make_nodes(coverage.geometry, floor, s.node_side_m, _MOST_NODES)
         shadowing = Shadowing(s.range_m, s.field_sd_db, s.noise_sd_db)
-        sure = Certainty(nodes, coverage.heard_m, shadowing)
-        worth = self._worth_trying(nodes)
-        left_db = math.hypot(sure.rms_db(worth), s.model_sd_db)
+        variance = FieldVariance(nodes, coverage.heard_m, shadowing)
+        candidates = self._worth_trying(nodes)
+        left_db = math.hypot(variance.rms_db(candidates), s.model_sd_db)
         if left_db <= s.certainty_db:
             return Finished(f"the radio map is sure to {left_db:.2f} dB")
-        leg = self._best_leg(coverage, sure, worth, start, pose)
+        leg = self._best_leg(coverage, variance, candidates, start, pose)
         return leg or Finished(f"no way tells more; the radio map is sure to {left_db:.2f} dB")
 
     def _worth_trying(self, nodes: Nodes) -> Mask:
-        """Which nodes (M,) lie in no place that was the goal too often."""
+        """Which nodes (M,) lie outside places that were the goal too often."""
         vain = [place for place, asks in self._asks.items() if asks >= _MAX_ASKS]
         if not vain:
             return np.ones(len(nodes), dtype=np.bool_)
@@ -116,8 +115,8 @@ class RadioSurvey:
     def _best_leg(
         self,
         coverage: CoverageGrid,
-        sure: Certainty,
-        worth: Mask,
+        variance: FieldVariance,
+        candidates: Mask,
         start: tuple[int, int],
         pose: Pose2,
     ) -> Leg | None:
@@ -126,21 +125,23 @@ class RadioSurvey:
         first = start[0] * cols + start[1]
         codes = np.ascontiguousarray(coverage.codes).ravel()
         wavefront(coverage.moves, codes, _ANY_CELL, first, math.inf, labels, 1)
-        ends = _cell_of_nodes(sure.nodes)
+        ends = _cell_of_nodes(variance.nodes)
         away_m = np.where(labels["wave"][ends] == 1, labels["cost"][ends], np.inf) * side_m
         time_s = away_m / self._driving.speed_m_s + _START_S
-        goals = _goals(sure, np.where(worth, time_s, np.inf))
+        goals = _goals(variance, np.where(candidates, time_s, np.inf))
         if not len(goals):
             return None
-        of_cell = sure.nodes.of_cell.ravel().astype(np.int64)
-        ways = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
-        ways = [way[way >= 0] for way in ways]
+        of_cell = variance.nodes.of_cell.ravel().astype(np.int64)
+        paths = [np.unique(of_cell[walk_back(labels, ends[g], cols)]) for g in goals]
+        paths = [path[path >= 0] for path in paths]
         per_node = self._settings.readings_per_s * self._settings.node_side_m
-        gains = sure.gains(ways, per_node / self._driving.speed_m_s)
-        to_goals = sure.nodes.centers_m[goals] - (pose.x, pose.y)
-        off = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
-        turn_s = np.array([abs(wrap_angle(float(a))) for a in off]) / self._driving.turn_rate_rad_s
-        for index in np.argsort(-gains / (time_s[goals] + turn_s), kind="stable"):
+        reductions = variance.variance_reductions(paths, per_node / self._driving.speed_m_s)
+        to_goals = variance.nodes.centers_m[goals] - (pose.x, pose.y)
+        turns_rad = np.arctan2(to_goals[:, 1], to_goals[:, 0]) - pose.theta
+        turn_s = (
+            np.array([abs(wrap_angle(float(a))) for a in turns_rad]) / self._driving.turn_rate_rad_s
+        )
+        for index in np.argsort(-reductions / (time_s[goals] + turn_s), kind="stable"):
             leg = self._leg_to(coverage, int(ends[goals[index]]), pose)
             if leg is not None:
                 return leg
@@ -154,12 +155,12 @@ class RadioSurvey:
         path = path_between(coverage.driving, np.array([pose.x, pose.y]), end_m)
         if path is None:
             return None
-        path = without_straight_points(path)
+        path = without_collinear_points(path)
         return Leg(path, review_s=_REVIEW_S) if len(path) > 1 else None
 
 
 def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
-    """Flat index (M,) of the cell of each node that is nearest to its centre."""
+    """Flat index (M,) of the cell nearest to the centre of each node."""
     cells = np.argwhere(nodes.of_cell >= 0)
     owner = nodes.of_cell[tuple(cells.T)]
     away = np.linalg.norm(nodes.geometry.center_of(cells) - nodes.centers_m[owner], axis=1)
@@ -169,13 +170,13 @@ def _cell_of_nodes(nodes: Nodes) -> NDArray[np.int64]:
     return np.asarray(chosen[:, 0] * nodes.of_cell.shape[1] + chosen[:, 1])
 
 
-def _goals(sure: Certainty, time_s: Floats) -> NDArray[np.int64]:
-    """Nodes (G,) with much variance for their time, none near another."""
-    rate = sure.variance_db2 / time_s
+def _goals(variance: FieldVariance, time_s: Floats) -> NDArray[np.int64]:
+    """Candidate nodes (G,) with the greatest variance over travel time, none near another."""
+    rate = variance.variance_db2 / time_s
     chosen: list[int] = []
     while len(chosen) < _GOALS and rate.max(initial=0.0) > 0.0:
         best = int(rate.argmax())
         chosen.append(best)
-        off = np.abs(sure.nodes.centers_m - sure.nodes.centers_m[best]).max(axis=1)
+        off = np.abs(variance.nodes.centers_m - variance.nodes.centers_m[best]).max(axis=1)
         rate[off < _APART_M] = 0.0
     return np.array(chosen, dtype=np.int64)

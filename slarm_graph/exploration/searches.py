@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Searches on cells: A*, Dijkstra's wavefront, and what can be reached."""
+"""Graph searches on cells: A*, Dijkstra's algorithm as a wavefront, and flood fill."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ Labels = NDArray[Any]
 
 _LABEL: Final = np.dtype([("cost", "f8"), ("wave", "i4"), ("came_by", "u1")], align=True)
 _ROOT: Final = 8
-"""Stands for the direction by which the start was entered."""
+"""Marks the start, which has no direction of entry."""
 _NOTHING: Final = -1
-"""No code of a grid is negative, so that this one never ends a search."""
+"""Matches no cell, as codes are not negative: the search is exhaustive."""
 _SQRT2: Final = math.sqrt(2.0)
 """Length of a step over a corner between two cells."""
 _TIE: Final = 1e-9
@@ -50,8 +50,8 @@ def shortest_path(moves: Moves, start: tuple[int, int], goal: tuple[int, int]) -
 def path_to_nearest(moves: Moves, wanted: Mask, start: tuple[int, int]) -> Cells | None:
     """Cheapest path from start to any wanted cell; ties go to the lowest row, then column.
 
-    The wavefront stops at the first wanted cell, so that it never costs more than the ball around
-    the start that this cell lies on; the path is the one that A* to every wanted cell would find.
+    The wavefront stops at the first wanted cell, so that only cells nearer than it are expanded;
+    the path is the one that A* to every wanted cell would find.
     """
     cols, labels = moves.shape[1], new_labels(moves.size)
     codes = wanted.astype(np.uint8).ravel()
@@ -75,14 +75,14 @@ def distances_between(moves: Moves, cells: Cells, limit: float = math.inf) -> Fl
 
 
 def reachable(moves: Moves, start: tuple[int, int]) -> Mask:
-    """Cells (rows, cols) with a path from start, which counts itself."""
+    """Connected component (rows, cols) of the start."""
     found = np.zeros(moves.shape, dtype=np.bool_)
     _fill(moves, start[0] * moves.shape[1] + start[1], found)
     return found
 
 
 def new_labels(size: int) -> Labels:
-    """Scratch (size,) of `wavefront`: what it knows of every cell, together in memory."""
+    """Scratch memory (size,) of `wavefront`: cost and predecessor of every cell."""
     return np.zeros(size, dtype=_LABEL)
 
 
@@ -221,7 +221,7 @@ def _astar(moves: Moves, start: int, goal: int, labels: Labels) -> Indices:
 
 @kernel
 def _fill(moves: Moves, start: int, found: Mask) -> None:
-    """Find what straight steps lead to: no diagonal leads further than they do."""
+    """Flood fill by straight steps: an open diagonal implies straight ones around it."""
     cols = moves.shape[1]
     bits = moves.ravel()
     flags = found.ravel()

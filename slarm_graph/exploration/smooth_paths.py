@@ -1,9 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Paths without the stairs of cells, so that they can be driven without a stop.
+"""Smooth paths by a moving average, so that they can be driven without a stop.
 
-A lane is smoothed only as much as stairs need, and its sharp corners stay, for the floor in a
-corner is worth the turn. The links between lanes have no floor to pass over and are rounded more.
+A lane is smoothed only as much as the stairs of cells need, and its sharp corners stay, as the
+floor in a corner is worth the turn. Links between lanes have no floor to cover and are smoothed
+more.
 """
 
 from __future__ import annotations
@@ -16,19 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.exploration.coverage_grid import DrivingGrid
-from slarm_graph.exploration.paths import without_straight_points
+from slarm_graph.exploration.paths import without_collinear_points
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
 _STEP_M: Final = 0.02
-"""Points along a path: half of a driving cell and less."""
+"""Spacing of points along a path: half of a driving cell and less."""
 _LANE_REACH: Final = round(0.09 / _STEP_M)
-"""Lanes are averaged over a little more than a stair of 0.05 m to either side, links over twice
-that."""
+"""Half-width of the average over a lane [steps]: a little more than a stair of 0.05 m."""
 _LINK_REACH: Final = round(0.18 / _STEP_M)
-"""Points are averaged over so many steps to either side."""
+"""Half-width of the average over a link [steps]: twice that of a lane."""
 _CORNER_REACH: Final = round(0.16 / _STEP_M)
-"""A corner is judged by what leads to it and away over so far, about a robot's radius."""
+"""Length on either side over which the angle of a corner is measured, about a robot's radius."""
 _CORNER_RAD: Final = math.radians(60.0)
 """A lane that bends by more within the reach to either side has a corner."""
 
@@ -45,7 +45,7 @@ def smooth_path(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floa
     driving : DrivingGrid
         A link is rounded only where the rounded one is passable.
     """
-    points = without_straight_points(np.concatenate([piece for piece, _ in pieces]), 0.0)
+    points = without_collinear_points(np.concatenate([piece for piece, _ in pieces]), 0.0)
     if len(points) < 2:
         return points
     points, is_link = _resampled(pieces)
@@ -55,7 +55,7 @@ def smooth_path(pieces: list[tuple[Floats, bool]], driving: DrivingGrid) -> Floa
     rough = beside_link & ~_is_passable(_averaged(points, reach), driving)
     reach = np.where(_grown(rough, _LINK_REACH), lane_reach, reach)
     rough = is_link & ~_is_passable(_averaged(points, reach), driving)
-    return without_straight_points(_averaged(points, np.where(rough, 0, reach)))
+    return without_collinear_points(_averaged(points, np.where(rough, 0, reach)))
 
 
 def _resampled(pieces: list[tuple[Floats, bool]]) -> tuple[Floats, Mask]:
@@ -88,13 +88,13 @@ def _steps_to_corner(points: Floats, where: Mask) -> Reaches:
 
 
 def _grown(marks: Mask, reach: int) -> Mask:
-    """Marks (K,) that reach so many steps further to both sides."""
+    """Marks (K,) dilated by so many steps to both sides."""
     grown = cv2.dilate(marks.astype(np.uint8)[None], np.ones((1, 2 * reach + 1), dtype=np.uint8))
     return np.asarray(grown[0] > 0)
 
 
 def _averaged(points: Floats, reach: Reaches) -> Floats:
-    """Average of the points (K, 2) within a reach (K,) to either side; the ends stay."""
+    """Moving average of points (K, 2) over a half-width (K,); the ends stay."""
     here = np.arange(len(points))
     reach = np.minimum(reach, np.minimum(here, len(points) - 1 - here))
     total = np.concatenate([np.zeros((1, 2)), np.cumsum(points, axis=0)])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the robot is and what it has seen, kept together as the SLAM backend corrects itself."""
+"""Pose and map for driving, kept consistent with the corrections of the SLAM backend."""
 
 from __future__ import annotations
 
@@ -20,25 +20,24 @@ from slarm_graph.readings import Reading
 from slarm_graph.trajectory import Trajectory
 
 _JUMP_M: Final = 0.06
-"""The robot's pose may be corrected by two driving cells before its map is drawn anew."""
+"""Correction of the robot's pose that makes the map be rendered anew: two driving cells."""
 _JUMP_RAD: Final = math.radians(2.0)
 """At 3 m, the distance of what is driven by, two degrees are 0.1 m: two driving cells."""
 _REBUILD_GROWTH: Final = 1.7
-"""A geometric series: redrawing takes at most some two and a half times the drawing of all scans
-once."""
+"""A geometric series: all renderings together take at most some two and a half times that of all
+scans once."""
 _REBUILD_READINGS: Final = 150
-"""At least so many readings, 15 s at 10 Hz, between two times: redrawing stops the robot for as
-long as it takes."""
+"""At least so many readings, 15 s at 10 Hz, between two renderings: the robot stops meanwhile."""
 _JUDGED_GROWTH: Final = 1.1
-"""A geometric series: to look whether the map contradicts itself costs eleven times the last look,
-which takes a second of 14,000 scans."""
+"""A geometric series: all consistency checks together cost eleven times the last one, which takes a
+second for 14,000 scans."""
 _MAX_RENDERED_SCANS: Final = 10_000
-"""With more, every second, third ... is drawn: a place is seen in hundreds of scans, one shows its
-walls."""
+"""With more, every second, third ... is rendered: a place is seen in hundreds of scans, and one
+shows its walls."""
 
 
 class Survey:
-    """Localises every reading and maps it; makes the map anew when old poses have moved.
+    """Localises and maps every reading; renders the map anew when old poses were corrected.
 
     Parameters
     ----------
@@ -77,7 +76,7 @@ class Survey:
         self._last_rebuild = 0
         self._has_moved = False
         self.is_torn = False
-        """Whether the map contradicts itself, as of when that was last looked at."""
+        """Whether the map was inconsistent at the last check."""
         self._judged = 0
 
     @property
@@ -87,7 +86,7 @@ class Survey:
 
     @property
     def steps(self) -> int:
-        """Readings that what is known rests on; those of the log too once it is read again."""
+        """Number of readings processed; that of the log once it has been read again."""
         return len(self._believed)
 
     @property
@@ -97,21 +96,21 @@ class Survey:
 
     @property
     def believed(self) -> Trajectory:
-        """`world_from_robot` as held at the time, one pose per reading."""
+        """`world_from_robot` as estimated online, one pose per reading."""
         return Trajectory(self.log.stamps_ns, np.array(self._believed))
 
     @property
     def is_stale(self) -> bool:
-        """Whether making the map anew might change it by much."""
+        """Whether rendering the map anew might change it much."""
         old = self._last_rebuild < self.readings - _REBUILD_READINGS
         return self._last_rebuild != self.readings and (self._has_moved or old)
 
     def kept_state(self) -> dict[str, object]:
-        """Leave out of a snapshot what has a snapshot of its own, or is read again."""
+        """Exclude from a snapshot what has its own, or is read again."""
         return {k: v for k, v in vars(self).items() if k not in ("_backend", "log")}
 
     def take_in(self, reading: Reading, world_from_robot: Pose2) -> None:
-        """Localise, and put what is seen into the map; the true pose is only kept."""
+        """Localise a reading and integrate its scan into the map; the true pose is only stored."""
         self._backend.update(reading)
         map_from_robot = self._backend.map_from_robot()
         if self._last is None:
@@ -136,7 +135,7 @@ class Survey:
         self.live.stand_by(reading.scan, self.pose)
 
     def rebuild(self) -> SlamResult:
-        """Bring map and what was covered in line with what the backend makes of all readings."""
+        """Render map and coverage anew from the backend's corrected trajectory."""
         self._has_moved = False
         self._last_rebuild = self.readings
         self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
@@ -153,7 +152,7 @@ class Survey:
         return corrected
 
     def _latest_motion(self) -> Trajectory:
-        """The last two poses as held at the time; one at first."""
+        """The last two poses as estimated online; one at first."""
         return Trajectory(self.log.stamps_ns[-2:], np.array(self._believed[-2:]))
 
     def _jumped(self, before: Pose2, reading: Reading) -> bool:
@@ -167,7 +166,7 @@ class Survey:
         return math.hypot(apart.x, apart.y) > _JUMP_M or abs(apart.theta) > _JUMP_RAD
 
     def _rebuild_is_due(self) -> bool:
-        """Now and then, and soon after a jump; the total cost stays linear in the readings."""
+        """Whether to render anew: at growing intervals, soon after a jump; total cost is linear."""
         soon = max(_REBUILD_READINGS // 3, self.readings // 20)
         jump = self._has_moved and self.readings - self._last_rebuild >= soon
         return jump or self.readings >= self._next_rebuild

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The order of lanes: an open tour that costs little time of driving between them.
+"""Open tour over lanes of little travel time: nearest neighbour, 2-opt and Or-opt.
 
 A lane has two ends, 2 i and 2 i + 1; entered at one it is left at the other. A tour is the sequence
-of ends at which lanes are entered. The time between two ends is the same both ways, so that turning
-a stretch of the tour round changes it at its two borders only.
+of ends at which lanes are entered. The time between two ends is symmetric, so that reversing a
+stretch of the tour changes its time at its two borders only.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from slarm_graph.kernels import kernel
 Ends = NDArray[np.int64]
 
 _MOST_MOVED: Final = 8
-"""Lanes moved together: twice and more the three that are usual (Or 1976), as rows of lanes belong
-together."""
+"""Longest stretch that Or-opt moves: more than twice the usual three (Or 1976), as rows of lanes
+belong together."""
 _LEAST_GAIN_S: Final = 1e-6
-"""Above rounding, so that no two tours of the same time change places for ever."""
+"""Above rounding, so that the search does not cycle between tours of equal time."""
 
 
-def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
+def short_tour(between_s: Floats, from_start_s: Floats) -> Ends:
     """Short tour over all lanes: nearest neighbour, then 2-opt and Or-opt until neither helps.
 
     Parameters
@@ -36,18 +36,18 @@ def ordered(between_s: Floats, from_start_s: Floats) -> Ends:
     from_start_s : (2 n,) float64
         Time from the robot to entering at an end [s].
     """
-    tour = _nearest_next(between_s, from_start_s)
+    tour = _nearest_neighbour(between_s, from_start_s)
     _improve(tour, between_s, from_start_s)
     return tour
 
 
-def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats) -> Ends:
+def worthwhile(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats) -> Ends:
     """Leave out the stretches of a tour that cost more time than they are worth.
 
     Parameters
     ----------
     worth_s : (n,) float64
-        What a lane is worth, less the time of driving over it [s].
+        Profit of a lane: its worth less the time of driving along it [s].
     """
     while len(tour):
         first, last = _worst_stretch(tour, between_s, from_start_s, worth_s)
@@ -58,7 +58,7 @@ def without_detours(tour: Ends, between_s: Floats, from_start_s: Floats, worth_s
 
 
 @kernel
-def _nearest_next(between_s: Floats, from_start_s: Floats) -> Ends:
+def _nearest_neighbour(between_s: Floats, from_start_s: Floats) -> Ends:
     count = len(from_start_s) // 2
     tour = np.empty(count, dtype=np.int64)
     is_done = np.zeros(count, dtype=np.bool_)
@@ -76,7 +76,7 @@ def _nearest_next(between_s: Floats, from_start_s: Floats) -> Ends:
 
 @kernel
 def _link(tour: Ends, k: int, enter: int, between_s: Floats, from_start_s: Floats) -> float:
-    """Time from the lane in place k (-1: the robot) to entering at an end; 0 for no lane (-1)."""
+    """Time from the lane at position k (-1: the robot) to an end entered; 0 for no lane (-1)."""
     if enter < 0:
         return 0.0
     return float(from_start_s[enter] if k < 0 else between_s[tour[k] ^ 1, enter])
@@ -92,7 +92,7 @@ def _improve(tour: Ends, between_s: Floats, from_start_s: Floats) -> None:
 
 @kernel
 def _two_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
-    """Turn stretches round; whether any turn helped."""
+    """2-opt: reverse stretches; return whether any reversal helped."""
     count, helped = len(tour), False
     for i in range(count):
         before_s = _link(tour, i - 1, tour[i], between_s, from_start_s)
@@ -110,7 +110,7 @@ def _two_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
 
 @kernel
 def _or_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
-    """Move short stretches elsewhere, either way round; whether any move helped."""
+    """Or-opt: move short stretches, reversed or not; return whether any move helped."""
     count, helped = len(tour), False
     for length in range(1, min(_MOST_MOVED, count - 1) + 1):
         i = 0
@@ -127,7 +127,7 @@ def _or_opt(tour: Ends, between_s: Floats, from_start_s: Floats) -> bool:
 def _best_place(
     tour: Ends, i: int, length: int, between_s: Floats, from_start_s: Floats
 ) -> tuple[int, bool]:
-    """Place after which a stretch had better stand, -2 for where it is; and whether turned."""
+    """Best position to insert a stretch after, -2 for its present one; and whether reversed."""
     count = len(tour)
     first, last = tour[i], tour[i + length - 1]
     after = tour[i + length] if i + length < count else -1
@@ -166,7 +166,7 @@ def _move(tour: Ends, i: int, length: int, place: int, is_turned: bool) -> None:
 def _worst_stretch(
     tour: Ends, between_s: Floats, from_start_s: Floats, worth_s: Floats
 ) -> tuple[int, int]:
-    """First and last place of the stretch to do without; (0, -1) where none is too dear."""
+    """First and last position of the stretch whose removal gains most; (0, -1) for none."""
     count = len(tour)
     worst, first, last = _LEAST_GAIN_S, 0, -1
     for i in range(count):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Straight segments over passable cells, and paths pulled straight."""
+"""Visibility between points over passable cells, and path shortcutting by it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def sees(passable: Mask, start: Floats, end: Floats) -> bool:
 
 
 def shortcut(passable: Mask, points: Floats, reach: int = 200) -> Floats:
-    """Pull a path (K, 2) [cells, x right] straight wherever the segment stays on passable cells.
+    """Shortcut a path (K, 2) [cells, x right] wherever the segment stays on passable cells.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def shortcut(passable: Mask, points: Floats, reach: int = 200) -> Floats:
 
 @kernel
 def _sees(passable: Mask, x: float, y: float, end_x: float, end_y: float) -> bool:
-    """Walk every cell that the segment touches (Amanatides and Woo 1987)."""
+    """Traverse every cell that the segment touches (Amanatides and Woo 1987)."""
     rows, cols = passable.shape
     last_col, last_row = math.floor(end_x), math.floor(end_y)
     col, step_col, next_x, per_col = first_crossing(x, end_x - x)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the files of radio maps have in common: names, units, and a map out of named values."""
+"""Field names and units shared by the NPZ, NetCDF and CSV files of radio maps."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ AP_FIELDS = {
 }
 SCALARS = ("antenna_height_m", "rician_factor_db", "expansion_radius_m")
 LAYERS = ("los_probability", "los_unknown")
-"""Only there where heights are uncertain, or cells were not seen."""
+"""Only present where heights are uncertain, or cells were not seen."""
 WORDS = ("scenario", "height_source")
 GRID = ("origin_x_m", "origin_y_m", "resolution_m")
 
@@ -35,8 +35,8 @@ def column(radio: RadioMap, name: str) -> NDArray[np.float64]:
     return np.array([getattr(ap, name) for ap in radio.access_points], dtype=np.float64)
 
 
-def three_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
-    """Line of sight of some cells: 1 clear, 0 blocked, -1 past cells nobody has seen."""
+def line_of_sight_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
+    """Line of sight of some cells: 1 clear, 0 blocked, -1 unknown, through unobserved cells."""
     classes = radio.line_of_sight[index][at].astype(np.int8)
     if radio.los_unknown is not None:
         classes[radio.los_unknown[index][at]] = -1
@@ -44,7 +44,7 @@ def three_classes(radio: RadioMap, index: int, at: At) -> NDArray[np.int8]:
 
 
 def from_values(values: Mapping[str, NDArray[Any]]) -> RadioMap:
-    """Make a radio map of what a file holds under these names."""
+    """Make a radio map from a file's named values."""
     loss_db = np.asarray(values["path_loss_db"], dtype=np.float32)
     fields = {name: np.asarray(values[f"access_point_{name}"], np.float64) for name in AP_FIELDS}
     names = values["access_point"]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Small-scale fading: realisations of the channel whose mean power is the expected gain."""
+"""Small-scale (Rician and Rayleigh) fading: channel realisations about the expected gain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 
 _MOST_VALUES = 500_000_000
-"""Two gigabytes of single precision: more is a slip of the keyboard on most machines."""
+"""Two gigabytes of single precision: more is a typing error on most machines."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,10 +39,9 @@ class FadingMaps:
 def fading_maps(
     radio: RadioMap, realisations: int, rng: np.random.Generator, *, threshold_dbm: float = -90.0
 ) -> FadingMaps:
-    """Draw maps of the channel power gain, whose mean power is the expected gain, eq. (1)-(2).
+    """Draw maps of the channel power gain about the expected gain, eq. (1)-(2).
 
-    Cells are drawn independently of each other. A link that is clear with a probability is clear
-    in that share of the realisations.
+    Cells are independent of each other. Where line of sight is uncertain it is drawn as well.
 
     Parameters
     ----------

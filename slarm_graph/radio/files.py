@@ -24,7 +24,7 @@ from slarm_graph.radio.columns import (
     WORDS,
     column,
     from_values,
-    three_classes,
+    line_of_sight_classes,
 )
 from slarm_graph.raster.bands import bands, found_in_band, in_runs
 from slarm_graph.raster.layers import set_aside
@@ -40,7 +40,7 @@ def write_radio_npz(path: Path, radio: RadioMap) -> None:
 
 
 def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
-    """Yield all arrays with their names."""
+    """Yield all arrays of the archive by name."""
     yield "path_loss_db", _in_parts(radio.path_loss_db, radio.where, math.nan)
     yield "channel_power_gain_db", _in_parts(radio.path_loss_db, radio.where, math.nan, minus=True)
     yield "line_of_sight", _in_parts(radio.line_of_sight, radio.where)
@@ -56,7 +56,7 @@ def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
 def _in_parts(
     layers: NDArray[np.float32] | Mask, where: Where, blank: float = 0.0, *, minus: bool = False
 ) -> InParts:
-    """Layers (A, rows, cols), or minus them, one after the other, blank outside of tiles."""
+    """Layers (A, rows, cols), negated or not, in parts, blank outside of tiles."""
 
     def parts() -> Iterator[NDArray[np.generic] | int]:
         """Yield every value once."""
@@ -84,7 +84,7 @@ def read_radio_npz(path: Path) -> RadioMap:
 
 
 def write_radio_csv(path: Path, radio: RadioMap) -> None:
-    """Write one line per access point and cell with a value; lines with `#` hold the rest."""
+    """Write one line per access point and cell with a value; parameters in lines with `#`."""
     head = [f"# {name}: {getattr(radio, name)}" for name in SCALARS + WORDS]
     head.append(f"# resolution_m: {radio.geometry.resolution_m!r}")
     for ap in radio.access_points:
@@ -109,7 +109,7 @@ def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
         for first in range(0, len(valued), _ROWS_AT_A_TIME):
             at = np.unravel_index(valued[first : first + _ROWS_AT_A_TIME], loss_db.shape)
             values = loss_db[at].astype(np.float64)
-            classes = three_classes(radio, index, at)
+            classes = line_of_sight_classes(radio, index, at)
             centers = radio.geometry.center_of(np.stack(at, axis=1))
             rows = np.column_stack([centers, values, -values, power_dbm - values, classes])
             yield (line * len(rows)) % tuple(rows.ravel().tolist())

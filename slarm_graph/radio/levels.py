@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Levels of access points over a map from a file, predicted or measured, and how sure they are."""
+"""Received levels and their standard deviation from a predicted or measured radio-map file."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ from slarm_graph.radio.path_loss import shadow_sigma_db
 Layers = NDArray[np.float32]
 
 PREDICTED, MEASURED = "radio_map.npz", "measured_radio_map.npz"
-"""What runs call them."""
+"""File names in a run folder."""
 
 
 @dataclass(frozen=True, slots=True)
 class LevelMap:
-    """Expected levels.
+    """Expected received levels.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class LevelMap:
     level_dbm : (A, rows, cols) float32
         nan where there is none.
     sd_db : (A, rows, cols) float32
-        How sure they are: of the mean where measured, the scenario's shadow fading where predicted.
+        Standard deviation: of the mean where measured, of shadow fading where predicted.
     measured : bool
     """
 

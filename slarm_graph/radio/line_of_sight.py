@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Line of sight in 2.5D, exact: which cells lie in the shadow that obstacles cast.
+"""Exact line of sight in 2.5D: the cells outside the shadows that obstacles cast.
 
 Seen from an access point O, the antennas at height h that an upright prism with convex plan C and
 top H hides are exactly the scaled copies of C about O: the union of s C over near < s < far. (A
@@ -28,19 +28,19 @@ from slarm_graph.radio.shadows import (
     GRAZE_CELLS,
     boxes_of_cells,
     hidden_points,
-    in_front,
-    next_around,
+    next_containing,
     outlines_of_shadows,
     shadowed_cells,
+    unoccluded,
 )
 from slarm_graph.raster.bands import by_windows, copy_of
 from slarm_graph.tiles import Where, Window, known_tiles
 from slarm_graph.world import Solid
 
 _ENDLESS = 1e7
-"""Scale that takes the nearest obstacle beyond any grid."""
+"""Scale of an unbounded shadow: takes the nearest obstacle beyond any grid."""
 _OFF_WALL_M = 1e-6
-"""A micrometre before the face: outside the wall for any rounding, and nowhere else for the
+"""Offset of points moved onto a face: outside the wall for any rounding, and irrelevant to the
 radio."""
 
 
@@ -64,9 +64,9 @@ def line_of_sight_over_cells(
         x, y in the map, z above the floor [m]; may lie outside the grid.
     antenna_height_m : float
     mount_radius_m : float
-        Cells whose centre is this near to the access point in plan carry it and do not hide it.
+        Cells whose centre is this near to the access point in plan are its mount and transparent.
     where : (rows, cols) or KnownTiles, optional
-        Tiles hold all obstacles; outside of them nothing is said to be in sight.
+        Tiles hold all obstacles; cells outside of them are False.
 
     Returns
     -------
@@ -77,7 +77,7 @@ def line_of_sight_over_cells(
     heights = np.asarray(heights_m)
     if mount_radius_m > 0.0:
         heights = copy_of(heights, where)
-        _empty_mount(geometry, heights, np.array([x, y]), mount_radius_m)
+        _clear_mount(geometry, heights, np.array([x, y]), mount_radius_m)
     boxes, tops = boxes_of_cells(heights, min(float(z), antenna_height_m), known_tiles(where))
     scales = _scales(tops, z, antenna_height_m)
     return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
@@ -92,18 +92,18 @@ def line_of_sight_past_cells(
     mount_radius_m: float = 0.0,
     where: Where | None = None,
 ) -> Mask:
-    """As `line_of_sight_over_cells`, of cells (rows, cols) that nothing passes at any height.
+    """As `line_of_sight_over_cells`, for opaque cells (rows, cols) of infinite height.
 
-    With tiles, the cells lie in them, and outside of them nothing is said to be in sight.
+    With tiles, the cells lie in them, and cells outside of them are False.
     """
     where = where or geometry.shape
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     filled = copy_of(cells, where).view(np.uint8)
     if mount_radius_m > 0.0:
-        _empty_mount(geometry, filled, np.array([x, y]), mount_radius_m)
+        _clear_mount(geometry, filled, np.array([x, y]), mount_radius_m)
     boxes, _ = boxes_of_cells(filled, 0.0, known_tiles(where))
     del filled
-    boxes = boxes[in_front(_in_cells(geometry, np.array([x, y])), boxes)]
+    boxes = boxes[unoccluded(_in_cells(geometry, np.array([x, y])), boxes)]
     scales = _scales(np.full(len(boxes), np.inf), z, antenna_height_m)
     return _past_boxes(geometry, boxes, np.array([x, y]), scales, where)
 
@@ -115,7 +115,7 @@ def _past_boxes(
     scales: Floats,
     where: Where,
 ) -> Mask:
-    """Cells (rows, cols) in no shadow of boxes (N, 4): first and past columns and rows."""
+    """Cells (rows, cols) in no shadow of boxes (N, 4): col0, row0, col1, row1, half open."""
     corners = boxes[:, [0, 1, 2, 1, 2, 3, 0, 3]].reshape(-1, 2).astype(np.float64)
     starts = np.arange(0, len(corners) + 1, 4)
     eye = _in_cells(geometry, plan)
@@ -143,11 +143,11 @@ def line_of_sight_past_solids(
         x, y in the map, z above the floor [m].
     antenna_height_m : float
     boundary_m : (K, 2), optional
-        Counter-clockwise outer wall that nothing passes.
+        Counter-clockwise outer wall of infinite height.
     mount_radius_m : float
         An access point at most this deep in a solid, or beyond the boundary, is put on its face.
     where : (rows, cols) or KnownTiles, optional
-        Outside of tiles nothing is decided, and said to be hidden.
+        Cells outside of tiles are False.
 
     Returns
     -------
@@ -163,13 +163,13 @@ def line_of_sight_past_solids(
     for plans, slack in ((whole, 1.0), (cut, -1.0)):
         if not plans:
             continue
-        corners, starts, tops_m = _end_to_end(plans)
+        corners, starts, tops_m = _concatenated(plans)
         scales = _scales(tops_m, z, antenna_height_m)
         inside = _in_cells(geometry, corners)
         shadows.append(shadowed_cells(where, eye, inside, starts, scales, slack))
 
     def part(window: Window) -> Mask:
-        """What is in no shadow."""
+        """Cells of a window in no shadow."""
         blocked = np.zeros([at.stop - at.start for at in window], dtype=np.bool_)
         for shadow in shadows:
             blocked |= shadow[window]
@@ -184,7 +184,7 @@ def shadow_outlines(
     position_m: Floats,
     antenna_height_m: float,
 ) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
-    """Outlines of the shadows of sets of solids, as `line_of_sight_past_solids` takes them.
+    """Outlines of the shadows of sets of solids, as in `line_of_sight_past_solids`.
 
     Returns
     -------
@@ -193,7 +193,7 @@ def shadow_outlines(
     starts : (N + 1,) int64
         Where each starts.
     slacks : (N,) float64
-        How far inside a centre must lie to be hidden [cells].
+        Distance inside from which a centre is hidden [cells].
     sets : (N,) int64
         Number of the set that each belongs to, ascending.
     """
@@ -204,17 +204,17 @@ def shadow_outlines(
         plans += [(piece, solid.height_m) for piece in pieces]
         sides += [1.0 if len(pieces) == 1 else -1.0] * len(pieces)
         of += [number] * len(pieces)
-    corners, starts, tops_m = _end_to_end(plans)
+    corners, starts, tops_m = _concatenated(plans)
     eye, inside = _in_cells(geometry, position_m[:2]), _in_cells(geometry, corners)
     scales = _scales(tops_m, float(position_m[2]), antenna_height_m)
     outlines, begins = outlines_of_shadows(eye, inside, starts, scales)
     return outlines, begins, GRAZE_CELLS * np.array(sides), np.array(of, dtype=np.int64)
 
 
-def _empty_mount(
+def _clear_mount(
     geometry: GridGeometry, heights: NDArray[np.generic], plan: Floats, radius_m: float
 ) -> None:
-    """Take the cells whose centre is within the radius of a plan point out of heights."""
+    """Set the heights of cells whose centre is within a radius of a plan point to 0."""
     low = np.maximum(geometry.cell_of(plan - radius_m), 0)
     high = np.minimum(geometry.cell_of(plan + radius_m) + 1, geometry.shape)
     if (low >= high).any():
@@ -249,31 +249,31 @@ def line_of_sight_to_points(
     whole, cut = _plans(solids, None)
     if not solids:
         return np.ones(len(points), dtype=np.bool_)
-    # What is near hides most: few of the others are then asked.
+    # Near solids hide most points: few of the others are then tested.
     nearest_first = sorted(whole + cut, key=lambda plan: math.dist(plan[0][0], (x, y)))
-    corners, starts, tops_m = _end_to_end(nearest_first)
+    corners, starts, tops_m = _concatenated(nearest_first)
     scales = _scales(tops_m, float(z), antenna_height_m)
     return ~hidden_points(np.array([x, y]), points, corners, starts, scales)
 
 
 def moved_to_faces(points_m: ArrayLike, solids: Sequence[Solid]) -> Floats:
-    """Move antennas (N, 2) [m] inside a solid to its nearest face: walls are only known so well."""
+    """Move antennas (N, 2) [m] inside a solid to its nearest face: wall positions are uncertain."""
     points = np.array(points_m, dtype=np.float64).reshape(-1, 2)
-    corners, starts, _ = _end_to_end([(solid.corners_m, solid.height_m) for solid in solids])
-    at = next_around(0, points, corners, starts)
+    corners, starts, _ = _concatenated([(solid.corners_m, solid.height_m) for solid in solids])
+    at = next_containing(0, points, corners, starts)
     while at < len(solids):
         ring = solids[at].corners_m
         for index in np.flatnonzero(contains(ring, points)):
             foot, normal = nearest_on_outline(ring, points[index])
             points[index] = foot + _OFF_WALL_M * normal
-        at = next_around(at + 1, points, corners, starts)
+        at = next_containing(at + 1, points, corners, starts)
     return points
 
 
 def _plans(
     solids: Sequence[Solid], boundary_m: Floats | None
 ) -> tuple[list[tuple[Floats, float]], list[tuple[Floats, float]]]:
-    """Convex plans (K, 2) with their tops: of convex solids and walls, and of cut solids."""
+    """Convex plans (K, 2) with their tops [m]: of convex solids and walls, and of cut solids."""
     whole: list[tuple[Floats, float]] = []
     cut: list[tuple[Floats, float]] = []
     for solid, pieces in zip(solids, convex_plans([s.corners_m for s in solids]), strict=True):
@@ -284,7 +284,7 @@ def _plans(
     return whole, cut
 
 
-def _end_to_end(
+def _concatenated(
     plans: Sequence[tuple[Floats, float]],
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Corners of all plans in one array (N, 2) [m], where each starts, and the tops [m]."""
@@ -298,11 +298,11 @@ def _on_face(
 ) -> Floats:
     """Move an access point that sits a little inside a wall to the wall's face."""
     tall = [(solid.corners_m, solid.height_m) for solid in solids if solid.height_m > z]
-    corners, starts, _ = _end_to_end(tall)
-    at = next_around(0, plan[None], corners, starts)
+    corners, starts, _ = _concatenated(tall)
+    at = next_containing(0, plan[None], corners, starts)
     while at < len(tall):
         plan = _put_on(tall[at][0], plan, 1.0, radius_m)
-        at = next_around(at + 1, plan[None], corners, starts)
+        at = next_containing(at + 1, plan[None], corners, starts)
     if boundary_m is not None and not contains(boundary_m, plan):
         plan = _put_on(boundary_m, plan, -1.0, radius_m)
     return plan
@@ -323,7 +323,7 @@ def _in_cells(geometry: GridGeometry, points: Floats) -> Floats:
 
 
 def _scales(tops_m: Floats, z_m: float, antenna_height_m: float) -> Floats:
-    """Near and far scale (S, 2) of each prism's shadow; nan where it casts none."""
+    """Near and far scale factor (S, 2) of each prism's shadow; nan where it casts none."""
     drop = z_m - antenna_height_m
     with np.errstate(divide="ignore", invalid="ignore"):
         if drop > 0.0:

@@ -22,7 +22,7 @@ from slarm_graph.radio.columns import (
     WORDS,
     column,
     from_values,
-    three_classes,
+    line_of_sight_classes,
 )
 from slarm_graph.raster.bands import looked_up
 from slarm_graph.raster.layers import set_aside
@@ -111,7 +111,7 @@ def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
         likely = _layer(file, "los_probability", "probability of line of sight", "1")
     for index, power in enumerate(power_dbm):
         for rows in _chunk_rows(radio):
-            sight[index, rows] = three_classes(radio, index, rows)
+            sight[index, rows] = line_of_sight_classes(radio, index, rows)
             for cols in _chunk_columns(radio, rows):
                 at = rows, cols
                 values = looked_up(radio.path_loss_db[index], radio.where, at, math.nan)
@@ -134,7 +134,7 @@ def _chunk_rows(radio: RadioMap) -> Iterator[slice]:
 
 
 def _chunk_columns(radio: RadioMap, rows: slice) -> Iterator[slice]:
-    """Yield columns of whole chunks; one that no tile lies in is left blank, and takes no room."""
+    """Yield columns of whole chunks; chunks without tiles are not written, and take no room."""
     cols, wide = radio.geometry.cols, _CHUNK[2]
     known = np.zeros(-(-cols // wide), dtype=np.bool_)
     for some in columns_of(radio.where, rows):
@@ -147,7 +147,7 @@ def _chunk_columns(radio: RadioMap, rows: slice) -> Iterator[slice]:
 def _layer(
     file: netCDF4.Dataset, name: str, long_name: str, units: str, kind: Literal["f4", "i1"] = "f4"
 ) -> Any:
-    """Make room for a value per access point and cell."""
+    """Create a compressed variable with a value per access point and cell."""
     dimensions = ("access_point_index", "y", "x")
     size = tuple(
         min(most, len(file.dimensions[d])) for most, d in zip(_CHUNK, dimensions, strict=True)

@@ -20,7 +20,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
 SHADOW_CORRELATION_DISTANCE_M = 10.0
-"""Of InF shadow fading (TR 38.901 Table 7.5-6)."""
+"""Correlation distance of InF shadow fading (TR 38.901 Table 7.5-6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,9 +57,9 @@ class Scenario:
     sigma_los_db, sigma_nlos_db : float
         Standard deviation of the shadow fading [dB].
     distance_m : (float, float)
-        Where the laws hold, 3D distance [m].
+        Range of 3D distances for which the laws hold [m].
     frequency_hz : (float, float)
-        Where the laws hold [Hz].
+        Range of frequencies for which the laws hold [Hz].
     """
 
     name: str
@@ -84,7 +84,7 @@ _INF_DH = Law(33.63, 21.9, 20.0)
 _INF_M = (1.0, 600.0)
 """Distances that the InF rows hold for [m], table 7.4.1-1."""
 _ANY = (0.0, math.inf)
-"""Of free space, whose loss has no bounds of distance (Friis)."""
+"""Frequencies of free space, whose loss has no bounds (Friis)."""
 
 SCENARIOS: dict[str, Scenario] = {
     scenario.name: scenario
@@ -177,9 +177,9 @@ def shadow_sigma_db(line_of_sight: ArrayLike, scenario: str) -> Floats:
 
 
 def smallest_blocking_gap_db(frequency_hz: float, scenario: str, distances_m: ArrayLike) -> float:
-    """Smallest loss that blocking adds over these 3D distances [dB].
+    """Smallest excess loss of NLoS over LoS at these 3D distances [dB].
 
-    A tolerance at or above it cannot tell a blocked from a clear link.
+    A tolerance at or above it cannot distinguish a blocked from a clear link.
     """
     blocked = path_loss_db(distances_m, frequency_hz, False, scenario)
     return float(np.min(blocked - path_loss_db(distances_m, frequency_hz, True, scenario)))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of radio maps: gain with its unit, colour bar, scale bar and access points."""
+"""Figures of radio maps: gain with its unit, colour bar, scale bar and access points."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def write_radio_png(path: Path, radio: RadioMap) -> None:
 
 
 def _at_most(cells: int, radio: RadioMap) -> RadioMap:
-    """Leave rows and columns out evenly until there are at most so many cells."""
+    """Subsample rows and columns to at most so many cells."""
     g = radio.geometry
     step = math.ceil(math.sqrt(g.rows * g.cols / cells))
     if step <= 1:

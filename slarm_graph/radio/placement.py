@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Access points that hang where none can: inside obstacles or in space nobody has seen."""
+"""Check the positions of access points: inside obstacles, or in unknown space."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from slarm_graph.geographic import CellState, GeographicMap
 def placement_notices(
     geographic: GeographicMap, access_points: Sequence[AccessPoint], mount_radius_m: float
 ) -> tuple[str, ...]:
-    """Say which access points lie inside an obstacle higher than they hang, or in the unknown.
+    """Warn of access points inside an obstacle higher than they hang, or in unknown space.
 
-    One whose wall begins within `mount_radius_m` is mounted on it and nothing to speak of.
+    One with a free cell within `mount_radius_m` is mounted on the wall: no warning.
     """
     return tuple(
         notice

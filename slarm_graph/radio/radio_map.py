@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The radio stage: from a geographic map, or a true world, to the expected gain in every cell."""
+"""The radio map: expected path loss in every cell of a geographic map, or of a true world."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
-from slarm_graph.radio.recovered_sight import recovered_sight
+from slarm_graph.radio.recovered_line_of_sight import recovered_line_of_sight
 from slarm_graph.raster.bands import by_windows, windows
 from slarm_graph.raster.layers import blank_layer, new_layer
 from slarm_graph.tiles import KnownTiles, Where, Window
@@ -60,7 +60,7 @@ def radio_map(
     free = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 
     sights = [
-        recovered_sight(geographic, free, position_m, config)
+        recovered_line_of_sight(geographic, free, position_m, config)
         for position_m in _positions_m(access_points)
     ]
     del free
@@ -93,7 +93,7 @@ def radio_map(
 
 
 def _positions_m(access_points: Sequence[AccessPoint]) -> list[Floats]:
-    """Positions (3,) [m] of access points, of which there has to be one."""
+    """Positions (3,) [m] of at least one access point."""
     if not access_points:
         raise BadInput("a radio map needs at least one access point: --ap X Y Z")
     return [ap.position_m() for ap in access_points]
@@ -138,7 +138,7 @@ def radio_notices(
     config: RadioConfig,
     tiles: KnownTiles | None = None,
 ) -> tuple[str, ...]:
-    """Say what a user should know before trusting a radio map on this grid, or its tiles."""
+    """Warn of access points off the map and cells outside the scenario's range of distances."""
     where, size = tiles or geometry.shape, tiles.cells if tiles else geometry.rows * geometry.cols
     x_min, x_max, y_min, y_max = geometry.extent_m
     notices = []
@@ -167,7 +167,7 @@ def radio_notices(
 
 
 def _farthest_m(geometry: GridGeometry, ap: AccessPoint) -> float:
-    """A distance that no antenna over the grid exceeds [m]."""
+    """Upper bound of the distance to any antenna over the grid [m]."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     away_x, away_y = max(ap.x_m - x_min, x_max - ap.x_m), max(ap.y_m - y_min, y_max - ap.y_m)
     return math.hypot(away_x, away_y, ap.z_m)
@@ -233,7 +233,7 @@ def _cells_of(geographic: GeographicMap, *states: CellState) -> Mask:
 def expected_path_loss_db(
     distance_m: Floats, frequency_hz: float, probability: Floats, scenario: str
 ) -> Floats:
-    """Path loss of the expected power gain, eq. (2), over whether a link is clear.
+    """Path loss of the expected power gain, eq. (2), over line of sight and its absence.
 
     E|H|^2 = p 10^(-L_LoS / 10) + (1 - p) 10^(-L_NLoS / 10).
 

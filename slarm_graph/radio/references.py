@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Radio maps from files, and the truth to compare them with."""
+"""Read a radio map to evaluate, and its reference: another map, or a world's true radio map."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def read_estimate(place: Path) -> tuple[RadioMap, Path]:
 
 
 def has_coverage(folder: Path) -> bool:
-    """Whether a run folder tells which cells are accessible."""
+    """Whether a run folder has the file of accessible cells."""
     return (folder / _COVERAGE).is_file()
 
 
@@ -47,12 +47,12 @@ def geographic_of(radio: RadioMap, folder: Path) -> GeographicMap:
 
 
 def names_world(place: str) -> bool:
-    """Whether a reference is a world: one that comes along, or a YAML file."""
+    """Whether a reference is a world: a shipped one, or a YAML file."""
     return place in shipped_worlds() or Path(place).suffix in (".yaml", ".yml")
 
 
 def reference_for(place: str, estimate: RadioMap) -> tuple[Mask, RadioMap, Extent | None]:
-    """Return what is truly accessible, the true radio map, and the extent of the true space [m].
+    """Return truly accessible cells, the true radio map, and the extent of the true space [m].
 
     Parameters
     ----------

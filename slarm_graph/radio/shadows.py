@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels of the line of sight: boxes around cells, the shadows of prisms as cells, single rays."""
+"""Kernels of the line of sight: boxes of cells, rasterised shadows of prisms, single rays."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ GRAZE_CELLS = 1e-9
 """A link that grazes a surface is clear; above the rounding of coordinates of 10^5 cells."""
 
 _SECTORS: Final = 1 << 13
-"""Directions told apart when looking for what stands in front; a cell fills one up to 1300 cells
-away. Of 243,000 boxes in a clinic 32,000, 8000 and 4800 are left with half of it, it and double."""
+"""Angular sectors of occlusion culling; a cell fills one up to 1300 cells away. Of 243,000 boxes in
+a clinic 32,000, 8000 and 4800 are left with half of it, it and double."""
 _EDGE_SECTORS: Final = 1e-3
-"""0.8 microradians: above rounding, and far beyond the slack of what grazes."""
+"""0.8 microradians: above rounding, and far beyond the slack of grazing links."""
 _BOXES: Final = 1 << 15
-"""Looked at together, of a few tens of sectors each: megabytes."""
+"""Boxes processed together, of a few tens of sectors each: megabytes."""
 
 
 @kernel
@@ -72,28 +72,29 @@ def boxes_of_cells(
     return boxes[:count], tops[:count]
 
 
-def in_front(eye: Floats, boxes: NDArray[np.int64]) -> Mask:
-    """Which boxes (N, 4) of endless height may hide from the eye (2,) what none before them hides.
+def unoccluded(eye: Floats, boxes: NDArray[np.int64]) -> Mask:
+    """Occlusion culling: which boxes (N, 4) of infinite height are not surely hidden from the eye.
 
-    Every direction in which one of the others is seen is filled by a nearer one; lengths in cells.
+    Every direction in which one of the others is seen from the eye (2,) is filled by a nearer box;
+    lengths in cells.
     """
     parts = np.array_split(boxes, len(boxes) // _BOXES + 1)
     ends = np.full(_SECTORS, np.inf)
     for part in parts:
-        first, last, _, farthest = _seen(eye, part)
-        filled, of = _ranges(np.ceil(first + _EDGE_SECTORS), np.floor(last - _EDGE_SECTORS))
+        first, last, _, farthest = _extents(eye, part)
+        filled, of = _sectors_of(np.ceil(first + _EDGE_SECTORS), np.floor(last - _EDGE_SECTORS))
         np.minimum.at(ends, filled, farthest[of])
     front = []
     for part in parts:
-        first, last, nearest, _ = _seen(eye, part)
-        touched, of = _ranges(np.floor(first - _EDGE_SECTORS), np.ceil(last + _EDGE_SECTORS))
+        first, last, nearest, _ = _extents(eye, part)
+        touched, of = _sectors_of(np.floor(first - _EDGE_SECTORS), np.ceil(last + _EDGE_SECTORS))
         seen = ends[touched] >= nearest[of]
         front.append(np.bincount(of, weights=seen, minlength=len(part)) > 0.0)
     return np.concatenate(front)
 
 
-def _seen(eye: Floats, boxes: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
-    """First and last direction [sectors], nearest and farthest point of boxes; around it 0, inf."""
+def _extents(eye: Floats, boxes: NDArray[np.int64]) -> tuple[Floats, Floats, Floats, Floats]:
+    """First and last direction [sectors], least and greatest distance of boxes; 0, inf inside."""
     low, high = boxes[:, :2] - eye, boxes[:, 2:] - eye
     nearest = np.hypot(*np.maximum(np.maximum(low, -high), 0.0).T)
     farthest = np.where(nearest > 0.0, np.hypot(*np.maximum(high, -low).T), np.inf)
@@ -105,8 +106,8 @@ def _seen(eye: Floats, boxes: NDArray[np.int64]) -> tuple[Floats, Floats, Floats
     return first / sector, last / sector, nearest, farthest
 
 
-def _ranges(first: Floats, past: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Numbers of the sectors of ranges, one after the other, and of which range each is."""
+def _sectors_of(first: Floats, past: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sectors of all ranges in one array, and the index of the range of each."""
     count = np.maximum(past - first, 0.0).astype(np.int64)
     of = np.repeat(np.arange(len(count)), count)
     rank = np.arange(len(of)) - (np.cumsum(count) - count)[of]
@@ -172,7 +173,7 @@ def _filled(
     hull_starts: NDArray[np.int64],
     slack: float,
 ) -> Mask:
-    """Cells of some rows and columns that any outline holds."""
+    """Cells of a window that lie in any outline."""
     first_row, first_col = row_span[0], col_span[0]
     rows, cols = row_span[1] - first_row, col_span[1] - first_col
     steps = np.zeros((rows, cols + 1), dtype=np.int32)
@@ -191,8 +192,8 @@ def _filled(
 
 
 @kernel
-def next_around(first: int, points: Floats, corners: Floats, starts: NDArray[np.int64]) -> int:
-    """Which polygon, from the first on, is the next that holds any of points (N, 2); or how many.
+def next_containing(first: int, points: Floats, corners: Floats, starts: NDArray[np.int64]) -> int:
+    """Index of the next polygon, from the first on, with any of points (N, 2); else their number.
 
     Even-odd rule, as `polygons.contains`.
     """

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Classes of cells once walls stand: kept clear of by the robot's size, cut off, changed."""
+"""Cell classes of the recovered map: expansion cells, enclosed cells, changes to the grid."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from slarm_graph.raster.patches import joined
 from slarm_graph.tiles import Where, Window
 
 
-def expanded(target: GridGeometry, states: np.ndarray, radius_m: float, where: Where) -> Mask:
-    """Accessible cells within the expansion radius, rounded up to cells, of what is not free.
+def expansion(target: GridGeometry, states: np.ndarray, radius_m: float, where: Where) -> Mask:
+    """Accessible cells within the expansion radius, rounded up to cells, of any that is not free.
 
-    That is obstacles, what nobody has seen, which behind a wall is all there is of it on coarse
-    cells, and what lies beyond the lattice.
+    Not free are obstacles, unknown cells, which on coarse cells may be all there is of a wall, and
+    everything outside the grid.
     """
     if radius_m <= 0.0:
         return np.zeros(target.shape, dtype=np.bool_)
@@ -28,7 +28,7 @@ def expanded(target: GridGeometry, states: np.ndarray, radius_m: float, where: W
     rim = round(whole_m / cell_m)
 
     def part(window: Window) -> Mask:
-        """Those of a window; what is beyond its halo is farther away than the radius."""
+        """Expansion cells of a window; cells beyond its halo are farther away than the radius."""
         here = states[window]
         shut = np.isin(here, (CellState.OBSTACLE, CellState.UNKNOWN))
         near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
@@ -38,8 +38,8 @@ def expanded(target: GridGeometry, states: np.ndarray, radius_m: float, where: W
     return by_windows(where, rim, part)
 
 
-def cut_off(states: np.ndarray, visited: Mask, where: Where) -> Mask:
-    """Accessible cells that no accessible way joins to where the robot was."""
+def enclosed_cells(states: np.ndarray, visited: Mask, where: Where) -> Mask:
+    """Accessible cells not connected to any visited cell."""
     accessible = by_windows(where, 0, lambda window: states[window] == CellState.ACCESSIBLE)
     reached = joined(accessible, visited, where)
     return by_windows(where, 0, lambda window: accessible[window] & ~reached[window])

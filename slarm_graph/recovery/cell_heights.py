@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Tops of obstacle cells: that of the solid which fills the cell, or at whose face it lies."""
+"""Heights of obstacle cells: of the solid that fills the cell, or at whose face it lies."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def cell_heights(
     blocks : sequence of Solid
         Of known size.
     strips : sequence of Solid
-        What else has a face.
+        Walls and obstacles of unknown size.
     height_m : float or None
-        Of all that has no known size; None where every strip has its own.
+        Of all obstacles of unknown size; None where every strip has its own.
     where : (rows, cols) or KnownTiles
         That hold all obstacles.
     """

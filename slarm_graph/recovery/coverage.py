@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the robot has covered: cells seen, cells its centre and its body passed over."""
+"""Coverage of a drive: cells observed, visited by the robot's centre, swept by its footprint."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _ROUNDING_M = 1e-6
 
 
 def observed_cells(grid: OccupancyGrid, states: np.ndarray, where: Where) -> Mask:
-    """Mark the cells (rows, cols) seen free, or seen and free as recovery has it."""
+    """Mark the cells (rows, cols) observed free, or observed and recovered as free."""
 
     def part(window: Window) -> Mask:
-        """Those of a window."""
+        """Observed cells of a window."""
         here, now = grid.in_window(window), states[window]
         known_free = (now == CellState.ACCESSIBLE) | (now == CellState.EXPANSION)
         known_free &= ~np.isnan(here.probability)
@@ -45,8 +45,8 @@ def visited_cells(geometry: GridGeometry, trajectory: Trajectory) -> Mask:
     return visited
 
 
-def with_way(grid: OccupancyGrid, trajectory: Trajectory) -> OccupancyGrid:
-    """Add the tiles that the robot passed through, where it saw nothing for a while."""
+def with_path_tiles(grid: OccupancyGrid, trajectory: Trajectory) -> OccupancyGrid:
+    """Add the tiles along the robot's path, where it may have observed nothing."""
     if grid.tiles is None or not len(trajectory):
         return grid
     # Between samples half a tile apart none is left out, as those beside are added as well.
@@ -56,7 +56,7 @@ def with_way(grid: OccupancyGrid, trajectory: Trajectory) -> OccupancyGrid:
 
 
 def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
-    """Points (N, 2) of the path [m]: every pose's, and in between at most a step apart."""
+    """Sample the path (N, 2) [m]: every pose, and points in between at most a step apart."""
     points = trajectory.poses[:, :2]
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(lengths)])
@@ -66,7 +66,7 @@ def path_points_m(trajectory: Trajectory, step_m: float) -> Floats:
 
 
 def footprint_cells(geometry: GridGeometry, trajectory: Trajectory, radius_m: float) -> Mask:
-    """Mark the cells (rows, cols) whose centre a disc on the path passed over."""
+    """Mark the cells (rows, cols) whose centre a disc along the path covers."""
     over = np.zeros(geometry.shape, dtype=np.bool_)
     if len(trajectory):
         cell_m = geometry.resolution_m

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""First part of recovery: an occupancy grid without specks, pinholes and leaks."""
+"""Morphological cleaning of an occupancy grid: specks, pinholes, and stray lines of free cells."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ m."""
 
 @dataclass(frozen=True, slots=True)
 class CleanGrid:
-    """A grid in three classes and the part of it the robot can get to.
+    """A grid in three classes, and the part of it that is reachable.
 
     Parameters
     ----------
@@ -32,9 +32,9 @@ class CleanGrid:
     occupied, free : (rows, cols) bool
         Cells in neither are unknown.
     reached : (rows, cols) bool
-        Free cells that those the robot visited lead to, by ways wider than a beam is seen to be.
+        Free cells connected to visited ones, by corridors wider than a single beam.
     passable : (rows, cols) bool
-        Those of them that it visited or where its disc fits.
+        Those of them that were visited or where the robot's disc fits.
     tiles : KnownTiles, optional
         As the grid's.
     """
@@ -48,15 +48,15 @@ class CleanGrid:
 
     @property
     def where(self) -> Where:
-        """Where it has to be looked at: everywhere, unless it has tiles."""
+        """Cells to process: all, or those of its tiles."""
         return self.tiles or self.geometry.shape
 
 
-def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
-    """Threshold a grid, drop specks, close pinholes in walls and in free space.
+def clean_grid(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> CleanGrid:
+    """Threshold a grid, remove specks, close pinholes in walls, fill holes in free space.
 
     Visited cells become free, and cells where the robot's disc fits stay free, so that passable
-    space keeps its connections whatever is closed.
+    space stays connected whatever is closed.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def cleaned(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Clean
 
 
 def _without_specks(grid: OccupancyGrid, visited: Mask, speck_cells: int) -> tuple[Mask, Mask]:
-    """Occupied cells without specks and without those that were visited, and free cells."""
+    """Occupied cells without specks and visited cells, and free cells."""
     # What is only written where it is true takes no memory elsewhere.
     where, aside = grid.where, [grid.probability]
     held = by_windows(where, 0, lambda w: grid.in_window(w).occupied, aside=aside)
@@ -99,18 +99,18 @@ def _without_specks(grid: OccupancyGrid, visited: Mask, speck_cells: int) -> tup
 
 
 def _closed(occupied: Mask) -> Mask:
-    """Cells with those that a closing by 3 x 3 cells adds; outside the grid is not occupied."""
+    """Morphological closing by 3 x 3 cells; outside the grid is not occupied."""
     framed = np.pad(occupied, 1).view(np.uint8)
     around = np.ones((3, 3), dtype=np.uint8)
     return cv2.morphologyEx(framed, cv2.MORPH_CLOSE, around)[1:-1, 1:-1].view(np.bool_)
 
 
 def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) -> Mask:
-    """Unknown patches no larger than a size that touch free cells only, none of them a wall's."""
+    """Connected components of unknown cells up to a size that border on free cells only."""
 
     def part(window: Window) -> Mask:
-        """A patch that is small in a window, and reaches into it, ends within its halo."""
-        barred = _widened(occupied[window])
+        """Small components of a window: those that reach into it end within its halo."""
+        barred = _dilated(occupied[window])
         for lines, at, most in zip((barred, barred.T), window, shape_of(where), strict=True):
             if at.start == 0:
                 lines[0] = True
@@ -121,35 +121,35 @@ def _small_holes(free: Mask, occupied: Mask, most_cells: float, where: Where) ->
     return by_windows(where, math.floor(most_cells) + 2, part)
 
 
-def _widened(mask: Mask) -> Mask:
-    """Cells of a mask and their eight neighbours."""
+def _dilated(mask: Mask) -> Mask:
+    """Dilation by 3 x 3 cells."""
     return cv2.dilate(mask.view(np.uint8), np.ones((3, 3), dtype=np.uint8)).view(np.bool_)
 
 
 def _reached(free: Mask, visited: Mask, radius_cells: float, where: Where) -> Mask:
-    """Free cells that visited ones lead to, by ways of three cells and more.
+    """Free cells connected to visited ones by corridors at least three cells wide.
 
     A beam through a window or between the legs of a chair leaves a free line behind it, one or two
     cells wide, that leads nowhere. Where cells are so large that the robot fits through two, every
-    way counts.
+    connection counts.
     """
     if 2.0 * radius_cells < _LEAST_CELLS:
         return joined(free, visited, where)
     around = np.ones((_LEAST_CELLS, _LEAST_CELLS), dtype=np.uint8)
 
     def wide(window: Window) -> Mask:
-        """Ways of three cells, of a window, and where the robot was."""
-        ways = cv2.erode(free[window].view(np.uint8), around).view(np.bool_)
-        return ways | (visited[window] & free[window])
+        """Corridors three cells wide (erosion), and visited cells, of a window."""
+        corridors = cv2.erode(free[window].view(np.uint8), around).view(np.bool_)
+        return corridors | (visited[window] & free[window])
 
     region = joined(by_windows(where, _LEAST_CELLS, wide), visited, where)
     steps = _LEAST_CELLS - 1
 
-    def widened(window: Window) -> Mask:
-        """The region, of a window, as far as one way is wide."""
+    def dilated(window: Window) -> Mask:
+        """The region of a window, dilated within free cells by what erosion took off."""
         here = region[window]
         for _ in range(steps):
-            here = _widened(here) & free[window]
+            here = _dilated(here) & free[window]
         return here
 
-    return by_windows(where, steps, widened)
+    return by_windows(where, steps, dilated)

@@ -1,22 +1,22 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How high an obstacle may be when nobody has said: a distribution per class of plan.
+"""Prior distribution of obstacle heights per class of plan.
 
-A 2D laser sees a plan and that the obstacle reaches its own height, no more. Heights follow from
-what is known: the laser's height, the ceiling, and what stands in rooms. The figures are those of
+A 2D laser measures a plan and that the obstacle reaches the laser's height, no more. The prior
+follows from the laser's height, the ceiling, and what is usual in rooms. The figures are those of
 standards, not of any world that comes with the package:
 
 * surfaces to work at or over begin at 0.70 m and end at 1.10 m: desks 0.72 m (EN 527-1), kitchen
   worktops 0.85 to 0.90 m (EN 1116), workbenches and drums of 200 l 0.88 m (ISO 15750), counters;
 * what is brought into a room passes its door, 2.1 m high (DIN 18101: 2.0 to 2.1 m): cupboards and
-  shelves (EN 14073), machines, crates that are stacked; nobody knows which of the two an obstacle
-  is, so each has half;
+  shelves (EN 14073), machines, crates that are stacked; which of the two an obstacle is is not
+  known, so each has half;
 * screens that part an office are 1.2 to 1.8 m high (EN 1023-1), walls reach the ceiling;
 * columns carry the ceiling, but half of what is as thin are drums, bins and stools;
 * pallet racks reach from one storey of 2.1 m up to the ceiling (EN 15620).
 
-Within these bounds heights are taken to be evenly spread; how often an obstacle is beyond them is a
-judgement, one in ten or twenty.
+Within these bounds heights are uniform; how often an obstacle is beyond them is a judgement, one in
+ten or twenty.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ steps of a fifth."""
 _SURFACE_M: Final = (0.70, 1.10)
 """Surfaces to work at or over: desks (EN 527-1) to counters."""
 _DOOR_M: Final = 2.10
-"""What is carried into a room is no higher (DIN 18101)."""
+"""Height of a door, which furniture has to pass (DIN 18101)."""
 _SCREEN_M: Final = (1.2, 1.8)
 """Heights of office screens (EN 1023-1)."""
 _THIN_M: Final = 0.35
@@ -48,23 +48,23 @@ for folders, EN 14073)."""
 _COLUMN_M: Final = 0.5
 """Columns of a frame are 0.3 to 0.5 m thick (EN 1992-1-2: 0.35 m for two hours of fire)."""
 _RACK_M: Final = 4.0
-"""What is longer and not a room is a row: racks, shelves, lockers."""
+"""Longer obstacles that are not rooms are rows of racks, shelves or lockers."""
 _ROOM_M: Final = 2.8
-"""Two pallets of 1.2 m and what is between them are as deep; what is more in both directions
+"""Depth of two pallets of 1.2 m with the gap between them; an obstacle larger in both directions
 encloses something: a shaft, a cabin, a room."""
 _SOLID: Final = 0.7
-"""What fills less of its rectangle is walls at angles; what is round fills 0.785."""
+"""A plan that fills less of its rectangle is walls at angles; a disc fills 0.785."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightPrior:
-    """What is known about heights before anything is measured.
+    """Prior of obstacle heights in a building.
 
     Parameters
     ----------
     ceiling_m : float
     laser_height_m : float
-        Obstacles that the laser sees are at least so high.
+        Lower bound of the height of obstacles that the laser sees.
     """
 
     ceiling_m: float
@@ -78,7 +78,7 @@ class HeightPrior:
         return np.clip(found, self.laser_height_m, max(self.ceiling_m, self.laser_height_m))
 
     def _distribution(self, kind: PlanKind) -> tuple[Sequence[float], Sequence[float]]:
-        """Return shares, ascending, and the heights [m] that they do not exceed."""
+        """Return the quantile function: probabilities, ascending, and their heights [m]."""
         low_m, top_m = self.laser_height_m, self.ceiling_m
         if kind == "furniture":
             return (0.0, 0.1, 0.5, 0.9, 1.0), (low_m, *_SURFACE_M, _DOOR_M, top_m)
@@ -92,7 +92,7 @@ class HeightPrior:
 
 
 def plan_kind(sides_m: Floats, area_m2: float, *, at_wall: bool) -> PlanKind:
-    """Tell what an obstacle is likely to be from its plan.
+    """Classify an obstacle by its plan.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def plan_kind(sides_m: Floats, area_m2: float, *, at_wall: bool) -> PlanKind:
 def height_group(
     prior: HeightPrior, numbers: Sequence[int], kinds: Sequence[PlanKind]
 ) -> HeightGroup:
-    """Return the heights of solids that are low or high together.
+    """Return the joint distribution of the heights of solids that are low or high together.
 
     Parameters
     ----------

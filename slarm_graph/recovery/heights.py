@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Heights of what no known size tells: which sides of the outlines belong to what, and how high."""
+"""Heights of obstacles of unknown size: the obstacle of each side of an outline, and its prior."""
 
 from __future__ import annotations
 
@@ -16,30 +16,30 @@ from slarm_graph.geographic import HeightGroup
 from slarm_graph.polygons import signed_area_m2
 from slarm_graph.recovery.height_prior import HeightPrior, PlanKind, height_group, plan_kind
 from slarm_graph.recovery.obstacle_candidates import islands_in, runs_on
-from slarm_graph.recovery.obstacles import Strip
+from slarm_graph.recovery.obstacles import WallStrip
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid
 
 _LONGEST_M = 10.0
-"""What stands before a wall is looked for up to this length: ten metres of shelves are one."""
+"""Longest obstacle before a wall: ten metres of shelves are one."""
 
 Sides = list[tuple[int, PlanKind]]
-"""Of every side of an outline the number of its obstacle, and what that is."""
+"""For every side of an outline the number of its obstacle, and its class."""
 _PRIOR = "prior (standards, by class of plan)"
 
 
 def certain_height_m(config: RecoveryConfig) -> float | None:
-    """Height of obstacles that no known size tells [m]; None where the prior is asked."""
+    """Height of obstacles of unknown size [m]; None where they have the prior."""
     if config.default_height_m is not None:
         return config.default_height_m
-    # Where the sizes of what stands around are known, what has none of them is a wall.
+    # Where the sizes of obstacles are known, whatever matches none of them is a wall.
     certain = config.unknown_heights == "infinite" or config.known_sizes
     return math.inf if certain else None
 
 
 def height_source(blocks: Sequence[Solid], strips: Sequence[Solid], config: RecoveryConfig) -> str:
-    """Say where the heights of a map came from, given its blocks of known size and other walls."""
+    """Describe the source of a map's heights, given its blocks of known size and other walls."""
     source = "default"
     if config.default_height_m is None:
         certain = certain_height_m(config) is not None or not strips
@@ -51,17 +51,17 @@ def height_source(blocks: Sequence[Solid], strips: Sequence[Solid], config: Reco
 
 def uncertain_heights(
     outlines: Sequence[Outline],
-    strips: Sequence[Strip],
+    strips: Sequence[WallStrip],
     returns: Returns,
     config: RecoveryConfig,
     first: int,
 ) -> tuple[HeightGroup, ...]:
-    """Return how high the sides of every outline may be.
+    """Return the height prior of the obstacles along every outline.
 
     Parameters
     ----------
     outlines : sequence of Outline
-    strips : sequence of Strip
+    strips : sequence of WallStrip
     returns : Returns
     config : RecoveryConfig
     first : int
@@ -85,10 +85,10 @@ def uncertain_heights(
 
 
 def side_obstacles(outlines: Sequence[Outline], returns: Returns) -> Iterator[Sides]:
-    """Tell for every side of outlines of the free region what obstacle it is of, and its kind.
+    """Assign every side of outlines of the free region to an obstacle, and classify that.
 
     Obstacles are numbered along the outline. An island is one. Elsewhere the outline is a wall,
-    number 0, but for what stands before it, the simplest first.
+    number 0, except obstacles before it, of which those with fewest sides are taken first.
     """
     is_island = [signed_area_m2(outline.corners_m) < 0.0 for outline in outlines]
     islands = iter(islands_in(list(compress(outlines, is_island)), returns))
@@ -98,10 +98,10 @@ def side_obstacles(outlines: Sequence[Outline], returns: Returns) -> Iterator[Si
             kind = plan_kind(plan.sides_m, plan.area_m2, at_wall=False)
             yield [(0, kind)] * len(outline.corners_m)
         else:
-            yield _before_walls(outline)
+            yield _sides_before_walls(outline)
 
 
-def _before_walls(outline: Outline) -> Sides:
+def _sides_before_walls(outline: Outline) -> Sides:
     sides: Sides = [(0, "wall")] * len(outline.corners_m)
     taken: set[int] = set()
     for found in sorted(runs_on(outline, _LONGEST_M), key=lambda c: len(c.sides)):
@@ -114,8 +114,10 @@ def _before_walls(outline: Outline) -> Sides:
     return sides
 
 
-def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: int) -> list[Strip]:
-    """Return the strips, each as high as the median of what it may be."""
+def with_medians(
+    strips: Sequence[WallStrip], groups: Sequence[HeightGroup], first: int
+) -> list[WallStrip]:
+    """Return the strips, each with the median of its height prior."""
     found = list(strips)
     if not groups:
         return found
@@ -124,5 +126,5 @@ def with_medians(strips: Sequence[Strip], groups: Sequence[HeightGroup], first: 
     for number, median_m in zip(numbers, medians_m.tolist(), strict=True):
         strip = found[number - first]
         solid = Solid(strip.solid.name, strip.solid.corners_m, median_m)
-        found[number - first] = Strip(solid, strip.outline, strip.side)
+        found[number - first] = WallStrip(solid, strip.outline, strip.side)
     return found

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Known sizes of the obstacles that stand around, and which of them a measured plan has."""
+"""Known sizes of obstacles, and matching of measured plans to them."""
 
 from __future__ import annotations
 
@@ -20,23 +20,23 @@ Size = tuple[float, ...]
 _GAP_M = 1e-6
 """Solids within a micrometre touch: files state corners to less digits than that."""
 _ALIKE_M = 0.01
-"""Sizes that agree within this cannot be told apart."""
+"""Sizes that agree within this are indistinguishable."""
 
 
 @dataclass(frozen=True, slots=True)
 class MeasuredPlan:
-    """What is measured of an obstacle's plan.
+    """Measurements of an obstacle's plan.
 
     Parameters
     ----------
     sides_m : (2,) float64
         Of the bounding rectangle, in any order [m].
     area_m2 : float
-        Of the plan, what is hidden counted as filled [m^2].
+        Of the plan, hidden parts counted as filled [m^2].
     corners_seen : int
-        How many of the rectangle's corners the laser saw into, 4 for what stands free.
+        Number of the rectangle's corners that the laser saw into, 4 for a free-standing obstacle.
     unseen_m : (2,) float64
-        How much longer each side may be, inside another obstacle it goes on into [m].
+        By how much each side may continue, hidden, into another obstacle [m].
     """
 
     sides_m: Floats
@@ -47,14 +47,14 @@ class MeasuredPlan:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """How well the known size fits that a plan has.
+    """The known size that matches a plan best.
 
     Parameters
     ----------
     misfit_m : float
         Of the best known size [m].
     height_m, share : float
-        Of the highest of those that cannot be told from the best.
+        Of the highest of the sizes that are indistinguishable from the best.
     """
 
     misfit_m: float
@@ -65,22 +65,22 @@ class Match:
 def known_sizes_of(world: WorldMap) -> tuple[Size, ...]:
     """Return the sizes of all obstacles in a world, solids that touch as one.
 
-    Obstacles that touch are seen as one, whatever their heights: they are known as the pieces of
-    each height and together, with the greatest height. This is what the paper takes for known:
-    how large walls and boxes are, not where they stand.
+    Obstacles that touch are seen as one, whatever their heights: they are listed per height and
+    together, with the greatest height. This is what the paper assumes known: the sizes of walls
+    and boxes, not their positions.
     """
     groups = [_size_of(g) for same in (True, False) for g in _touching(world.solids, same)]
     return tuple(sorted(set(groups)))
 
 
-def match(plan: MeasuredPlan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
-    """Find the known size that a plan has; None when there is none.
+def match_size(plan: MeasuredPlan, sizes: Sequence[Size], tolerance_m: float) -> Match | None:
+    """Match a plan to the known sizes; None when none agrees.
 
-    Its sides and the side of the square of its area have to agree within the tolerance, sides
-    also within half of themselves. What a size leaves empty of its rectangle is taken to lie
-    evenly in the four corners. Of sizes that agree alike, such as those of one plan and two
-    heights, the highest is taken: a shadow too many costs a link that would have been, one too
-    few promises a link that is not there.
+    Its sides and the square root of its area have to agree within the tolerance, sides also within
+    half of themselves. The part of its rectangle that a size leaves empty is taken to be spread
+    evenly over the four corners. Of sizes that agree equally well, such as one plan with two
+    heights, the highest is taken: a shadow too many misses a link that exists, one too few
+    promises a link that does not.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def _off_m(known_m: Floats, plan: MeasuredPlan) -> Floats:
 
 
 def _touching(solids: Sequence[Solid], same_height: bool) -> list[list[Solid]]:
-    """Put solids that touch, directly or through others, into groups."""
+    """Connected components of solids that touch."""
     groups: list[list[Solid]] = []
     for solid in solids:
         mine = [

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What outlines may show of obstacles: islands, and runs of sides before what stands at a wall."""
+"""Obstacle candidates on outlines: islands, and runs of sides around an obstacle at a wall."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
 
 _BAND_M = 0.1
-"""Returns this near to an island are its own: two cells of 0.05 m."""
+"""Returns this near to an island belong to it: two cells of 0.05 m."""
 _AT_ONCE = 256
-"""Islands whose returns are looked for together. With as many as there are, 2,422 of a clinic, it
-takes as long and 40 MB more; one at a time takes twice as long."""
+"""Islands whose returns are searched together. All at once, 2,422 of a clinic, it takes as long
+and 40 MB more; one at a time takes twice as long."""
 _SAME_SHAPE = 0.9
 """A convex hull less than a ninth larger has the shape of the island; else the island is not
 convex."""
 _LEAST_SEEN = 0.5
-"""Returns of less than half of the plan show one side only."""
+"""A hull of returns smaller than half of the plan shows one side only."""
 
 
 @dataclass(frozen=True, slots=True)
 class ObstacleCandidate:
-    """What may be one obstacle.
+    """A part of an outline that may be one obstacle.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ObstacleCandidate:
     shown_m : float
         Their length [m].
     ring_m, box_m : (K, 2), (4, 2) float64
-        Plan, what is hidden filled, and rectangle around it, both counter-clockwise [m].
+        Plan, hidden parts filled, and rectangle around it, both counter-clockwise [m].
     plan : Plan
     """
 
@@ -56,10 +56,10 @@ class ObstacleCandidate:
 def candidates_on(
     outline: Outline, returns: Returns, longest_m: float
 ) -> Iterator[ObstacleCandidate]:
-    """Yield what may be an obstacle on an outline of the free region and is not too long.
+    """Yield the obstacle candidates up to a length on an outline of the free region.
 
-    An island may be one, and so may be every run of sides between two corners that point into
-    what is not free: there the outline leaves a wall, or another obstacle, and comes back.
+    Candidates are an island, and every run of sides between two corners that point away from the
+    free region: there the outline leaves a wall, or another obstacle, and returns to it.
     """
     corners = outline.corners_m
     if signed_area_m2(corners) < 0.0 and np.ptp(corners, axis=0).max() <= longest_m:
@@ -94,7 +94,7 @@ def convex_hull(points: Floats) -> Floats:
 
 
 def _island(outline: Outline, ring: Floats) -> ObstacleCandidate:
-    """The obstacle inside a clockwise outline, of a ring as it was seen."""
+    """The obstacle inside a clockwise outline, with its measured ring."""
     rectangle = cv2.minAreaRect(ring.astype(np.float32))
     box = counter_clockwise(np.asarray(cv2.boxPoints(rectangle), dtype=np.float64))
     plan = MeasuredPlan(np.array(rectangle[1]), signed_area_m2(ring), 4, np.zeros(2))
@@ -106,9 +106,9 @@ def _island(outline: Outline, ring: Floats) -> ObstacleCandidate:
 
 
 def _around_returns(rings: Sequence[Floats], returns: Returns) -> Iterator[Floats]:
-    """Yield the convex rings around islands' returns; an island's own when that is another shape.
+    """Yield the convex hulls of islands' returns, or the island's ring where shapes differ.
 
-    Cells only tell the plan of a small or round obstacle to half a cell on every side.
+    On cells the plan of a small or round obstacle is only known to half a cell on every side.
     """
     for begin in range(0, len(rings), _AT_ONCE):
         yield from _some_around_returns(rings[begin : begin + _AT_ONCE], returns)
@@ -124,13 +124,13 @@ def _some_around_returns(rings: Sequence[Floats], returns: Returns) -> Iterator[
 
 
 def _beside(rings: Sequence[Floats], returns: Returns) -> tuple[Floats, NDArray[np.int64]]:
-    """Points (N, 2) that are near to rings, and whose (N,), which ascends."""
+    """Returns (N, 2) near rings, and the index of the ring of each (N,), ascending."""
     low, high = (np.array([end(ring, axis=0) for ring in rings]) for end in (np.min, np.max))
     reach_m = 0.5 * np.hypot(*(high - low).T) + 2.0 * _BAND_M
     near = list(returns.near_each(0.5 * (low + high), reach_m))
     owner = np.repeat(np.arange(len(rings)), [len(one) for one in near])
     points = returns.points[np.concatenate(near)]
-    # What is farther from the box around the ring is not asked for: most of a long one's circle.
+    # Exclude returns far from the bounding box of the ring: most of the circle of a long one.
     off_m = np.maximum(low[owner] - points, points - high[owner]).max(axis=1)
     points, owner = points[off_m < 2.0 * _BAND_M], owner[off_m < 2.0 * _BAND_M]
     areas = np.array([shapely.Polygon(ring) for ring in rings])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs of sides that stand before a wall, and the rectangle each of them is the front of."""
+"""Runs of outline sides around obstacles at a wall, and the rectangle behind each of them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _MOST_CORNERS = _MOST_SIDES + 5
 
 
 class SideRun(NamedTuple):
-    """A run of sides of an outline, the front of a rectangle.
+    """A run of sides of an outline: the visible front of a rectangular obstacle.
 
     Parameters
     ----------
@@ -58,9 +58,9 @@ class SideRun(NamedTuple):
 
 
 def runs_before_walls(corners: Floats, fitted: Mask, longest_m: float) -> Iterator[SideRun]:
-    """Yield the runs between two corners of an outline (K, 2) that point into what is not free.
+    """Yield the runs between two corners of an outline (K, 2) that point away from the free region.
 
-    Only such as are no longer either way and have a fitted line, or meet one, are found.
+    Only runs within the longest extent along x and y, that have or meet a fitted line.
     """
     numbers, runs, sides = _runs(corners, fitted, longest_m)
     if not len(runs):
@@ -75,7 +75,7 @@ def runs_before_walls(corners: Floats, fitted: Mask, longest_m: float) -> Iterat
 
 
 def _boxes(corners: Floats, runs: Floats, sides: Numbers) -> Floats:
-    """Smallest rectangles (N, 4, 2) around runs (N, K, 2), of those along sides (N, M) of each.
+    """Smallest rectangles (N, 4, 2) around runs (N, K, 2) that are parallel to any of sides (N, M).
 
     Around a triangle all are as large: then rounding decides.
     """
@@ -119,7 +119,7 @@ def _runs(corners: Floats, fitted: Mask, longest: float) -> tuple[Numbers, Float
 
 @kernel
 def _put_run(run: Floats, corners: Floats, first: int, length: int) -> None:
-    """Take the corners of a run; its last one stands for those it has less than the most."""
+    """Copy the corners of a run; its last one pads the array."""
     for k in range(len(run)):
         at = (first + min(k, length)) % len(corners)
         run[k, 0], run[k, 1] = corners[at, 0], corners[at, 1]
@@ -127,7 +127,7 @@ def _put_run(run: Floats, corners: Floats, first: int, length: int) -> None:
 
 @kernel
 def _put_sides(sides: Numbers, corners: Floats, fitted: Mask, first: int, length: int) -> bool:
-    """Number the fitted sides of a run, and of those that it meets; whether it has any."""
+    """Write the fitted sides of a run and of its two neighbours; return whether there are any."""
     count, size = len(corners), 0
     if _apart(corners, first, (first + length) % count) < _ROUNDING_M:
         return False
@@ -141,7 +141,7 @@ def _put_sides(sides: Numbers, corners: Floats, fitted: Mask, first: int, length
 
 @kernel
 def _inward(corners: Floats) -> Mask:
-    """Which corners of an outline bend to the left, by what is no rounding."""
+    """Which corners of an outline turn left by more than rounding."""
     count = len(corners)
     inward = np.zeros(count, dtype=np.bool_)
     for k in range(count):
@@ -172,7 +172,7 @@ def _apart(corners: Floats, one: int, other: int) -> float:
 def _put_rings(
     rings: Floats, plans: Floats, boxes: Floats, runs: Floats, length: Numbers
 ) -> Numbers:
-    """Fill runs up to their rectangles; return how many corners each then has."""
+    """Extend runs by the corners of their rectangles; return the corners each ring then has."""
     sizes = np.empty(len(runs), dtype=np.int64)
     for k in range(len(runs)):
         sizes[k] = _put_ring(rings[k], plans[k], boxes[k], runs[k, : length[k] + 1])
@@ -181,7 +181,7 @@ def _put_rings(
 
 @kernel
 def _put_ring(ring: Floats, plan: Floats, box: Floats, run: Floats) -> int:
-    """Fill a run up to its rectangle behind its two ends; return how many corners that has."""
+    """Extend a run by the rectangle's corners behind its ends; return the ring's corners."""
     last = len(run) - 1
     x, y = run[0, 0] - run[last, 0], run[0, 1] - run[last, 1]
     chord = math.hypot(x, y)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Obstacles as prisms: outlines become solids, and known sizes tell their heights."""
+"""Obstacles as prisms: solids from outlines, with heights by matching known sizes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import is_simple, next_corners
-from slarm_graph.recovery.known_sizes import Match, Size, match
+from slarm_graph.recovery.known_sizes import Match, Size, match_size
 from slarm_graph.recovery.obstacle_candidates import ObstacleCandidate, candidates_on, convex_hull
 from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.walls import Outline
@@ -52,18 +52,18 @@ class Block:
 def matched_blocks(
     outlines: Sequence[Outline], returns: Returns, sizes: Sequence[Size], tolerance_m: float
 ) -> list[Block]:
-    """Find blocks of known size: islands, and what stands at walls, in corners, at other obstacles.
+    """Find blocks of known size: islands, and obstacles at walls, in corners, at other obstacles.
 
-    Candidates that agree surely with a known size are taken first, then by their misfit per metre
-    of outline; no side is taken twice. What goes on behind a block that was found before may be
-    longer than it shows, by what fits into that block.
+    Greedily: candidates with a sure match first, then by misfit per metre of outline; no side is
+    used twice. An obstacle that continues behind a block already found may be longer than its
+    visible part, by what fits into that block.
 
     Parameters
     ----------
     outlines : sequence of Outline
         Of the free region.
     returns : Returns
-        Of the laser; they tell the plan of islands whose sides are too short to be fitted.
+        Of the laser; they give the plan of islands whose sides are too short to be fitted.
     sizes : sequence of (length, width, height, share) [m, 1]
     tolerance_m : float
     """
@@ -73,9 +73,9 @@ def matched_blocks(
         keys = {(n, side) for side in candidate.sides}
         if keys & taken.keys():
             continue
-        unseen_m = _unseen_m(candidate, n, outlines[n].corners_m, taken)
+        unseen_m = _hidden_m(candidate, n, outlines[n].corners_m, taken)
         if unseen_m.any():
-            own = match(replace(candidate.plan, unseen_m=unseen_m), sizes, tolerance_m)
+            own = match_size(replace(candidate.plan, unseen_m=unseen_m), sizes, tolerance_m)
         corners = None if own is None else _corners_m(candidate, own, outlines)
         if own is not None and corners is not None:
             solid = Solid(f"block {len(blocks) + 1}", corners, own.height_m)
@@ -85,7 +85,7 @@ def matched_blocks(
 
 
 @dataclass(frozen=True, slots=True)
-class Strip:
+class WallStrip:
     """A thin solid behind a side of an outline, of no known size."""
 
     solid: Solid
@@ -99,7 +99,7 @@ def wall_strips(
     geometry: GridGeometry,
     occupied: Mask,
     height_m: float,
-) -> list[Strip]:
+) -> list[WallStrip]:
     """Return a thin solid behind every side of the outlines that is a wall and in no block."""
     if not outlines:
         return []
@@ -119,7 +119,7 @@ def wall_strips(
     own = [side for side, is_wanted in zip(sides, wanted, strict=True) if is_wanted]
     own = [side for side, is_wall in zip(own, wall, strict=True) if is_wall]
     return [
-        Strip(Solid(f"wall {number}", corners, height_m), *side)
+        WallStrip(Solid(f"wall {number}", corners, height_m), *side)
         for number, (corners, side) in enumerate(zip(plans, own, strict=True), start=1)
     ]
 
@@ -127,12 +127,12 @@ def wall_strips(
 def _ranked(
     outlines: Sequence[Outline], returns: Returns, sizes: Sequence[Size], tolerance_m: float
 ) -> list[tuple[int, ObstacleCandidate, Match | None]]:
-    """What may be an obstacle, with its outline and the size it has, in the order to take them."""
+    """Obstacle candidates with their outline and matching size, in the order to take them."""
     if not sizes:
         return []
     longest_m = max(math.hypot(size[0], size[1]) for size in sizes) + 2.0 * tolerance_m
     found = [
-        (n, candidate, match(candidate.plan, sizes, tolerance_m))
+        (n, candidate, match_size(candidate.plan, sizes, tolerance_m))
         for n, outline in enumerate(outlines)
         for candidate in candidates_on(outline, returns, longest_m)
     ]
@@ -140,7 +140,7 @@ def _ranked(
 
 
 def _rank(candidate: ObstacleCandidate, own: Match | None) -> tuple[int, float, float]:
-    """Sorts candidates: the sure ones, simplest first, then by misfit per metre of outline."""
+    """Sort key of candidates: sure ones, fewest sides first; then misfit per metre of outline."""
     if own is None:
         return 2, 0.0, 0.0
     if own.misfit_m <= _SURE_M:
@@ -148,8 +148,8 @@ def _rank(candidate: ObstacleCandidate, own: Match | None) -> tuple[int, float, 
     return 1, own.misfit_m / candidate.shown_m, 0.0
 
 
-def _unseen_m(candidate: ObstacleCandidate, n: int, corners: Floats, taken: _Taken) -> Floats:
-    """How far each side of a candidate's rectangle may go on into blocks found before (2,) [m]."""
+def _hidden_m(candidate: ObstacleCandidate, n: int, corners: Floats, taken: _Taken) -> Floats:
+    """Hidden length (2,) by which a rectangle's sides may continue into blocks found before [m]."""
     unseen = np.zeros(2)
     if candidate.plan.corners_seen == 4:
         return unseen
@@ -173,12 +173,12 @@ def _corners_m(
         return candidate.box_m
     if any(_depth_m(candidate.box_m, outline.corners_m).max() > _INSIDE_M for outline in outlines):
         return None
-    # What was seen stays where the outline has it, what is hidden fills the rectangle.
+    # The visible part stays on the outline, the hidden part fills the rectangle.
     return convex_hull(candidate.ring_m)
 
 
 def _depth_m(box: Floats, points: Floats) -> Floats:
-    """How deep points (N, 2) lie in a counter-clockwise rectangle [m], negative outside."""
+    """Depth (N,) of points (N, 2) inside a counter-clockwise rectangle [m], negative outside."""
     step = np.roll(box, -1, axis=0) - box
     step /= np.linalg.norm(step, axis=1, keepdims=True)
     rel = points[:, None] - box
@@ -188,7 +188,7 @@ def _depth_m(box: Floats, points: Floats) -> Floats:
 def _are_walls(
     geometry: GridGeometry, occupied: Mask, starts: Floats, ends: Floats, back: Floats
 ) -> Mask:
-    """Whether most of what lies just behind sides (N, 2) is occupied (N,)."""
+    """Whether most cells just behind sides (N, 2) are occupied (N,)."""
     step = ends - starts
     length = np.linalg.norm(step, axis=1)
     count = np.maximum(2, (length / geometry.resolution_m).astype(np.int64) + 1)

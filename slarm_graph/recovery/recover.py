@@ -2,10 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """Map recovery, the second half of GGMR: from an occupancy grid to the geographic map.
 
-Threshold; drop specks; close pinholes; straighten walls on lines fitted to the laser's returns;
-match obstacles to known sizes for their heights; expansion radius; what can be driven to; coverage.
-No visited cell ever becomes an obstacle, and where the robot fits, free space keeps its
-connections.
+Threshold; remove specks; close pinholes; straighten walls on lines fitted to the laser's returns;
+match obstacles to known sizes for their heights; expansion radius; reachable space; coverage. No
+visited cell ever becomes an obstacle, and free space in which the robot fits stays connected.
 """
 
 from __future__ import annotations
@@ -28,17 +27,22 @@ from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.raster.outlines import outlines_m
 from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.cell_classes import changed_cells, cut_off, expanded, whole_cells_m
+from slarm_graph.recovery.cell_classes import (
+    changed_cells,
+    enclosed_cells,
+    expansion,
+    whole_cells_m,
+)
 from slarm_graph.recovery.cell_heights import cell_heights
 from slarm_graph.recovery.coverage import (
     footprint_cells,
     observed_cells,
     visited_cells,
-    with_way,
+    with_path_tiles,
 )
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
-    cleaned,
+    clean_grid,
 )
 from slarm_graph.recovery.heights import (
     certain_height_m,
@@ -48,8 +52,8 @@ from slarm_graph.recovery.heights import (
 )
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
-from slarm_graph.recovery.returns import gathered, returns_of_cells
-from slarm_graph.recovery.walls import Outline, straightened
+from slarm_graph.recovery.returns import gather_returns, returns_of_cells
+from slarm_graph.recovery.walls import Outline, straighten_outlines
 from slarm_graph.tiles import Where, Window
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import NUDGE_M
@@ -61,7 +65,7 @@ _MOVED_CELLS = 2.5
 """Straightening moves an outline by two cells at most, `_BAND_CELLS` of the walls, and half of
 one."""
 _NEAR_HALO, _THIN_HALO = 3, 5
-"""Rows around that decide: as far as straightening moves, and one more cell and its corner."""
+"""Halo of a window [cells]: as far as straightening moves, and one more cell and its corner."""
 _FACE_CELLS, _FACE_M = 0.1, 0.015
 """A face is known to about a centimetre (walls are fitted to within millimetres, poses to
 centimetres), and to a tenth of a cell where cells are finer."""
@@ -69,7 +73,7 @@ centimetres), and to a tenth of a cell where cells are finer."""
 
 @dataclass(frozen=True, slots=True)
 class _Shape:
-    """What is known on the grid: classes, and where straightened, outlines and solids."""
+    """Recovered shape on the grid: cleaned classes, and if straightened, outlines and solids."""
 
     clean: CleanGrid
     outlines: list[Outline]
@@ -102,19 +106,19 @@ def recover(
         own when left out.
     """
     target = grid.geometry if geometry is None else geometry
-    grid = with_way(grid, trajectory)
+    grid = with_path_tiles(grid, trajectory)
     visited = visited_cells(target, trajectory)
     shape = _shape(grid, trajectory, config, end_points)
-    laid = _Laid.on(target, shape)
-    tiles = laid.solids.tiles_of(grid.tiles) if grid.tiles and target == grid.geometry else None
+    raster = _RasterisedShape.on(target, shape)
+    tiles = raster.solids.tiles_of(grid.tiles) if grid.tiles and target == grid.geometry else None
     where = tiles or target.shape
-    states = _states(shape.clean, target, _region(shape, laid, target, visited), laid, where)
+    states = _states(shape.clean, target, _region(shape, raster, target, visited), raster, where)
     blocks, strips, groups = shape.blocks, shape.strips, shape.groups
     # On a large site the layers so far take more memory than the result.
-    del shape, laid
+    del shape, raster
     near_m = config.expansion_radius_m
-    put(states, expanded(target, states, near_m, where), CellState.EXPANSION, where)
-    put(states, cut_off(states, visited, where), CellState.ENCLOSED, where)
+    put(states, expansion(target, states, near_m, where), CellState.EXPANSION, where)
+    put(states, enclosed_cells(states, visited, where), CellState.ENCLOSED, where)
     heights_m = cell_heights(target, states, blocks, strips, certain_height_m(config), where)
     source = height_source(blocks, strips, config)
     footprint = footprint_cells(target, trajectory, config.robot_radius_m)
@@ -183,18 +187,18 @@ def _shape(
     config: RecoveryConfig,
     end_points: Floats | None,
 ) -> _Shape:
-    """Clean the grid and straighten the outline of the region the robot can get to."""
+    """Clean the grid and straighten the outline of the reachable region."""
     geometry = grid.geometry
-    clean = cleaned(grid, visited_cells(geometry, trajectory), config)
+    clean = clean_grid(grid, visited_cells(geometry, trajectory), config)
     set_aside(grid.probability)
     if not config.straighten or not _any(clean.reached, clean.where):
         return _Shape(clean, [], [], [])
     if end_points is None:
         returns = returns_of_cells(geometry, clean.occupied, clean.reached)
     else:
-        returns = gathered(end_points, geometry.resolution_m)
+        returns = gather_returns(end_points, geometry.resolution_m)
     rings = outlines_m(geometry, clean.reached, grid.tiles)
-    outlines = straightened(rings, returns, geometry.resolution_m)
+    outlines = straighten_outlines(rings, returns, geometry.resolution_m)
     blocks = matched_blocks(outlines, returns, config.known_sizes, config.size_tolerance_m)
     height_m = certain_height_m(config)
     strips = wall_strips(outlines, blocks, geometry, clean.occupied, height_m or math.inf)
@@ -207,8 +211,8 @@ def _shape(
 
 
 @dataclass(frozen=True, slots=True)
-class _Laid:
-    """A shape's polygons laid onto a grid: outlines, faces that are free or blocked, solids."""
+class _RasterisedShape:
+    """A shape's polygons rasterised on a grid: outlines, free and blocked faces, solids."""
 
     outlines: Polygons
     free_faces: Polygons
@@ -216,11 +220,11 @@ class _Laid:
     solids: Polygons
 
     @staticmethod
-    def on(geometry: GridGeometry, shape: _Shape) -> _Laid:
-        """Lay a recovered shape onto the cells of a grid."""
+    def on(geometry: GridGeometry, shape: _Shape) -> _RasterisedShape:
+        """Rasterise a recovered shape on the cells of a grid."""
         rings = [outline.corners_m for outline in shape.outlines]
         free_faces, blocked_faces = _faces(rings, geometry.resolution_m)
-        return _Laid(
+        return _RasterisedShape(
             Polygons.on(geometry, rings),
             Polygons.on(geometry, free_faces),
             Polygons.on(geometry, blocked_faces),
@@ -228,15 +232,15 @@ class _Laid:
         )
 
     def free(self, window: Window) -> Mask:
-        """Cells whose centre the outlines call free; on a face, the reference's rule."""
+        """Cells whose centre is inside the outlines; on a face, the reference's rule."""
         free = self.outlines.odd(window)
         free |= self.free_faces.any(window)
         free &= ~self.blocked_faces.any(window)
         return free
 
 
-def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> Mask:
-    """Cells the robot can get to, by their centres: straightened near walls, else the grid's."""
+def _region(shape: _Shape, raster: _RasterisedShape, target: GridGeometry, visited: Mask) -> Mask:
+    """Reachable cells, by their centres: straightened near walls, else the grid's."""
     clean, look_up = shape.clean, shape.clean.geometry.resample
     where = clean.where if target == clean.geometry else target.shape
     region = look_up(clean.reached, target, outside=False)
@@ -246,17 +250,17 @@ def _region(shape: _Shape, laid: _Laid, target: GridGeometry, visited: Mask) -> 
         return by_windows(
             where,
             _THIN_HALO,
-            lambda w: _without_thin(clean, laid, w)[0] | clean.passable[w] | visited[w],
+            lambda w: _without_thin(clean, raster, w)[0] | clean.passable[w] | visited[w],
         )
-    mine = _Laid.on(clean.geometry, shape)
+    mine = _RasterisedShape.on(clean.geometry, shape)
     thin = by_windows(clean.where, _THIN_HALO, lambda w: _without_thin(clean, mine, w)[1])
     near = by_windows(clean.where, _NEAR_HALO, lambda window: _near_border(clean, window))
     near, thin = look_up(near, target, outside=True), look_up(thin, target, outside=False)
     passable = look_up(clean.passable, target, outside=False)
 
     def part(window: Window) -> Mask:
-        """What holds in a window of the target."""
-        here = np.where(near[window], laid.free(window), region[window]) & ~thin[window]
+        """Reachable cells in a window of the target."""
+        here = np.where(near[window], raster.free(window), region[window]) & ~thin[window]
         return here | passable[window] | visited[window]
 
     return by_windows(where, 0, part)
@@ -276,14 +280,14 @@ def _near_border(clean: CleanGrid, window: Window) -> Mask:
     return near
 
 
-def _without_thin(clean: CleanGrid, laid: _Laid, window: Window) -> tuple[Mask, Mask]:
-    """Free cells, of a window, as straightened; and those of walls whose faces met in one line.
+def _without_thin(clean: CleanGrid, raster: _RasterisedShape, window: Window) -> tuple[Mask, Mask]:
+    """Free cells of a window as straightened, and cells of walls whose two faces coincide.
 
-    These are occupied cells with nothing left near them, and not among the free ones.
+    The latter are occupied cells without any blocked one left near them, and are not free.
     """
     occupied, cell_m = clean.occupied[window], clean.geometry.resolution_m
-    free = np.where(_near_border(clean, window), laid.free(window), clean.reached[window])
-    blocked = ~free & (occupied | laid.solids.any(window))
+    free = np.where(_near_border(clean, window), raster.free(window), clean.reached[window])
+    blocked = ~free & (occupied | raster.solids.any(window))
     thin = occupied & free & ~within(blocked, 1.5 * cell_m, cell_m)
     return free & ~thin, thin
 
@@ -291,9 +295,9 @@ def _without_thin(clean: CleanGrid, laid: _Laid, window: Window) -> tuple[Mask, 
 def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
     """Thin quadrilaterals (N, 4, 2) around the sides [m], of free and of blocked faces.
 
-    Lattices and buildings share round numbers, so that whole rows of centres lie exactly on a
-    face, which is only known to about a centimetre. As in the reference, such a centre is free
-    when the free side lies to its right or above, else blocked.
+    Grids and buildings share round numbers, so that whole rows of centres lie exactly on a face,
+    which is only known to about a centimetre. As in the reference, such a centre is free when the
+    free side lies to its right or above, else blocked.
     """
     half_m = min(_FACE_CELLS * resolution_m, _FACE_M)
     if not rings:
@@ -314,7 +318,7 @@ def _faces(rings: list[Floats], resolution_m: float) -> tuple[Floats, Floats]:
 
 
 def _states(
-    clean: CleanGrid, target: GridGeometry, region: Mask, laid: _Laid, where: Where
+    clean: CleanGrid, target: GridGeometry, region: Mask, raster: _RasterisedShape, where: Where
 ) -> np.ndarray:
     """Class of every cell before expansion (rows, cols) uint8."""
     occupied, free, reached = (
@@ -323,7 +327,7 @@ def _states(
     )
     states = np.zeros(target.shape, dtype=np.uint8)  # all CellState.UNKNOWN
     for window, *_ in windows(where):
-        kept_out, obstacle = free[window] & ~reached[window], laid.solids.any(window)
+        kept_out, obstacle = free[window] & ~reached[window], raster.solids.any(window)
         obstacle |= occupied[window]
         here = states[window]
         here[kept_out] = CellState.ENCLOSED

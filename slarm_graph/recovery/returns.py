@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Laser returns gathered per cell, to fit walls to."""
+"""Laser returns averaged per cell, to fit walls to."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from slarm_graph.grid import GridGeometry, Mask
 
 @dataclass(frozen=True, slots=True)
 class Returns:
-    """Laser returns gathered per cell.
+    """Laser returns averaged per cell.
 
     Parameters
     ----------
     points : (M, 2) float64
         Mean of a cell's returns [m].
     weights : (M,) float64
-        How many there were.
+        Number of these.
     tree : cKDTree
         Of the points.
     """
@@ -35,20 +35,20 @@ class Returns:
 
     @staticmethod
     def of(points: Floats, weights: Floats) -> Returns:
-        """Index returns by place."""
+        """Make them with their search tree."""
         return Returns(points, weights, cKDTree(points))
 
     def near_each(self, centers: Floats, radii_m: Floats) -> Iterator[NDArray[np.int64]]:
-        """Yield which points (K,) lie within a radius of each place (N, 2), in order."""
+        """Yield the indices (K,), ascending, of points within a radius of each centre (N, 2)."""
         for found in self.tree.query_ball_point(centers, radii_m, return_sorted=True):
             yield np.array(found, dtype=np.int64)
 
 
 NO_RETURNS = Returns.of(np.zeros((0, 2)), np.zeros(0))
-"""Stands for returns where there are none to look at."""
+"""Returns of no scan: an empty set."""
 
 
-def gathered(end_points_m: Floats, resolution_m: float) -> Returns:
+def gather_returns(end_points_m: Floats, resolution_m: float) -> Returns:
     """Reduce end points (N, 2) [m] to their mean per cell, which keeps lines through them."""
     if not len(end_points_m):
         return NO_RETURNS
@@ -71,7 +71,7 @@ def cell_keys(points_m: Floats, resolution_m: float) -> NDArray[np.integer]:
 
 
 def returns_of_cells(geometry: GridGeometry, occupied: Mask, reached: Mask) -> Returns:
-    """Take the sides that occupied and reached cells share for returns, where none are known."""
+    """Substitute for unknown returns: midpoints of sides between occupied and reached cells."""
     points = []
     padded = np.pad(reached, 1)
     for up, right in ((0, 1), (1, 0), (0, -1), (-1, 0)):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The line of a wall: fitted to the laser returns beside a stretch of outline."""
+"""Robust line fits of walls to the laser returns beside a stretch of outline."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ room with exact wheels half changes nothing, double takes the accuracy from 1 to
 _LEAST_CELLS = 3
 """A line has a direction from three cells, or returns, on."""
 _NO_LINE = np.full(4, np.nan)
-"""What `_line` returns, too, where no line fits."""
+"""Result of `_line` where no line fits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +72,7 @@ def wall_between(start: Floats, end: Floats, returns: Returns, resolution_m: flo
 def walls_between(
     starts: Floats, ends: Floats, returns: Returns, resolution_m: float
 ) -> Iterator[Wall]:
-    """Fit the lines of the returns beside stretches of outline (N, 2) [m], as far as they have."""
+    """Fit lines to the returns beside stretches of outline (N, 2) [m], where there are enough."""
     steps = ends - starts
     lengths_m = np.sqrt(steps[:, None] @ steps[..., None])[:, 0, 0]
     alongs = steps / np.maximum(lengths_m, 1e-12)[:, None]
@@ -98,7 +98,7 @@ def _line(
     near: NDArray[np.int64],
     resolution: float,
 ) -> Floats:
-    """Fit a line (4,) to those of the near points that are beside a stretch; nan where few are."""
+    """Fit a line (4,) to the near points beside a stretch of outline; nan where too few are."""
     along = end - start
     length = math.hypot(along[0], along[1])
     along /= length
@@ -142,7 +142,7 @@ def _off(line: Floats, points: Floats) -> Floats:
 
 @kernel
 def _inliers(off: Floats, weights: Floats) -> NDArray[np.bool_]:
-    """Points near the weighted median, within a few of their own spreads."""
+    """Points within 2.5 robust standard deviations (weighted MAD) of the weighted median."""
     apart = np.abs(off - _weighted_median(off, weights))
     spread = 1.4826 * _weighted_median(apart, weights)
     return apart <= min(max(2.5 * spread, _INLIER_M[0]), _INLIER_M[1])
@@ -150,7 +150,7 @@ def _inliers(off: Floats, weights: Floats) -> NDArray[np.bool_]:
 
 @kernel
 def _weighted_median(values: Floats, weights: Floats) -> float:
-    """Return the least value up to which half of the weight lies, by parting at a value."""
+    """Return the lower weighted median, by quickselect."""
     values, weights = values.copy(), weights.copy()
     count, wanted = len(values), 0.5 * weights.sum()
     while True:
@@ -176,7 +176,7 @@ def _weighted_median(values: Floats, weights: Floats) -> float:
 
 @kernel
 def _least_squares(points: Floats, weights: Floats, ahead: Floats) -> Floats:
-    """Total least squares line (4,): a point on it, and its direction, which leads ahead."""
+    """Total least squares line (4,): a point on it, and its direction, oriented ahead."""
     x = y = mass = 0.0
     for k in range(len(points)):
         x += weights[k] * points[k, 0]

@@ -1,10 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Straight walls: the outline of the free region, moved onto lines fitted to laser returns.
+"""Straighten walls: move the outline of the free region onto lines fitted to laser returns.
 
-A stretch of outline that has enough returns beside it is replaced by their line, parallel to one of
-the building's two main directions where the returns allow it; what has none stays as the cells
-have it.
+A stretch of outline with enough returns beside it is replaced by their line, parallel to one of the
+building's two main directions where the returns allow it; the others stay on the cells' outline.
 """
 
 from __future__ import annotations
@@ -23,13 +22,13 @@ from slarm_graph.recovery.returns import Returns
 from slarm_graph.recovery.wall_lines import SHORTEST_M, Wall, wall_between, walls_between
 
 _SIMPLIFY_CELLS = 1.5
-"""Outlines of cells have stairs of one cell; this is the least tolerance that takes all of them
-off."""
+"""Outlines of cells have stairs of one cell; this is the least tolerance that removes all of
+them."""
 _MAIN_RAD = math.radians(4.0)
 """Walls that differ by less from the building's direction are meant to be parallel to it: cells of
 0.05 m cannot tell over a metre."""
 _SNAP_CELLS = 0.3
-"""A wall that turning parallel moves by less than a third of a cell at its end is turned."""
+"""A wall is turned parallel where that moves its end by less than a third of a cell."""
 _SAME_RAD = math.radians(3.0)
 """Two stretches of a wall differ by less: half a cell over half a metre."""
 _SAME_CELLS = 0.6
@@ -40,11 +39,11 @@ _PARALLEL_RAD = math.radians(15.0)
 _CORNER_CELLS = 4.0
 """A corner farther from where cells have it is another's."""
 _JUT_CELLS = 2.5
-"""What juts out by less between two stretches of a wall is a frame or noise, and taken in."""
+"""A protrusion smaller than this between two stretches of a wall is a frame or noise: merged."""
 _MOST_TAKEN_IN = 5
 """Stretches between two of the same wall: a frame has three, and both sides of it one each."""
 _LEAST_MAIN_M = 1.0
-"""Less fitted wall than this says nothing of the building's direction."""
+"""Less fitted wall than this does not determine the building's direction."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +61,7 @@ class Outline:
     fitted: Mask
 
 
-def straightened(
+def straighten_outlines(
     outlines_m: Sequence[Floats], returns: Returns, resolution_m: float
 ) -> list[Outline]:
     """Straighten all outlines (K, 2) of a free region [m]."""
@@ -86,7 +85,7 @@ def _walls(corners: Floats, returns: Returns, resolution_m: float) -> list[Wall]
 
 
 def main_direction_rad(walls: Sequence[Wall]) -> float | None:
-    """Angle in [0, pi/2) most of the fitted length is parallel or square to; None without any."""
+    """Angle in [0, pi/2) to which most fitted length is parallel or perpendicular; else None."""
     fitted = [wall for wall in walls if wall.fitted]
     lengths = np.array([wall.length_m for wall in fitted])
     if lengths.sum() < _LEAST_MAIN_M:
@@ -103,7 +102,7 @@ def main_direction_rad(walls: Sequence[Wall]) -> float | None:
 
 
 def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wall]:
-    """Let every fitted wall take in its neighbours on the same line, and what juts out between."""
+    """Merge every fitted wall with its neighbours on the same line and protrusions between them."""
     for step in (1, -1):
         at = 0
         while at < len(ring):
@@ -123,7 +122,7 @@ def _joined(ring: list[Wall], returns: Returns, resolution_m: float) -> list[Wal
 def _taken_in(
     ring: list[Wall], at: int, step: int, returns: Returns, resolution_m: float
 ) -> tuple[Wall, int] | None:
-    """Return the wall with neighbours on one side taken in, and how many; None without any."""
+    """Return the wall merged with neighbours on one side, and their number; None without any."""
     wall = ring[at]
     for count in range(1, min(_MOST_TAKEN_IN, len(ring) - 3) + 1):
         other = ring[(at + step * count) % len(ring)]
@@ -149,7 +148,7 @@ def _same_line(a: Wall, b: Wall, resolution_m: float) -> bool:
 
 
 def _closed(ring: list[Wall], main_rad: float | None, resolution_m: float) -> Outline:
-    """Snap walls to the main directions and let neighbours meet in corners."""
+    """Snap walls to the main directions, and intersect neighbours in corners."""
     walls = [_snapped(wall, main_rad, resolution_m) for wall in ring]
     corners: list[Floats] = []
     fitted: list[bool] = []
@@ -183,7 +182,7 @@ def _foot(wall: Wall, point: Floats) -> Floats:
 
 
 def _corner(a: Wall, b: Wall, resolution_m: float) -> Floats | None:
-    """Where two walls meet; None when they are nearly parallel or meet far from their corner."""
+    """Intersection of two walls; None when nearly parallel or far from the cells' corner."""
     # Of single numbers Python's own are several times as fast as numpy's.
     (ax, ay), (bx, by) = a.direction.tolist(), b.direction.tolist()
     cross = ax * by - ay * bx

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How much floor is connected: per access point and by all together."""
+"""Radio coverage of the floor: per access point, and by the best server."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from scipy import ndimage
 from slarm_graph.radio.connectivity.signal import PERCENTILES, Connection, SignalMap
 
 TOGETHER = "all together"
-"""What the row of the best server is called."""
+"""Name of the row of the best server."""
 
 
 def connections(signal: SignalMap, threshold_dbm: float) -> tuple[Connection, ...]:
-    """Return how far each access point reaches, and all together by the strongest of them.
+    """Return the coverage of each access point, and by the best server where there are several.
 
     Parameters
     ----------

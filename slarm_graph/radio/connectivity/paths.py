@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ways from A to B that keep the connection: never lost, lost for a while at most, or preferred."""
+"""Shortest paths under constraints on radio coverage: no outage, bounded outage, or a penalty."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from slarm_graph.grid import Cells, GridGeometry, Mask
 from slarm_graph.kernels import kernel, kernel_with
 
 LAYERS = 8
-"""Ways into one cell that are told apart by how long they were without connection: halving it can
-miss ways that just keep the limit, doubling it doubles memory and time."""
+"""Labels per cell, by length of the outage so far: halving it can miss paths that just keep the
+limit, doubling it doubles memory and time."""
 
 
 @dataclass(frozen=True, slots=True)
 class ConnectedPath:
-    """A way and how well it is connected.
+    """A path and its radio coverage.
 
     Parameters
     ----------
@@ -31,9 +31,9 @@ class ConnectedPath:
         (row, col) from start to goal.
     length_m : float
     below_m, longest_below_m : float
-        Length below the threshold, all in all and without a break.
+        Length below the threshold, in total and of the longest outage.
     least_dbm : float
-        Weakest level on the way.
+        Weakest level along the path.
     """
 
     cells: Cells
@@ -53,7 +53,7 @@ def connected_path(
     longest_outage_m: float = 0.0,
     weight_per_db: float = 0.0,
 ) -> ConnectedPath | None:
-    """Find the shortest way that keeps the connection; None when there is no such way.
+    """Find the shortest path that keeps the connection; None when there is none.
 
     Parameters
     ----------
@@ -63,10 +63,9 @@ def connected_path(
     start_m, goal_m : (x, y) [m]
     threshold_dbm : float
     longest_outage_m : float
-        How far the robot may drive without a break below the threshold: 0 never, inf always
-        (the plain shortest path).
+        Longest stretch below the threshold: 0 none, inf any (the plain shortest path).
     weight_per_db : float
-        Every metre counts 1 + this times the dB that it lies below the threshold.
+        Every metre costs 1 + this times the dB by which it lies below the threshold.
 
     Raises
     ------
@@ -77,13 +76,13 @@ def connected_path(
     start, goal = (_on_floor(geometry, floor, point) for point in (start_m, goal_m))
     with np.errstate(invalid="ignore"):
         covered = floor & (level_dbm >= threshold_dbm)
-        short = np.where(floor & ~covered, threshold_dbm - level_dbm, 0.0)
+        deficit_db = np.where(floor & ~covered, threshold_dbm - level_dbm, 0.0)
     if longest_outage_m <= 0.0 and not (covered[start] and covered[goal]):
         return None
     limit = longest_outage_m / geometry.resolution_m
     layers = LAYERS if 0.0 < limit < math.inf else 1
     allowed = floor if limit > 0.0 else covered
-    weights = (1.0 + weight_per_db * short).astype(np.float32)
+    weights = (1.0 + weight_per_db * deficit_db).astype(np.float32)
     cols = floor.shape[1]
     flat = _search(
         allowed,
@@ -97,7 +96,7 @@ def connected_path(
     if not len(flat):
         return None
     cells = np.stack(np.divmod(flat, cols), axis=1).astype(np.int64)
-    return _judged(geometry, cells, level_dbm, threshold_dbm)
+    return _evaluated(geometry, cells, level_dbm, threshold_dbm)
 
 
 def _on_floor(geometry: GridGeometry, floor: Mask, point: tuple[float, float]) -> tuple[int, int]:
@@ -107,15 +106,15 @@ def _on_floor(geometry: GridGeometry, floor: Mask, point: tuple[float, float]) -
     return row, col
 
 
-def _judged(
+def _evaluated(
     geometry: GridGeometry, cells: Cells, level_dbm: NDArray[np.float32], threshold_dbm: float
 ) -> ConnectedPath:
     levels = level_dbm[tuple(cells.T)]
     steps: Floats = np.hypot(*np.diff(cells, axis=0).T) * geometry.resolution_m
     below = levels[1:] < threshold_dbm
     longest = run = 0.0
-    for step, lost in zip(steps.tolist(), below.tolist(), strict=True):
-        run = run + step if lost else 0.0
+    for step, outage in zip(steps.tolist(), below.tolist(), strict=True):
+        run = run + step if outage else 0.0
         longest = max(longest, run)
     return ConnectedPath(
         cells,
@@ -136,27 +135,27 @@ def _search(
     limit: float,
     layers: int,
 ) -> NDArray[np.int64]:
-    """A* over cells and how long each has been without connection; empty when there is no way.
+    """A* over (cell, outage so far); empty when there is no path.
 
-    A state keeps the exact length without connection of the way that came first, so every way
-    found keeps the limit. Ways into a cell come in order of their cost: a later one is worth
-    following only if it was without connection for less than all before it.
+    A state keeps the exact outage of its cheapest path, so every path found keeps the limit. Paths
+    into a cell are expanded in order of cost: a later one is dominated unless its outage is
+    shorter than that of all before it.
     """
     cols = allowed.shape[1]
     size = allowed.size * layers
     cost = np.full(size, np.inf, dtype=np.float32)
-    lost = np.zeros(size, dtype=np.float32)
+    outage = np.zeros(size, dtype=np.float32)
     parent = np.full(size, -1, dtype=np.int64)
-    least_lost = np.full(allowed.size, np.inf, dtype=np.float32)
+    least_outage = np.full(allowed.size, np.inf, dtype=np.float32)
     goal_row, goal_col = goal // cols, goal % cols
     cost[start * layers] = 0.0
     heap = [(0.0, start * layers)]
     while heap:
         _, state = heapq.heappop(heap)
         cell = state // layers
-        if lost[state] >= least_lost[cell]:
+        if outage[state] >= least_outage[cell]:
             continue
-        least_lost[cell] = lost[state]
+        least_outage[cell] = outage[state]
         if cell == goal:
             return _cells_back(parent, state, layers)
         row, col = cell // cols, cell % cols
@@ -166,15 +165,17 @@ def _search(
                     continue
                 r, c = row + dr, col + dc
                 step = 1.4142135623730951 if dr != 0 and dc != 0 else 1.0
-                without = 0.0 if covered[r, c] else lost[state] + step
-                if without > limit or without >= least_lost[r * cols + c]:
+                outage_now = 0.0 if covered[r, c] else outage[state] + step
+                if outage_now > limit or outage_now >= least_outage[r * cols + c]:
                     continue
-                layer = 0 if without == 0.0 else min(int(without / limit * layers), layers - 1)
+                layer = (
+                    0 if outage_now == 0.0 else min(int(outage_now / limit * layers), layers - 1)
+                )
                 other = (r * cols + c) * layers + layer
                 total = cost[state] + step * weights[r, c]
                 if total < cost[other]:
                     cost[other] = total
-                    lost[other] = without
+                    outage[other] = outage_now
                     parent[other] = state
                     rest = _octile(abs(c - goal_col), abs(r - goal_row))
                     heapq.heappush(heap, (total + rest, other))
@@ -183,7 +184,7 @@ def _search(
 
 @kernel_with(inline=True)
 def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
-    """Whether a neighbour may be stepped on: the robot has a width, a diagonal needs both sides."""
+    """Whether a step to a neighbour is allowed: a diagonal must not cut a corner."""
     r, c = row + dr, col + dc
     if (dr == 0 and dc == 0) or r < 0 or c < 0 or r >= allowed.shape[0] or c >= allowed.shape[1]:
         return False
@@ -192,13 +193,13 @@ def _may_step(allowed: Mask, row: int, col: int, dr: int, dc: int) -> bool:
 
 @kernel_with(inline=True)
 def _octile(across: int, up: int) -> float:
-    """Length [cells] of the shortest way over free cells."""
+    """Octile distance [cells]: length of the shortest path over free cells."""
     return max(across, up) + 0.41421356237309515 * min(across, up)
 
 
 @kernel
 def _cells_back(parent: NDArray[np.int64], last: int, layers: int) -> NDArray[np.int64]:
-    """Flat cells from the start to a state."""
+    """Path of flat cells from the start to a state."""
     path = [last // layers]
     while parent[last] >= 0:
         last = parent[last]

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What planning looks at: the level of every access point per cell, and how far readings spread."""
+"""Signal level of every access point per cell, with outage probability, SNR and SINR."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ THERMAL_DBM_HZ = -174.0
 
 @dataclass(frozen=True, slots=True)
 class SignalMap:
-    """Levels of access points over cells.
+    """Received levels of access points over cells.
 
     Parameters
     ----------
@@ -43,14 +43,14 @@ class SignalMap:
 
     @staticmethod
     def of_prediction(radio: RadioMap) -> SignalMap:
-        """Take a predicted map; readings spread by the scenario's shadow fading."""
+        """Make one of a predicted map; readings spread by the scenario's shadow fading."""
         spread = shadow_sigma_db(radio.line_of_sight, radio.scenario).astype(np.float32)
         names = tuple(ap.name for ap in radio.access_points)
         return SignalMap(radio.geometry, names, radio.rss_dbm, spread)
 
     @staticmethod
     def of_measured(measured: MeasuredMap) -> SignalMap:
-        """Take a measured map."""
+        """Make one of a measured map."""
         names = tuple(ap.name for ap in measured.access_points)
         return SignalMap(measured.geometry, names, measured.mean_dbm, measured.reading_sd_db)
 
@@ -84,7 +84,7 @@ class SignalMap:
         return np.asarray(self.best_level_dbm() - noise_dbm, dtype=np.float32)
 
     def sinr_db(self, noise_dbm: float) -> Layers:
-        """Signal to interference and noise (rows, cols) [dB]; all others send at the same time."""
+        """Signal to interference and noise ratio (rows, cols) [dB]; all others interfere."""
         power_mw = 10.0 ** (0.1 * np.nan_to_num(self.level_dbm.astype(np.float64), nan=-400.0))
         best = power_mw.max(axis=0)
         disturbing = power_mw.sum(axis=0) - best + 10.0 ** (0.1 * noise_dbm)
@@ -93,13 +93,13 @@ class SignalMap:
 
 
 def noise_floor_dbm(bandwidth_hz: float, noise_figure_db: float) -> float:
-    """Return the receiver's noise over a bandwidth [dBm]."""
+    """Return the receiver's noise power in a bandwidth [dBm]."""
     return float(THERMAL_DBM_HZ + 10.0 * np.log10(bandwidth_hz) + noise_figure_db)
 
 
 @dataclass(frozen=True, slots=True)
 class Connection:
-    """How far a place is connected, by one access point or all of them.
+    """Coverage statistics of one access point, or of all by the best server.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ class Connection:
     area_m2, share : float
         Floor with the expected level at or above the threshold, and its share of all floor.
     largest_share : float
-        Share of the floor in its largest connected patch.
+        Share of the floor in the largest connected component of that.
     mean_outage : float
         Mean probability of a reading below the threshold.
     percentiles_dbm : tuple of float
@@ -123,10 +123,10 @@ class Connection:
 
 
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
-"""Points of the CDF that are told."""
+"""Points of the CDF that are reported."""
 
 
 def level_cdf(levels_dbm: Layers) -> tuple[Floats, Floats]:
-    """Return the sorted levels (N,) [dBm] of cells that have one, and the share of floor below."""
+    """Return the empirical CDF: sorted levels (N,) [dBm], and the share of floor up to each."""
     known = np.sort(levels_dbm[np.isfinite(levels_dbm)].astype(np.float64))
     return known, (np.arange(len(known)) + 1.0) / max(len(known), 1)

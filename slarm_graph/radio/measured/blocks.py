@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Blocks of which only the faces are seen: solid, or a room that nobody has been in."""
+"""Blocks: obstacles deeper than any wall, whose inside the laser did not see, solid or hollow."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ _THICKEST_WALL_M = 0.6
 have 142 blocks deeper than that, 154 deeper than 0.4 m and 100 deeper than 0.8 m."""
 
 _MOST_BLOCKS = 32
-"""The largest count: every one is a column of the fit. Five of the seven shipped worlds have at
+"""The largest are kept: each is a column of the design. Five of the seven shipped worlds have at
 most 20."""
 
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """Insides of obstacles.
+    """Labels of the insides of blocks.
 
     Parameters
     ----------
     insides : (rows, cols) int16
-        Number, from 1, of the block whose inside the cell is; 0 elsewhere.
+        Label, from 1, of the block whose inside the cell is; 0 elsewhere.
     count : int
     """
 
@@ -37,7 +37,7 @@ class Blocks:
     count: int
 
 
-def blocks_of(geographic: GeographicMap) -> Blocks:
+def find_blocks(geographic: GeographicMap) -> Blocks:
     """Find the obstacles of a map that are deeper than any wall."""
     depth_cells = distance_to(geographic.heights_m <= 0.0) - 0.5
     deep = (depth_cells * geographic.geometry.resolution_m > 0.5 * _THICKEST_WALL_M) & (

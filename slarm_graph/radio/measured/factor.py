@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Sparse factors of precision matrices: solve, determinant and marginal variances."""
+"""Sparse factorisation of precision matrices: solve, log determinant, marginal variances."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ class Factor:
     ----------
     matrix : (M, M) sparse
     order : (M,) int32, optional
-        In which rows are eliminated: that of a factor whose matrix had about the same entries;
-        finding it anew takes half of the time. Any order is right, if not sparse.
+        Elimination order, as of a factor whose matrix had about the same sparsity pattern; finding
+        it anew takes half of the time. Any order is right, if not sparse.
     """
 
     def __init__(self, matrix: sparse.csc_array, order: Ints | None = None) -> None:
@@ -51,7 +51,7 @@ class Factor:
         return on_diagonal
 
     def traces(self, others: Sequence[sparse.csc_array]) -> Floats:
-        """Return traces (K,) of the inverse times symmetric matrices that add no entries."""
+        """Return traces (K,) of the inverse times symmetric matrices of its sparsity pattern."""
         lower, inverse = self._inverse()
         found = np.empty(len(others))
         for k, other in enumerate(others):
@@ -61,7 +61,7 @@ class Factor:
         return found
 
     def _inverse(self) -> tuple[sparse.csc_matrix, Floats]:
-        """L in the order of elimination, and the inverse's entries where it has its own."""
+        """L in elimination order, and the entries of the inverse on the pattern of L."""
         lower = sparse.csc_matrix(self._lu.L)
         lower.sort_indices()
         inverse = np.zeros(len(lower.data))
@@ -70,7 +70,7 @@ class Factor:
 
 
 def _on_diagonal(matrix: sparse.csc_matrix, order: str) -> SuperLU:
-    """LU on the diagonal (no pivoting): a Cholesky factorisation up to the scaling."""
+    """LU without pivoting: a Cholesky factorisation up to the scaling."""
     # Panels and relaxed supernodes are for denser matrices: without them it takes 0.8 of the time.
     return splu(
         matrix,
@@ -83,7 +83,7 @@ def _on_diagonal(matrix: sparse.csc_matrix, order: str) -> SuperLU:
 
 
 def _reordered(matrix: sparse.csc_array, order: Ints) -> sparse.csc_matrix:
-    """Matrix whose rows and columns are those of another in an order (M,)."""
+    """Matrix with rows and columns permuted by an order (M,)."""
     place = np.empty_like(order)
     place[order] = np.arange(len(order), dtype=np.int32)
     columns = matrix[:, order]
@@ -92,7 +92,7 @@ def _reordered(matrix: sparse.csc_array, order: Ints) -> sparse.csc_matrix:
 
 
 def _fill_reducing(matrix: sparse.csc_array) -> Ints:
-    """Order (M,) of elimination that keeps the factor sparse: least degree first."""
+    """Fill-reducing elimination order (M,): minimum degree."""
     found = _on_diagonal(sparse.csc_matrix(matrix), "MMD_AT_PLUS_A")
     return np.asarray(np.argsort(found.perm_c), dtype=np.int32)
 
@@ -131,7 +131,7 @@ def _selected_inverse(
 def _trace(
     starts: Ints, rows: Ints, inverse: Floats, other_starts: Ints, other_rows: Ints, other: Floats
 ) -> float:
-    """Trace of a product of symmetric matrices; the first's are those below its diagonal."""
+    """Trace of a product of symmetric matrices, the first given by its lower triangle."""
     size, total = len(starts) - 1, 0.0
     of_row = np.zeros(size)
     for j in range(size):

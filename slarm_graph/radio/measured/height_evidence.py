@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What one access point's readings say of heights: inner products of what each height stops."""
+"""Evidence of one access point's readings on obstacle heights, as sufficient statistics."""
 
 from __future__ import annotations
 
@@ -12,44 +12,46 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
-from slarm_graph.radio.measured.height_sampler import HeightEvidence, integrated
-from slarm_graph.radio.measured.mean import MAP_TERMS, Mean
-from slarm_graph.radio.measured.posterior import Conditioned
+from slarm_graph.radio.measured.height_sampler import HeightEvidence, marginalised
+from slarm_graph.radio.measured.mean_function import MAP_TERMS, MeanFunction
+from slarm_graph.radio.measured.posterior import FactoredModel
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Placed, Receiver, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
 
 _WALLS = MAP_TERMS.index("wall_db")
 
 
 @dataclass(frozen=True, slots=True)
-class LinksOver:
-    """Readings of one access point, and how low their links pass over G obstacles.
+class LinkClearances:
+    """Readings of one access point, and the lowest height of their links over G obstacles.
 
     Parameters
     ----------
-    placed : Placed
-        All heard.
-    mean : Mean
-        Over a map in which only what is certainly as high stands.
+    readings : RssReadings
+        None of them censored.
+    mean : MeanFunction
+        On a map without the obstacles of uncertain height.
     lowest_m : (G, N) float64
-        inf where a link does not pass over the plan [m].
+        Lowest height over the plan [m]; inf where a link does not pass over it.
     hyper : Hyperparameters, optional
         Of field, drift and noise.
     """
 
-    placed: Placed
-    mean: Mean
+    readings: RssReadings
+    mean: MeanFunction
     lowest_m: Floats
     hyper: Hyperparameters | None = None
 
-    def fitted(self, floor: FloorField, levels_m: Floats, shares: Sequence[Floats]) -> LinksOver:
-        """Return it with hyperparameters searched for heights (L,) [m] of given probabilities."""
-        problem = self.problem(floor, self.expected(levels_m, shares))
+    def fitted(
+        self, floor: FloorField, levels_m: Floats, shares: Sequence[Floats]
+    ) -> LinkClearances:
+        """Return it with hyperparameters fitted under given probabilities of heights (L,) [m]."""
+        problem = self.problem(floor, self.expected_obstructions(levels_m, shares))
         return replace(self, hyper=fit_field(problem, self.hyper).hyper)
 
-    def expected(self, levels_m: Floats, shares: Sequence[Floats]) -> Floats:
-        """Return how many obstacles stop each link (N,), in the mean over their heights."""
-        total = np.zeros(len(self.placed))
+    def expected_obstructions(self, levels_m: Floats, shares: Sequence[Floats]) -> Floats:
+        """Return the expected number (N,) of obstacles that block each link, over their heights."""
+        total = np.zeros(len(self.readings))
         for lowest_m, share in zip(self.lowest_m, shares, strict=True):
             over = np.isfinite(lowest_m)
             lower = np.searchsorted(levels_m, lowest_m[over], side="right")
@@ -57,60 +59,64 @@ class LinksOver:
         return total
 
     def problem(self, floor: FloorField, stopped: Floats) -> Problem:
-        """Return what is to be fitted when so many obstacles stop each link (N,)."""
-        design, doubt_db2 = self.mean.of_readings_with_doubt(self.placed)
+        """Return the regression when so many obstacles block each link (N,)."""
+        design, map_variance_db2 = self.mean.reading_design_and_variance(self.readings)
         design[:, _WALLS] -= stopped
-        doubt_db2 *= floor.nodes.shared(self.placed.points_m)
-        slope = self.mean.slope_db_m(self.placed.points_m)
-        coefficients = self.mean.coefficients(self.placed)
-        return Problem(floor, self.placed, design, coefficients, slope, Receiver(), doubt_db2)
+        map_variance_db2 *= floor.nodes.points_in_node(self.readings.points_m)
+        slope = self.mean.distance_slope_db_m(self.readings.points_m)
+        coefficients = self.mean.coefficients(self.readings)
+        return Problem(
+            floor, self.readings, design, coefficients, slope, Receiver(), map_variance_db2
+        )
 
 
 def height_evidence(
-    links: LinksOver,
+    links: LinkClearances,
     floor: FloorField,
     levels_m: Floats,
     shares: Sequence[Floats],
     which: NDArray[np.int64],
 ) -> HeightEvidence:
-    """Return what readings say of the heights of some obstacles, the others being as expected.
+    """Return the evidence on the heights of some obstacles, the others at their expected effect.
 
     Parameters
     ----------
-    links : LinksOver
+    links : LinkClearances
         With hyperparameters.
     floor : FloorField
     levels_m : (L,)
     shares : sequence of G (L,)
-        How likely each height is.
+        Probability of each height.
     which : (K,) int64
-        Obstacles of which every height is a column.
+        Obstacles of which every height is a column of the design.
     """
     assert links.hyper is not None
-    stopped = links.expected(levels_m, shares)
+    stopped = links.expected_obstructions(levels_m, shares)
     own = links.lowest_m[which]
-    others = stopped - replace(links, lowest_m=own).expected(levels_m, [shares[k] for k in which])
+    others = stopped - replace(links, lowest_m=own).expected_obstructions(
+        levels_m, [shares[k] for k in which]
+    )
     problem, hyper = links.problem(floor, stopped), links.hyper
-    conditioned, values = _conditioned(problem, hyper)
+    factored, values = _factored(problem, hyper)
     fixed = np.delete(problem.design, _WALLS, axis=1)
     certain = -problem.design[:, _WALLS] - stopped + others
     columns = (levels_m[None, :, None] > own[:, None, :]).reshape(-1, len(stopped)).T
-    inner = conditioned.inner(np.column_stack([values, fixed, certain, columns]))
+    inner = factored.inner(np.column_stack([values, fixed, certain, columns]))
     prior = problem.coefficients
     means, sds = np.delete(prior.mean, _WALLS), np.delete(prior.sd, _WALLS)
-    readings, among = integrated(inner, fixed.shape[1], means, sds)
-    return HeightEvidence(readings, among, float(prior.mean[_WALLS]), float(prior.sd[_WALLS]))
+    with_readings, among = marginalised(inner, fixed.shape[1], means, sds)
+    return HeightEvidence(with_readings, among, float(prior.mean[_WALLS]), float(prior.sd[_WALLS]))
 
 
-def _conditioned(problem: Problem, hyper: Hyperparameters) -> tuple[Conditioned, Floats]:
-    """Readings under fixed hyperparameters, and the values (N,) that stand for them."""
+def _factored(problem: Problem, hyper: Hyperparameters) -> tuple[FactoredModel, Floats]:
+    """Model factored under fixed hyperparameters, and the Gaussian-equivalent readings (N,)."""
     fit = fit_field(problem, hyper, search=False)
-    where, variance = problem.where(), problem.noise_variance(hyper)
+    where, variance = problem.observation(), problem.noise_variance(hyper)
     values, weights = gaussian_equivalent(
-        problem.placed.rss_dbm,
+        problem.readings.rss_dbm,
         fit.posterior.mean(problem.design, where),
         variance,
         problem.receiver,
         hyper.freedom,
     )
-    return Conditioned(problem.prior(hyper), where, weights / variance), values
+    return FactoredModel(problem.prior(hyper), where, weights / variance), values

@@ -1,12 +1,12 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Heights of obstacles, drawn one after the other given the others: Gibbs' sampler.
+"""Gibbs sampling of the heights of obstacles from the evidence of all access points.
 
-What an access point's readings say of heights is the likelihood of a linear model, y = F f - w c -
-sum of w_k c_k + field + drift + noise: c counts the walls that each link passes for certain, c_k is
-1 where the k-th obstacle at its height stops it, w is what a wall takes and w_k what that obstacle
-takes, about w. Field, drift and all else that is linear are integrated out at once, so that a
-height costs a few inner products; w_k is integrated out where a height is drawn, and then drawn.
+The likelihood of one access point is that of a linear model, y = F f - w c - sum of w_k c_k + field
++ drift + noise: c counts the walls that each link certainly passes, c_k is 1 where the k-th
+obstacle at its height blocks it, w is the loss of a wall and w_k ~ N(w, sd^2) that of the obstacle.
+Field, drift and the other linear coefficients f are marginalised once, so that a height costs a few
+inner products; w_k is marginalised when a height is drawn, and drawn after it.
 """
 
 from __future__ import annotations
@@ -18,27 +18,29 @@ import numpy as np
 
 from slarm_graph.geometry import Floats
 
-_SWEEPS, _SETTLING = 400, 100
-"""Of all obstacles, and how many of these until the start is forgotten."""
+_SWEEPS, _BURN_IN = 400, 100
+"""Sweeps over all obstacles, and how many of them are discarded as burn-in."""
 
-_APART_DB = 1.75
-"""Of what obstacles take, about a wall: light and heavy walls take 3.4 and 6.9 dB (COST 231, Table
-4.7.2), which is half their difference."""
+_LOSS_SPREAD_DB = 1.75
+"""Standard deviation of an obstacle's loss about that of a wall: light and heavy walls have 3.4 and
+6.9 dB (COST 231, Table 4.7.2), of which this is half the difference."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeightEvidence:
-    """What one access point's readings say of heights.
+    """Sufficient statistics of one access point's readings on heights.
+
+    Columns are the number of walls that each link certainly passes, and an indicator of the links
+    that each of C levels of obstacles blocks; products are under the readings' precision.
 
     Parameters
     ----------
     readings : (1 + C,) float64
-        Inner products of the readings with what they pass for certain, and with what each of C
-        levels of obstacles stops, under the readings' precision.
+        Inner products of the columns with the readings.
     passed : (1 + C, 1 + C) float64
-        Those of what is passed among itself.
+        Inner products of the columns with each other.
     wall_db, wall_sd_db : float
-        Prior of what a wall takes.
+        Prior of the loss of a wall.
     """
 
     readings: Floats
@@ -47,23 +49,23 @@ class HeightEvidence:
     wall_sd_db: float
 
 
-def integrated(inner: Floats, fixed: int, mean: Floats, sd: Floats) -> tuple[Floats, Floats]:
-    """Integrate what is linear out of inner products.
+def marginalised(inner: Floats, fixed: int, mean: Floats, sd: Floats) -> tuple[Floats, Floats]:
+    """Marginalise the linear coefficients out of inner products.
 
     Parameters
     ----------
     inner : (1 + fixed + K, 1 + fixed + K)
-        Of readings, of the columns of what is linear, and of others.
+        Of readings, of the coefficients' columns, and of other columns.
     fixed : int
     mean, sd : (fixed,)
-        Prior of the coefficients of what is linear.
+        Prior of the coefficients.
 
     Returns
     -------
     readings : (K,)
-        Of the others with the readings, less what is expected of them.
+        Inner products of the other columns with the readings less their prior mean.
     among : (K, K)
-        Of the others.
+        Of the other columns with each other.
     """
     own, rest = slice(1, 1 + fixed), slice(1 + fixed, None)
     inverse = np.linalg.inv(inner[own, own] + np.diag(sd**-2.0))
@@ -75,73 +77,73 @@ def integrated(inner: Floats, fixed: int, mean: Floats, sd: Floats) -> tuple[Flo
 def height_probabilities(
     evidence: Sequence[HeightEvidence], log_priors: Sequence[Floats], rng: np.random.Generator
 ) -> list[Floats]:
-    """Return how likely each level (L,) of every obstacle is.
+    """Return the posterior probabilities (L,) of the levels of every obstacle.
 
     Parameters
     ----------
     evidence : sequence of HeightEvidence
-        Of every access point; their columns are the levels of the obstacles in order.
+        One per access point; their columns are the levels of the obstacles in order.
     log_priors : sequence of (L,)
     rng : numpy.random.Generator
     """
     starts = np.cumsum([1, *(len(prior) for prior in log_priors)]).tolist()
     chosen = [start + int(prior.argmax()) for start, prior in zip(starts, log_priors, strict=False)]
-    states = [_Standing(one, chosen) for one in evidence]
+    states = [_GibbsState(one, chosen) for one in evidence]
     total = [np.zeros(len(prior)) for prior in log_priors]
     for sweep in range(_SWEEPS):
         for k, prior in enumerate(log_priors):
             levels = slice(starts[k], starts[k + 1])
-            share = _shares(prior + sum(state.without(k, levels) for state in states))
+            share = _normalised(prior + sum(state.log_likelihoods(k, levels) for state in states))
             drawn = int(np.searchsorted(share.cumsum(), rng.random()))
             for state in states:
-                state.stand(k, levels.start + min(drawn, len(share) - 1), rng)
-            if sweep >= _SETTLING:
+                state.assign(k, levels.start + min(drawn, len(share) - 1), rng)
+            if sweep >= _BURN_IN:
                 total[k] += share
         for state in states:
-            state.draw_wall(rng)
+            state.draw_wall_loss(rng)
     return [counts / counts.sum() for counts in total]
 
 
-def _shares(logs: Floats) -> Floats:
-    """Probabilities (L,) of logarithms that lack a constant."""
+def _normalised(logs: Floats) -> Floats:
+    """Probabilities (L,) from unnormalised log probabilities."""
     share = np.exp(logs - logs.max())
     return np.asarray(share / share.sum())
 
 
-class _Standing:
-    """What is passed at the present heights, and what it takes, of one access point."""
+class _GibbsState:
+    """Current sample of one access point: column and loss of every obstacle, loss of a wall."""
 
     def __init__(self, evidence: HeightEvidence, chosen: Sequence[int]) -> None:
         self._passed, self._evidence = evidence.passed, evidence
         self._column = list(chosen)
         self._takes_db = [evidence.wall_db] * len(chosen)
         self._wall_db = evidence.wall_db
-        # Inner products (1 + C,) of all columns with what is left of the readings.
+        # Inner products (1 + C,) of all columns with the residuals.
         self._left = evidence.readings + self._wall_db * self._passed[0]
         for column, takes_db in zip(self._column, self._takes_db, strict=True):
             self._left += takes_db * self._passed[column]
 
-    def without(self, k: int, levels: slice) -> Floats:
-        """Take an obstacle away; return the log-likelihood (L,) of each of its levels."""
+    def log_likelihoods(self, k: int, levels: slice) -> Floats:
+        """Remove an obstacle; return the log likelihood (L,) of each of its levels."""
         self._left -= self._takes_db[k] * self._passed[self._column[k]]
-        precision = self._passed[levels, levels].diagonal() + _APART_DB**-2
-        pull = self._wall_db * _APART_DB**-2 - self._left[levels]
+        precision = self._passed[levels, levels].diagonal() + _LOSS_SPREAD_DB**-2
+        pull = self._wall_db * _LOSS_SPREAD_DB**-2 - self._left[levels]
         return np.asarray(0.5 * (pull**2 / precision - np.log(precision)))
 
-    def stand(self, k: int, column: int, rng: np.random.Generator) -> None:
-        """Let an obstacle stand as high as a column's level, and draw what it takes."""
-        precision = float(self._passed[column, column]) + _APART_DB**-2
-        pull = self._wall_db * _APART_DB**-2 - float(self._left[column])
+    def assign(self, k: int, column: int, rng: np.random.Generator) -> None:
+        """Set an obstacle to the level of a column, and draw its loss."""
+        precision = float(self._passed[column, column]) + _LOSS_SPREAD_DB**-2
+        pull = self._wall_db * _LOSS_SPREAD_DB**-2 - float(self._left[column])
         self._column[k] = column
         self._takes_db[k] = pull / precision + rng.standard_normal() * precision**-0.5
         self._left += self._takes_db[k] * self._passed[column]
 
-    def draw_wall(self, rng: np.random.Generator) -> None:
-        """Draw what a wall takes, given what obstacles take and what is passed for certain."""
+    def draw_wall_loss(self, rng: np.random.Generator) -> None:
+        """Draw the loss of a wall given the losses of the obstacles."""
         self._left -= self._wall_db * self._passed[0]
         prior = self._evidence.wall_sd_db**-2
-        precision = float(self._passed[0, 0]) + prior + len(self._takes_db) * _APART_DB**-2
-        pull = self._evidence.wall_db * prior + sum(self._takes_db) * _APART_DB**-2
+        precision = float(self._passed[0, 0]) + prior + len(self._takes_db) * _LOSS_SPREAD_DB**-2
+        pull = self._evidence.wall_db * prior + sum(self._takes_db) * _LOSS_SPREAD_DB**-2
         pull -= float(self._left[0])
         self._wall_db = pull / precision + rng.standard_normal() * precision**-0.5
         self._left += self._wall_db * self._passed[0]

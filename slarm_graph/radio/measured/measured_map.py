@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The measured radio map: what is expected in every cell, how sure, and how far readings spread."""
+"""The measured radio map: posterior mean and standard deviation of the RSS, and of a reading."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ Layers = NDArray[np.float32]
 
 @dataclass(frozen=True, slots=True)
 class FittedTerms:
-    """What was fitted for one access point.
+    """Fitted parameters of one access point.
 
     Parameters
     ----------
     readings, not_heard : int
-        How many it rests on, and how many of these were not heard.
+        Number of readings, and of these the censored ones.
     level_at_1_m_dbm, exponent, wall_db : float
         Of the propagation model; nan where the position is unknown.
     sd : (3,) tuple of float
@@ -31,11 +31,11 @@ class FittedTerms:
     field_sd_db, range_m : float
         Of the residual field.
     drift_sd_db, drift_s : float
-        What changes with time and not with place.
+        Standard deviation and correlation time of the drift.
     noise_sd_db : float
-        Of a reading, scale of Student's t.
+        Scale of the Student's t noise of a reading.
     freedom : float
-        Its degrees of freedom.
+        Degrees of freedom of that.
     position_sd_m : (3,) tuple of float
         Standard deviations of the access point's position; zeros where it was given.
     """
@@ -64,15 +64,15 @@ class MeasuredMap:
     geometry : GridGeometry
     access_points : tuple of AccessPoint, length A
     mean_dbm : (A, rows, cols) float32
-        Expected level; nan where no antenna can be.
+        Posterior mean of the level; nan where no antenna can be.
     mean_sd_db : (A, rows, cols) float32
-        How sure that is.
+        Posterior standard deviation of it.
     reading_sd_db : (A, rows, cols) float32
         Standard deviation of a new reading about it.
     fitted : tuple of FittedTerms, length A
     antenna_height_m : float
     notices : tuple of str
-        What a user should know.
+        Warnings for the user.
     """
 
     geometry: GridGeometry

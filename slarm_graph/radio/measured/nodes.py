@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The free floor as finite volumes that no wall passes: where a field lives that walls part."""
+"""Finite volumes over the free floor, none across a wall: the mesh of the residual field."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ from slarm_graph.kernels import kernel
 
 @dataclass(frozen=True, slots=True)
 class Nodes:
-    """Pieces of floor, each within one block of cells and joined by steps over free cells.
+    """Finite volumes: the connected components of free cells within each square of cells.
 
     Parameters
     ----------
     geometry : GridGeometry
         Of the cells.
     of_cell : (rows, cols) int32
-        Which node a cell belongs to; -1 where nothing can be.
+        Node of each cell; -1 where not free.
     centers_m : (M, 2) float64
         Mean of a node's cells [m].
     area_m2 : (M,) float64
     stiffness : (M, M) sparse
-        Of the Laplacian: length of the common border over the distance of the centres. Walls have
-        no entry, so nothing passes them (Neumann).
+        Of the Laplacian: length of the common border over the distance of the centres. Across
+        walls there is no entry (Neumann boundary).
     """
 
     geometry: GridGeometry
@@ -45,7 +45,7 @@ class Nodes:
         return len(self.area_m2)
 
     def at(self, points_m: Floats) -> NDArray[np.int64]:
-        """Return the node (N,) of points (N, 2) [m], the nearest one where there is no floor."""
+        """Return the node (N,) of points (N, 2) [m], the nearest one off the floor."""
         found = self.geometry.sample(self.of_cell, points_m, outside=-1.0).astype(np.int64)
         lost = np.flatnonzero(found < 0)
         for index in np.array_split(lost, max(1, len(lost) // 256)) if len(lost) else ():
@@ -53,22 +53,24 @@ class Nodes:
             found[index] = away.argmin(axis=1)
         return found
 
-    def shared(self, points_m: Floats) -> NDArray[np.int64]:
-        """Return how many (N,) of points (N, 2) [m] lie in the same node."""
+    def points_in_node(self, points_m: Floats) -> NDArray[np.int64]:
+        """Return for each of points (N, 2) [m] how many of them lie in its node (N,)."""
         own = self.at(points_m)
         return np.asarray(np.bincount(own, minlength=len(self))[own])
 
     def weights(self, points_m: Floats) -> sparse.csr_array:
-        """Return how much of each node's value (N, M) is that of points (N, 2) [m]; rows add to 1.
+        """Return interpolation weights (N, M) of nodes at points (N, 2) [m]; rows add to 1.
 
-        A point's node is blended with those that it borders on, the nearer the more; at a node's
+        A point's node and its neighbours count the more the nearer their centres; at a node's
         centre it counts alone.
         """
         own, graph = self.at(points_m), self.stiffness
         most = int(np.diff(graph.indptr).max(initial=1))
         columns = np.zeros((len(own), most), dtype=np.int64)
         shares = np.zeros((len(own), most))
-        _blend(points_m, own, self.centers_m, graph.indptr, graph.indices, columns, shares)
+        _interpolation_weights(
+            points_m, own, self.centers_m, graph.indptr, graph.indices, columns, shares
+        )
         rows = np.repeat(np.arange(len(own)), most)
         entries = (shares.ravel(), (rows, columns.ravel()))
         found = sparse.csr_array(entries, shape=(len(own), len(self)))
@@ -77,7 +79,7 @@ class Nodes:
 
 
 @kernel
-def _blend(
+def _interpolation_weights(
     points: Floats,
     own: NDArray[np.int64],
     centers: Floats,
@@ -86,7 +88,7 @@ def _blend(
     columns: NDArray[np.int64],
     shares: Floats,
 ) -> None:
-    """Fill each point's nodes and their shares (N, K); what is left of a row stays zero."""
+    """Fill the nodes of each point and their weights (N, K); the rest of a row stays zero."""
     for i in range(len(points)):
         node, total, reach = own[i], 0.0, 1e-9
         for p in range(starts[node], starts[node + 1]):
@@ -106,7 +108,7 @@ def _blend(
 
 
 def make_nodes(geometry: GridGeometry, free: Mask, side_m: float, most: int) -> Nodes:
-    """Gather free cells into nodes of about a side.
+    """Partition free cells into nodes of about a given side.
 
     Parameters
     ----------
@@ -114,7 +116,7 @@ def make_nodes(geometry: GridGeometry, free: Mask, side_m: float, most: int) -> 
     free : (rows, cols) bool
         The floor.
     side_m : float
-        Wished side of a node [m]; larger where there would be more than `most` nodes.
+        Side of a node [m]; larger where there would be more than `most` nodes.
     most : int
     """
     floor_m2 = float(free.sum()) * geometry.resolution_m**2

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Pictures of measured radio maps: what is expected, and how sure, side by side."""
+"""Figures of measured radio maps: posterior mean and standard deviation side by side."""
 
 from __future__ import annotations
 

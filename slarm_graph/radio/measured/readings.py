@@ -1,11 +1,11 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a reading of signal strength says of its expected value, and how much it weighs.
+"""Readings of signal strength and their likelihood: Student's t, censored at either end.
 
-Heard readings have heavy-tailed noise (Student's t by its weights); one that was not heard says
-that the level was below the receiver's threshold, or that the packet was lost anyway; one at the
-top of the scale, that the level was above. What is not Gaussian is replaced by the Gaussian with
-the same slope and curvature at the present expectation (Laplace; Rasmussen and Williams 3.4).
+Heard readings have heavy-tailed noise (Student's t by iterated weights). One not heard is censored:
+the level was below the receiver's threshold, or the packet was lost anyway. One at saturation is
+censored from above. Each is replaced by the Gaussian whose log likelihood has the same slope and
+curvature at the present expectation (Laplace approximation; Rasmussen and Williams 3.4).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
 _LEAST_WEIGHT = 1e-6
-"""Of a reading that says nothing, in units of a usual one: keeps the system's shape."""
+"""Of an uninformative reading, relative to a usual one: keeps the sparsity pattern."""
 
 
 @dataclass(frozen=True, slots=True)
-class Placed:
+class RssReadings:
     """Readings of one access point with the poses at which they were taken.
 
     Parameters
@@ -36,13 +36,13 @@ class Placed:
     rss_dbm : (N,) float64
         Received signal strength; nan where the access point was not heard.
     noise_class : (N,) int64
-        Readings of one class have one noise, such as single packets and means of several.
+        Classes have a noise level each, such as single packets and means of several.
     headings_rad : (N,) float64, optional
         Of the robot.
     position_sd_m : (N,) float64, optional
         Standard deviation of the position, along each axis [m].
     classes : int
-        How many classes there are; class 0 is that of the map.
+        Number of noise classes; class 0 is that of the map.
     """
 
     points_m: Floats
@@ -61,9 +61,9 @@ class Placed:
         """Which readings have a value (N,)."""
         return np.isfinite(self.rss_dbm)
 
-    def only(self, which: NDArray[np.generic]) -> Placed:
-        """Return some of the readings, by mask or index."""
-        return Placed(
+    def only(self, which: NDArray[np.generic]) -> RssReadings:
+        """Return a subset of the readings, by mask or index."""
+        return RssReadings(
             self.points_m[which],
             self.times_s[which],
             self.rss_dbm[which],
@@ -76,16 +76,16 @@ class Placed:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """What a receiver cannot tell.
+    """Limits of a receiver, at which readings are censored.
 
     Parameters
     ----------
     threshold_dbm : float
-        Weaker signals are not heard; -inf when the receiver hears everything.
+        Sensitivity: weaker signals are not heard; -inf when the receiver hears everything.
     saturation_dbm : float
-        Stronger signals are told as this.
+        Stronger signals are reported as this.
     lost_share : float
-        Share of the readings that is missing although the signal was strong.
+        Packet loss: share of the readings that is missing although the signal was strong.
     """
 
     threshold_dbm: float = -np.inf
@@ -96,7 +96,7 @@ class Receiver:
 def gaussian_equivalent(
     rss_dbm: Floats, expected_dbm: Floats, variance: Floats, receiver: Receiver, freedom: float
 ) -> tuple[Floats, Floats]:
-    """Return the values (N,) [dBm] and weights (N,) that stand for readings.
+    """Return Gaussian observations with the slope and curvature of the readings' log likelihoods.
 
     Parameters
     ----------
@@ -114,27 +114,27 @@ def gaussian_equivalent(
     -------
     values : (N,) [dBm]
     weights : (N,)
-        Factors of the noise's precision.
+        Factors of the noise precision.
     """
     sigma = np.sqrt(variance)
     values = np.where(np.isnan(rss_dbm), expected_dbm, rss_dbm)
     weights = (freedom + 1.0) / (freedom + (values - expected_dbm) ** 2 / variance)
-    silent = np.isnan(rss_dbm)
-    full = ~silent & (rss_dbm >= receiver.saturation_dbm)
+    not_heard = np.isnan(rss_dbm)
+    saturated = ~not_heard & (rss_dbm >= receiver.saturation_dbm)
     for which, limit, sign, lost in (
-        (silent, receiver.threshold_dbm, 1.0, receiver.lost_share),
-        (full, receiver.saturation_dbm, -1.0, 0.0),
+        (not_heard, receiver.threshold_dbm, 1.0, receiver.lost_share),
+        (saturated, receiver.saturation_dbm, -1.0, 0.0),
     ):
         if which.any():
             scaled = sign * (limit - expected_dbm[which]) / sigma[which]
-            slope, curve = _beyond(scaled, lost)
+            slope, curve = _censored_derivatives(scaled, lost)
             weights[which] = np.maximum(curve, _LEAST_WEIGHT)
             push = -sign * slope * sigma[which] / weights[which]
             values[which] = expected_dbm[which] + push
     return values, weights
 
 
-def _beyond(scaled: Floats, lost: float) -> tuple[Floats, Floats]:
+def _censored_derivatives(scaled: Floats, lost: float) -> tuple[Floats, Floats]:
     """Slope and negative curvature of log(lost + (1 - lost) Phi(u)) at u."""
     u = np.clip(scaled, -30.0, 30.0)
     log_share = log_ndtr(u) + np.log1p(-lost)

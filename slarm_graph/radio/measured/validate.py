@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How good a measured map is, by readings it has not seen: whole blocks of floor left out.
+"""Spatial block cross-validation of measured maps.
 
 Neighbouring readings share their fading, so leaving out random ones flatters every method; blocks
-of a metre and more ask for what the map is there for (Roberts et al. 2017, Ecography 40).
+of a metre and more test what the map is there for (Roberts et al. 2017, Ecography 40).
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from numpy.typing import NDArray
 from scipy import sparse, stats
 
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.fit import Fit, log_student
-from slarm_graph.radio.measured.mean import Mean
+from slarm_graph.radio.measured.fit import Fit, log_student_t
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import Nodes
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 
 BLOCK_M, FOLDS = 1.0, 5
-"""Side of a block, several wavelengths; and parts the blocks are dealt into, 80 % to learn from."""
+"""Side of a block, several wavelengths; and number of folds, 80 % to train on."""
 
 
 def block_folds(points_m: Floats, rng: np.random.Generator) -> NDArray[np.int64]:
-    """Deal blocks of floor into folds; return the fold (N,) of points (N, 2) [m]."""
+    """Assign blocks of floor to folds at random; return the fold (N,) of points (N, 2) [m]."""
     blocks = np.floor(points_m / BLOCK_M).astype(np.int64)
     names, member = np.unique(blocks, axis=0, return_inverse=True)
     fold = np.arange(len(names)) % FOLDS
@@ -47,18 +47,18 @@ class Predicted:
     freedom: float
 
     def within(self, rss_dbm: Floats, share: float = 0.95) -> NDArray[np.bool_]:
-        """Tell which readings lie in the central interval of a probability."""
+        """Whether readings (N,) lie in the central prediction interval of a probability."""
         half = stats.t.ppf(0.5 + 0.5 * share, self.freedom)
         return np.asarray(np.abs(rss_dbm - self.mean_dbm) <= half * self.scale_db)
 
     def log_score(self, rss_dbm: Floats) -> Floats:
-        """Logarithm of the predictive density (N,) [1/dB] at what was read; more is better."""
+        """Log predictive density (N,) of readings [log 1/dB]; more is better."""
         scaled = (rss_dbm - self.mean_dbm) / self.scale_db
-        return np.asarray(log_student(scaled, self.freedom) - np.log(self.scale_db))
+        return np.asarray(log_student_t(scaled, self.freedom) - np.log(self.scale_db))
 
 
 def predict_readings(
-    fit: Fit, nodes: Nodes, mean: Mean, placed: Placed, *, with_drift: bool = True
+    fit: Fit, nodes: Nodes, mean: MeanFunction, readings: RssReadings, *, with_drift: bool = True
 ) -> Predicted:
     """Predict readings at poses and times.
 
@@ -66,34 +66,33 @@ def predict_readings(
     ----------
     fit : Fit
     nodes : Nodes
-        It was fitted on.
-    mean : Mean
-    placed : Placed
-        Its values are not looked at.
+        Of the fit.
+    mean : MeanFunction
+    readings : RssReadings
+        Its values are not used.
     with_drift : bool
-        Whether the drift and the robot's antenna at that instant are used; without them it is the
-        map alone that predicts.
+        Whether drift and antenna pattern at that instant are used; else the map alone predicts.
     """
-    hyper, count = fit.hyper, len(placed)
-    design, doubt_db2 = mean.of_readings_with_doubt(placed)
+    hyper, count = fit.hyper, len(readings)
+    design, map_variance_db2 = mean.reading_design_and_variance(readings)
     if not with_drift:
-        design[:, mean.terms + placed.classes - 1 :] = 0.0
-    field = nodes.weights(placed.points_m)
+        design[:, mean.terms + readings.classes - 1 :] = 0.0
+    field = nodes.weights(readings.points_m)
     bridge = sparse.csr_array((count, len(fit.drift_times_s)))
     left_db2 = np.full(count, hyper.drift_sd_db**2)
     if with_drift and len(fit.drift_times_s) > 1:
-        bridge, share = _bridge(placed.times_s, fit.drift_times_s, hyper.drift_s)
+        bridge, share = _bridge(readings.times_s, fit.drift_times_s, hyper.drift_s)
         left_db2 *= share
-    where = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
-    variance = fit.posterior.variance(design, where) + left_db2 + doubt_db2
-    variance += hyper.noise_sd_db[placed.noise_class] ** 2
-    return Predicted(fit.posterior.mean(design, where), np.sqrt(variance), hyper.freedom)
+    observation = sparse.csr_array(sparse.hstack([field, bridge], format="csr"))
+    variance = fit.posterior.variance(design, observation) + left_db2 + map_variance_db2
+    variance += hyper.noise_sd_db[readings.noise_class] ** 2
+    return Predicted(fit.posterior.mean(design, observation), np.sqrt(variance), hyper.freedom)
 
 
 def _bridge(
     times_s: Floats, kept_s: Floats, correlation_s: float
 ) -> tuple[sparse.csr_array, Floats]:
-    """Weights (N, T) of the drift's kept times at other times, and the share of variance left."""
+    """Interpolate the drift: weights (N, T) of its state, and the share of variance left."""
     after = np.clip(kept_s.searchsorted(times_s, side="right"), 1, len(kept_s) - 1)
     to_left = np.exp(-np.abs(times_s - kept_s[after - 1]) / correlation_s)
     to_right = np.exp(-np.abs(times_s - kept_s[after]) / correlation_s)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How many walls stand between an access point and an antenna, counted cell by cell."""
+"""Number of walls that links cross on a grid map, as for a multi-wall model."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
-from slarm_graph.radio.propagation.walks import (
+from slarm_graph.radio.propagation.link_traversal import (
     Counts,
-    Ends,
+    CrossingCounts,
     Grids,
     Ints,
-    Passed,
-    count_passed,
-    free_ahead,
+    LinkEnds,
+    count_crossings,
+    free_run_lengths,
 )
 
 _AROUND = np.array([(0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)])
-"""Where a map is moved to: nowhere, then along either axis either way [rows, cols]."""
+"""Shifts of the map: none, then along either axis either way [rows, cols]."""
 
 
 def wall_crossings(
@@ -36,8 +36,8 @@ def wall_crossings(
 ) -> Counts:
     """Count the walls and obstacles that the straight segment to each antenna passes.
 
-    Every run of cells whose top is above the segment counts once, however thick; gaps of two cells
-    do not break it, for slanted faces are staircases. Outside the grid there is nothing.
+    Every run of cells whose top is above the segment counts once, however thick; gaps of up to two
+    cells do not break it, as slanted faces are staircases. Outside the grid is free.
 
     Parameters
     ----------
@@ -51,14 +51,13 @@ def wall_crossings(
     antenna_height_m : float
         Of all antennas.
     mount_radius_m : float
-        What the segment passes this near to the access point, in plan, carries it and does not
-        count.
+        Obstacles this near to the access point, in plan, are its mount and do not count.
 
     Returns
     -------
     (N,) int16
     """
-    passed = passages(
+    passed = link_crossings(
         geometry,
         heights_m,
         access_point_m,
@@ -81,7 +80,7 @@ def crossings_by_height(
 ) -> Counts:
     """Count as `wall_crossings` for access points in plan (E, 2) at several heights (H,) each.
 
-    All heights of one are counted in one walk.
+    All heights of one are counted in one traversal.
 
     Returns
     -------
@@ -92,26 +91,26 @@ def crossings_by_height(
     unmoved = np.zeros((len(eye_heights), 2), dtype=np.int64)
     grids = Grids(heights, heights, unmoved, np.zeros((1, 1), dtype=np.int16))
     how = antenna_height_m, mount_radius_m
-    return _walked(geometry, grids, access_points_m, eye_heights, points_m, *how).counts
+    return _count_all(geometry, grids, access_points_m, eye_heights, points_m, *how).counts
 
 
 @dataclass(frozen=True, slots=True)
-class Passages:
-    """What N links pass.
+class LinkCrossings:
+    """Obstacles crossed by N links.
 
     Parameters
     ----------
     counts : (K, N) int16
-        Walls and obstacles: of the map as it is, and of the map moved.
+        Number of walls and obstacles: on the map as it is, then on the shifted maps.
     through : (N, B) bool
-        Through the inside of which obstacles, of the map as it is.
+        Whether the link passes the inside of each block, on the map as it is.
     """
 
     counts: Counts
     through: Mask
 
 
-def passages(
+def link_crossings(
     geometry: GridGeometry,
     heights_m: ArrayLike,
     access_point_m: ArrayLike,
@@ -119,31 +118,31 @@ def passages(
     antenna_height_m: float,
     *,
     mount_radius_m: float = 0.0,
-    off_cells: int = 0,
+    shift_cells: int = 0,
     insides: NDArray[np.int16] | None = None,
-) -> Passages:
-    """Count what links pass as `wall_crossings` does, on the map and on the map moved.
+) -> LinkCrossings:
+    """Count crossings as `wall_crossings` does, on the map and on shifted maps.
 
     Parameters
     ----------
     geometry, heights_m, access_point_m, points_m, antenna_height_m, mount_radius_m
         As of `wall_crossings`.
-    off_cells : int
-        The map is moved by so many cells to either side along either axis, too; 0 does not move it.
+    shift_cells : int
+        The map is also shifted by so many cells either way along either axis; 0 for no shifts.
     insides : (rows, cols) int16, optional
-        Number, from 1, of the obstacle whose inside the cell is; 0 elsewhere.
+        Label, from 1, of the block whose inside the cell is; 0 elsewhere.
     """
     x, y, z = np.asarray(access_point_m, dtype=np.float64)
     heights = np.ascontiguousarray(heights_m, dtype=np.float32)
-    moved = off_cells * _AROUND if off_cells else _AROUND[:1]
+    shifts = shift_cells * _AROUND if shift_cells else _AROUND[:1]
     inside = np.zeros((1, 1), dtype=np.int16) if insides is None else insides
-    grids = Grids(heights, _tallest(heights, moved), moved, inside)
+    grids = Grids(heights, _highest_over_shifts(heights, shifts), shifts, inside)
     how = antenna_height_m, mount_radius_m
-    counts, through = _walked(geometry, grids, (x, y), np.full(len(moved), z), points_m, *how)
-    return Passages(counts[0], through)
+    counts, through = _count_all(geometry, grids, (x, y), np.full(len(shifts), z), points_m, *how)
+    return LinkCrossings(counts[0], through)
 
 
-def _walked(
+def _count_all(
     geometry: GridGeometry,
     grids: Grids,
     access_points_m: ArrayLike,
@@ -151,32 +150,32 @@ def _walked(
     points_m: ArrayLike,
     antenna_height_m: float,
     mount_radius_m: float,
-) -> Passed:
-    """What links pass, the map being moved and access points high in as many ways."""
+) -> CrossingCounts:
+    """Count crossings for every pair of map shift and access point height."""
     origin = np.array([geometry.origin_x_m, geometry.origin_y_m])
     eyes, points = (
         (np.asarray(given, dtype=np.float64).reshape(-1, 2) - origin) / geometry.resolution_m
         for given in (access_points_m, points_m)
     )
     carried = mount_radius_m / geometry.resolution_m
-    ends = Ends(eyes, eye_heights, points, float(antenna_height_m), carried)
-    passed = Passed(
+    ends = LinkEnds(eyes, eye_heights, points, float(antenna_height_m), carried)
+    passed = CrossingCounts(
         np.zeros((len(eyes), len(eye_heights), len(points)), dtype=np.int16),
         np.zeros((len(points), int(grids.inside.max(initial=0))), dtype=np.bool_),
     )
     lowest_m = min(antenna_height_m, float(eye_heights.min()))
-    count_passed(grids, free_ahead(grids.tallest > lowest_m), ends, passed)
+    count_crossings(grids, free_run_lengths(grids.tallest > lowest_m), ends, passed)
     return passed
 
 
-def _tallest(heights: NDArray[np.float32], moved: Ints) -> NDArray[np.float32]:
-    """Greatest height that comes to lie on a cell, with so much of a margin as it is moved."""
-    margin = int(np.abs(moved).max())
+def _highest_over_shifts(heights: NDArray[np.float32], shifts: Ints) -> NDArray[np.float32]:
+    """Greatest height on each cell over all shifts, with a margin as wide as the largest."""
+    margin = int(np.abs(shifts).max())
     if not margin:
         return heights
     rows, cols = heights.shape
     tallest = np.zeros((rows + 2 * margin, cols + 2 * margin), dtype=np.float32)
-    for up, along in moved + margin:
+    for up, along in shifts + margin:
         there = tallest[up : up + rows, along : along + cols]
         np.maximum(there, heights, out=there)
     return tallest

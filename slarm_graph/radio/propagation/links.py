@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The geometry of radio links: what a propagation model is told of them, and its seam."""
+"""Geometry of radio links, the input of a propagation model, and the seam of such models."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Links:
 
 @dataclass(frozen=True, slots=True)
 class PathLoss:
-    """What a propagation model expects of N links.
+    """Path loss of N links by a propagation model.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class PathLoss:
 
 
 class PropagationModel(Protocol):
-    """A law of path loss; built from its settings, and found by name in the registry of parts."""
+    """A path-loss model; built from its settings, and found by name in the registry of parts."""
 
     def path_loss_db(self, links: Links) -> PathLoss:
         """Return expected loss and shadow fading of links.
@@ -70,6 +70,6 @@ class PropagationModel(Protocol):
         Raises
         ------
         BadInput
-            When it does not hold for them.
+            When the model does not hold for them.
         """
         ...

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Propagation models that come along: a 3GPP row, log-distance with line of sight, multi-wall."""
+"""Built-in propagation models: 3GPP TR 38.901, log-distance with line of sight, multi-wall."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from slarm_graph.radio.path_loss import path_loss_db, shadow_sigma_db
 from slarm_graph.radio.propagation.links import Links, PathLoss
 
 NEAREST_M = 0.1
-"""Distances below are taken to be this: within a wavelength or so no law of distance holds."""
+"""Shorter distances are held at this: within a wavelength or so no distance law holds."""
 
 _SPEED_OF_LIGHT_M_S = 299_792_458.0
 """By definition of the metre (SI), in vacuum; in air it is 0.03 % less."""
@@ -105,7 +105,7 @@ class MultiWall:
         self._s = settings
 
     def path_loss_db(self, links: Links) -> PathLoss:
-        """Return intercept + 10 n log10(d) + crossings times a wall's loss."""
+        """Return intercept + 10 n log10(d) + number of crossings times the wall loss."""
         s = self._s
         loss_db = _at_1_m_db(s.intercept_db, links) + s.exponent * decades_of_distance(
             links.distance_m

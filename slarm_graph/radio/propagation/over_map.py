@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The radio map by any propagation model: the geometry of all links, and the model's answer."""
+"""The radio map by any propagation model: the links to all cells, and their path loss."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ def by_model(
         Top of the obstacle in the cell [m].
     model : PropagationModel
     mount_radius_m : float
-        Obstacles this near to an access point carry it.
+        Obstacles this near to an access point are its mount.
     """
     loss_db = blank_layer(radio.path_loss_db.shape, radio.where)
     for index, ap in enumerate(radio.access_points):
@@ -104,7 +104,7 @@ def links_to(
 ) -> Links:
     """Return the links from an access point to antennas at points (N, 2) [m] of one height.
 
-    Line of sight is that nothing is passed where it is not given.
+    Without `clear`, a link has line of sight when it crosses nothing.
     """
     position_m = ap.position_m()
     crossings = wall_crossings(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How many walls stand between an access point and an antenna, by the plans of solids."""
+"""Number of walls that links cross, and their clearance, from the plans of solids."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import ArrayLike
 from slarm_graph.convex import convex_plans
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import counter_clockwise
-from slarm_graph.radio.propagation.walks import Counts
+from slarm_graph.radio.propagation.link_traversal import Counts
 from slarm_graph.world import Solid
 
 _TOUCH_M = 1e-3
-"""Solids that are this near touch: worlds are written to the millimetre."""
+"""Solids this near touch: worlds are written to the millimetre."""
 
 
-def solids_passed(
+def solid_crossings(
     solids: Sequence[Solid],
     access_point_m: ArrayLike,
     points_m: ArrayLike,
@@ -29,8 +29,8 @@ def solids_passed(
 ) -> Counts:
     """Count the walls and obstacles that the straight segment to each antenna passes.
 
-    Solids that touch along it are one, as a wall's pieces at a corner, however many they are; what
-    it passes above does not count.
+    Solids that touch along it count once, as a wall's pieces at a corner, however many they are;
+    lower ones do not count.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def solids_passed(
     antenna_height_m : float
         Of all antennas.
     mount_radius_m : float
-        What the segment has left this near to the access point, in plan, carries it and does not
-        count.
+        Solids that the segment has left this near to the access point, in plan, are its mount and
+        do not count.
 
     Returns
     -------
@@ -56,14 +56,14 @@ def solids_passed(
     runs_m = []
     for solid, pieces in zip(solids, plans, strict=True):
         for piece in pieces:
-            enter, leave, lowest_m = _over(start, ends, piece, antenna_height_m)
+            enter, leave, lowest_m = _clearance(start, ends, piece, antenna_height_m)
             passed = (lowest_m < solid.height_m) & (leave * length_m > mount_radius_m)
             if passed.any():
                 runs_m.append(np.where(passed, [enter * length_m, leave * length_m], np.inf))
-    return _separate(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
+    return _count_merged(np.array(runs_m)) if runs_m else np.zeros(len(ends), dtype=np.int16)
 
 
-def lowest_over(
+def lowest_link_heights(
     solids: Sequence[Solid],
     access_point_m: ArrayLike,
     points_m: ArrayLike,
@@ -71,10 +71,10 @@ def lowest_over(
     *,
     mount_radius_m: float = 0.0,
 ) -> Floats:
-    """Return how low (N,) each link comes over the plans of solids [m]: what is higher stops it.
+    """Return the lowest height (N,) of each link over the plans of solids [m]; inf over none.
 
-    inf where it passes over none of them. Parameters are those of `solids_passed`; the solids' own
-    heights are not asked.
+    A solid higher than that blocks the link. Parameters are those of `solid_crossings`; the heights
+    of the solids are not used.
     """
     start = np.asarray(access_point_m, dtype=np.float64)
     ends = np.asarray(points_m, dtype=np.float64).reshape(-1, 2)
@@ -82,26 +82,24 @@ def lowest_over(
     found_m = np.full(len(ends), np.inf)
     plans = convex_plans([counter_clockwise(solid.corners_m) for solid in solids])
     for piece in (piece for pieces in plans for piece in pieces):
-        _, leave, lowest_m = _over(start, ends, piece, antenna_height_m)
+        _, leave, lowest_m = _clearance(start, ends, piece, antenna_height_m)
         away = leave * length_m > mount_radius_m
         found_m[away] = np.minimum(found_m[away], lowest_m[away])
     return found_m
 
 
-def _over(
+def _clearance(
     start: Floats, ends: Floats, corners: Floats, antenna_height_m: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Shares (N,) at which links enter and leave a plan, and their lowest above it [m]; inf: not
-    over it.
-    """
-    enter, leave = _inside(start[:2], ends, corners)
+    """Fractions (N,) at which links enter and leave a plan; lowest height over it [m], or inf."""
+    enter, leave = _clip(start[:2], ends, corners)
     z_m = start[2]
     lowest_m = z_m + (antenna_height_m - z_m) * (leave if antenna_height_m < z_m else enter)
     return enter, leave, np.where(leave > enter, lowest_m, np.inf)
 
 
-def _separate(runs_m: Floats) -> Counts:
-    """Count (N,) the runs (K, 2, N) that are left when those that touch are one; inf: no run."""
+def _count_merged(runs_m: Floats) -> Counts:
+    """Count (N,) intervals (K, 2, N) after merging those that touch; inf: no interval."""
     runs_m = np.take_along_axis(runs_m, runs_m[:, :1].argsort(axis=0), axis=0)
     reached_m = np.maximum.accumulate(np.where(np.isinf(runs_m[:, 1]), -np.inf, runs_m[:, 1]))
     begins = np.isfinite(runs_m[:, 0])
@@ -109,13 +107,13 @@ def _separate(runs_m: Floats) -> Counts:
     return np.asarray(begins.sum(axis=0), dtype=np.int16)
 
 
-def _inside(start: Floats, ends: Floats, corners: Floats) -> tuple[Floats, Floats]:
-    """Shares (N,) of segments at which they enter and leave a convex polygon (Cyrus and Beck)."""
-    way = ends - start
+def _clip(start: Floats, ends: Floats, corners: Floats) -> tuple[Floats, Floats]:
+    """Fractions (N,) at which segments enter and leave a convex polygon (Cyrus and Beck)."""
+    direction = ends - start
     enter, leave = np.zeros(len(ends)), np.ones(len(ends))
     for corner, edge in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
         inward = np.array([-edge[1], edge[0]])
-        depth, rate = (start - corner) @ inward, way @ inward
+        depth, rate = (start - corner) @ inward, direction @ inward
         with np.errstate(divide="ignore", invalid="ignore"):
             at = -depth / rate
         enter = np.where(rate > 0.0, np.maximum(enter, at), enter)

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Walks from access points to antennas over a map, from one obstacle to the next.
+"""Traversal of grid cells along links, from one obstacle to the next.
 
-A segment passes the cells of each row in one run, and those of each column. It is walked along the
-axis of the longer runs; a table says how many cells from each on have nothing in the way, so that
-a run without an obstacle, as nearly all are, takes one look.
+A segment passes the cells of each row in one run, and those of each column. It is traversed along
+the axis of the longer runs; a table of the number of free cells that begin at each lets a run
+without an obstacle, as nearly all are, take one look-up.
 """
 
 from __future__ import annotations
@@ -27,35 +27,35 @@ FreeCells = NDArray[np.uint8]
 
 _GAP_CELLS = 2.0 + 1e-6
 """Along a slanted face a segment leaves and enters cells of the same obstacle; without it 7 % of
-the links of the world `cluttered` count an obstacle twice, with 4 thin passages vanish. What is
-added is more than shares of a link are rounded by: two whole cells along an axis are no gap."""
+the links of the world `cluttered` count an obstacle twice, with 4 thin passages vanish. The small
+addition exceeds rounding: two whole cells along an axis are no gap."""
 
 _MOST_FREE = 255
-"""What a byte holds; runs that are longer take another look."""
+"""What a byte holds; longer runs take another look-up."""
 
 
 class Grids(NamedTuple):
-    """What links pass over, in K ways: the map moved, or the access point higher.
+    """Maps that links cross, in K variants: the map shifted, or the access point higher.
 
     Parameters
     ----------
     heights : (rows, cols) float32
         Top of the obstacle that fills the cell [m].
     tallest : (rows, cols) float32
-        The greatest that comes to lie on a cell, with a margin as wide as the map is moved [m].
-    moved : (K, 2) int64
-        By how many rows and columns.
+        Greatest height on a cell over all shifts, with a margin as wide as the largest [m].
+    shifts : (K, 2) int64
+        Rows and columns by which the map is shifted.
     inside : (rows, cols) int16
-        Number, from 1, of the obstacle whose inside the cell is; 0 elsewhere.
+        Label, from 1, of the block whose inside the cell is; 0 elsewhere.
     """
 
     heights: Heights
     tallest: Heights
-    moved: Ints
+    shifts: Ints
     inside: NDArray[np.int16]
 
 
-class Ends(NamedTuple):
+class LinkEnds(NamedTuple):
     """Where links begin and end.
 
     Parameters
@@ -63,13 +63,13 @@ class Ends(NamedTuple):
     eyes : (E, 2) float64
         Access points in plan, x and y [cells].
     eye_heights : (K,) float64
-        Of each of them, one for each way [m].
+        Of each of them, one for each variant [m].
     points : (N, 2) float64
         Antennas, x and y [cells].
     height : float
         Of the antennas [m].
     mount_cells : float
-        What a link has left this near to the access point carries that.
+        Obstacles that a link has left this near to the access point are its mount.
     """
 
     eyes: Floats
@@ -79,22 +79,22 @@ class Ends(NamedTuple):
     mount_cells: float
 
 
-class Passed(NamedTuple):
-    """What links pass.
+class CrossingCounts(NamedTuple):
+    """Obstacles crossed by links.
 
     Parameters
     ----------
     counts : (E, K, N) int16
-        Walls and obstacles.
+        Number of walls and obstacles.
     through : (N, B) bool
-        Insides, of the map as it is.
+        Whether the inside of each block is passed, on the map as it is.
     """
 
     counts: Counts
     through: Mask
 
 
-def free_ahead(blocked: Mask) -> tuple[FreeCells, FreeCells]:
+def free_run_lengths(blocked: Mask) -> tuple[FreeCells, FreeCells]:
     """Count how many free cells begin at each, along its row and along its column.
 
     Parameters
@@ -122,19 +122,19 @@ def _free_in_row(blocked: Mask) -> FreeCells:
 
 
 @kernel
-def count_passed(
-    grids: Grids, free: tuple[FreeCells, FreeCells], ends: Ends, passed: Passed
+def count_crossings(
+    grids: Grids, free: tuple[FreeCells, FreeCells], ends: LinkEnds, passed: CrossingCounts
 ) -> None:
-    """Walk from every access point to every antenna, and count up what is passed.
+    """Traverse the link from every access point to every antenna, and count crossings.
 
     Parameters
     ----------
     grids : Grids
     free : tuple
-        By `free_ahead`, of where the tallest can be in the way.
-    ends : Ends
-    passed : Passed
-        Filled; of zeros.
+        By `free_run_lengths`, of the cells whose tallest can block a link.
+    ends : LinkEnds
+    passed : CrossingCounts
+        Zeros; filled.
     """
     margin = (len(grids.tallest) - len(grids.heights)) // 2
     cells = np.empty((sum(free[0].shape), 2), dtype=np.int64)
@@ -147,13 +147,13 @@ def count_passed(
             in_rows = abs(across) >= abs(up)
             link = (x, across, y, up) if in_rows else (y, up, x, across)
             lines, carried = free[0] if in_rows else free[1], ends.mount_cells / length
-            count = _find(lines, margin, in_rows, link, carried, cells, spans)
+            count = _blocked_cells(lines, margin, in_rows, link, carried, cells, spans)
             if count:
-                _count(grids, ends, e, i, _GAP_CELLS / length, cells[:count], spans, passed)
+                _count_link(grids, ends, e, i, _GAP_CELLS / length, cells[:count], spans, passed)
 
 
 @kernel
-def _find(
+def _blocked_cells(
     free: FreeCells,
     margin: int,
     in_rows: bool,
@@ -162,13 +162,13 @@ def _find(
     cells: Ints,
     spans: Floats,
 ) -> int:
-    """Find the cells of a link that have something in the way, in its order.
+    """Find the potentially blocking cells of a link, in its order.
 
     Parameters
     ----------
     free : (lines, size) uint8
     margin : int
-        Of the map within them.
+        Of the lines around the map.
     in_rows : bool
         Whether lines are rows.
     link : tuple
@@ -206,13 +206,13 @@ def _find(
 
 @kernel_with(inline=True)
 def _cell(at: float, upward: bool) -> int:
-    """Cell of a place on a line; at a border the one above, or the one below."""
+    """Cell of a coordinate on a line; at a border the one above, or the one below."""
     return math.floor(at) if upward else math.ceil(at) - 1
 
 
 @kernel
 def _is_free(free: FreeCells, line: int, begin: int, stop: int) -> bool:
-    """Whether the cells of a line from one to another, either way, have nothing in the way."""
+    """Whether all cells of a line from one to another, either way, are free."""
     cell, last = max(min(begin, stop), 0), min(max(begin, stop), free.shape[1] - 1)
     while cell <= last and free[line, cell] > 0:
         cell += int(free[line, cell])
@@ -220,23 +220,23 @@ def _is_free(free: FreeCells, line: int, begin: int, stop: int) -> bool:
 
 
 @kernel
-def _count(
+def _count_link(
     grids: Grids,
-    ends: Ends,
+    ends: LinkEnds,
     e: int,
     i: int,
     gap: float,
     cells: Ints,
     spans: Floats,
-    passed: Passed,
+    passed: CrossingCounts,
 ) -> None:
-    """Count the obstacles of one link among rows and columns (C, 2) that it enters and leaves."""
-    heights, moved, insides = grids.heights, grids.moved, grids.inside
+    """Count the obstacles of one link from its cells (C, 2) and where it enters and leaves them."""
+    heights, shifts, insides = grids.heights, grids.shifts, grids.inside
     rows, cols = heights.shape
-    for k in range(len(moved)):
+    for k in range(len(shifts)):
         rise, left_at = ends.height - ends.eye_heights[k], -1.0
         for f in range(len(cells)):
-            row, col = cells[f, 0] - moved[k, 0], cells[f, 1] - moved[k, 1]
+            row, col = cells[f, 0] - shifts[k, 0], cells[f, 1] - shifts[k, 1]
             entered, left = spans[f, 0], spans[f, 1]
             lowest = ends.eye_heights[k] + rise * (left if rise < 0.0 else entered)
             if 0 <= row < rows and 0 <= col < cols and heights[row, col] > lowest:

@@ -1,8 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Line of sight past groups of solids of uncertain height, at the price of their shadows only.
+"""Probability of line of sight past groups of solids of uncertain height.
 
-A site has ten thousand groups; a mask of the whole site for each of them takes hours.
+Only the cells in a group's shadows are visited: a site has ten thousand groups, and a mask of the
+whole site for each of them takes hours.
 """
 
 from __future__ import annotations
@@ -27,44 +28,44 @@ from slarm_graph.world import Solid
 Ints = NDArray[np.int64]
 
 _EDGE_RAD = 1e-6
-"""A tenth of a millimetre at a hundred metres: above rounding, and whoever is taken too many is
-decided exactly."""
+"""A tenth of a millimetre at a hundred metres: above rounding; points taken in addition are decided
+exactly."""
 
 
 @dataclass(frozen=True, slots=True)
-class Levels:
-    """The solids of one group at heights that a link can tell apart.
+class HeightLevels:
+    """The solids of one group at each of its heights that matter to a link.
 
     Parameters
     ----------
     standing : sequence of sequence of Solid
-        Those of height at each level.
+        Solids of non-zero height at each level.
     counts : sequence of int
-        How many of the group's equally likely heights are like it.
+        Number of the group's equally likely heights at each level.
     """
 
     standing: Sequence[Sequence[Solid]]
     counts: Sequence[int]
 
 
-def weigh(
+def multiply_by_group_probabilities(
     probability: NDArray[np.float32],
     geometry: GridGeometry,
-    groups: Sequence[Levels],
+    groups: Sequence[HeightLevels],
     on_face: Mask,
     points_m: Floats,
     position_m: Floats,
     antenna_height_m: float,
     where: Where | None = None,
 ) -> None:
-    """Multiply the probability of line of sight (rows, cols) by that of every group, in place.
+    """Multiply the probability of line of sight (rows, cols) by that past every group, in place.
 
     Parameters
     ----------
     probability : (rows, cols) float32
-        Where it is 0 it stays so, and nothing is asked.
+        Cells of probability 0 are skipped.
     geometry : GridGeometry
-    groups : sequence of Levels
+    groups : sequence of HeightLevels
     on_face : (rows, cols) bool
         Cells whose antenna stands on a solid's face rather than at the centre.
     points_m : (N, 2) float64
@@ -79,18 +80,18 @@ def weigh(
     faces = tuple(cells_of(on_face, where).T)
     at_face = probability[faces]
     asked = at_face > 0.0
-    at_face[asked] *= _share_of_points(points_m[asked], groups, position_m, antenna_height_m)
-    _weigh_cells(probability, geometry, groups, position_m, antenna_height_m, where)
+    at_face[asked] *= _probability_at_points(points_m[asked], groups, position_m, antenna_height_m)
+    _multiply_cells(probability, geometry, groups, position_m, antenna_height_m, where)
     probability[faces] = at_face
 
 
-def told_apart(
+def split_by_certainty(
     solids: Sequence[Solid], groups: Sequence[HeightGroup], access_point_m: float, antenna_m: float
-) -> tuple[list[Solid], list[Levels]]:
-    """Part what stands in the way of links for certain from what may.
+) -> tuple[list[Solid], list[HeightLevels]]:
+    """Split solids into those that certainly obstruct links and groups that may.
 
-    All heights above both ends of a link are alike, and so are all below both: what is above them
-    at every level is certain, and of the others equal levels are taken together.
+    All heights above both ends of a link are equivalent, and so are all below both: solids above
+    them at every level are certain, and equal levels of the others are merged.
 
     Parameters
     ----------
@@ -103,7 +104,7 @@ def told_apart(
     Returns
     -------
     certain : list of Solid
-    uncertain : list of Levels
+    uncertain : list of HeightLevels
         Of every group that has any.
     """
     low, high = sorted((access_point_m, antenna_m))
@@ -118,29 +119,29 @@ def told_apart(
         certain += [replace(solids[n], height_m=math.inf) for n in numbers[above].tolist()]
         if levels_m[:, ~above].any():
             mine = [solids[n] for n in numbers[~above].tolist()]
-            uncertain.append(_levels(mine, levels_m[:, ~above]))
+            uncertain.append(_distinct_levels(mine, levels_m[:, ~above]))
     return certain, uncertain
 
 
-def _levels(solids: Sequence[Solid], levels_m: Floats) -> Levels:
-    """Take equal levels (K, N) [m] of N solids together, and leave out what has no height."""
+def _distinct_levels(solids: Sequence[Solid], levels_m: Floats) -> HeightLevels:
+    """Merge equal levels (K, N) [m] of N solids, and leave out solids of height 0."""
     different, counts = np.unique(levels_m, axis=0, return_counts=True)
     standing = [
         [replace(s, height_m=float(h)) for s, h in zip(solids, level, strict=True) if h]
         for level in different
     ]
-    return Levels(standing, counts.tolist())
+    return HeightLevels(standing, counts.tolist())
 
 
-def _weigh_cells(
+def _multiply_cells(
     probability: NDArray[np.float32],
     geometry: GridGeometry,
-    groups: Sequence[Levels],
+    groups: Sequence[HeightLevels],
     position_m: Floats,
     antenna_height_m: float,
     where: Where,
 ) -> None:
-    """Multiply by the probability past the shadows of every group at the cells' centres."""
+    """Multiply by the probability of line of sight past every group at the cells' centres."""
     sets = [standing for group in groups for standing in group.standing]
     outlines, starts, slacks, of_set = shadow_outlines(geometry, sets, position_m, antenna_height_m)
     first = np.searchsorted(of_set, np.arange(len(sets) + 1))
@@ -148,20 +149,22 @@ def _weigh_cells(
     counts = np.array([count for group in groups for count in group.counts], dtype=np.int64)
     for part in windows(where, aside=[probability]):
         here, begin = probability[part.cells], (part.cells[0].start, part.cells[1].start)
-        _weigh(here, begin, outlines, starts, slacks, first, group_starts, counts)
+        _multiply_window(here, begin, outlines, starts, slacks, first, group_starts, counts)
 
 
-def _share_of_points(
-    points_m: Floats, groups: Sequence[Levels], position_m: Floats, antenna_height_m: float
+def _probability_at_points(
+    points_m: Floats, groups: Sequence[HeightLevels], position_m: Floats, antenna_height_m: float
 ) -> Floats:
-    """Probability (N,) past all groups for antennas at points (N, 2) [m]."""
+    """Probability (N,) of line of sight past all groups for antennas at points (N, 2) [m]."""
     probability, ways = np.ones(len(points_m)), points_m - position_m[:2]
     angles = np.arctan2(ways[:, 1], ways[:, 0])
     order = np.argsort(angles)
     for group in groups:
         if not any(group.standing):
             continue
-        mine = order[_behind(angles[order], max(group.standing, key=len), position_m[:2])]
+        mine = order[
+            _directions_meeting(angles[order], max(group.standing, key=len), position_m[:2])
+        ]
         if not len(mine):
             continue
         hidden = np.zeros(len(mine), dtype=np.int64)
@@ -173,7 +176,7 @@ def _share_of_points(
     return probability
 
 
-def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
+def _directions_meeting(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
     """Which of sorted directions [rad] may meet the solids as seen from `eye` (2,)."""
     corners = np.concatenate([solid.corners_m for solid in solids]) - eye
     seen = np.arctan2(corners[:, 1], corners[:, 0])
@@ -189,7 +192,7 @@ def _behind(angles: Floats, solids: Sequence[Solid], eye: Floats) -> Ints:
 
 
 @kernel
-def _weigh(
+def _multiply_window(
     probability: NDArray[np.float32],
     begin: tuple[int, int],
     outlines: Floats,
@@ -199,7 +202,7 @@ def _weigh(
     group_starts: Ints,
     counts: Ints,
 ) -> None:
-    """Of a window: count in how many levels of a group a cell is hidden, then weigh it once."""
+    """In a window: count the levels of a group at which a cell is hidden, then multiply once."""
     rows, cols = probability.shape
     first_row, first_col = begin
     hidden = np.zeros((rows, cols), dtype=np.int32)

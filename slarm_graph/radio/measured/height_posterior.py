@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How high an obstacle is by what was heard behind it: the answer, and as a table."""
+"""Posterior distribution of an obstacle's height given signal strength, and its table."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from pathlib import Path
 from slarm_graph.geometry import Floats
 
 _SHARES = (0.05, 0.5, 0.95)
-"""Quantiles told: the median, and between which nine of ten heights lie."""
+"""Quantiles in the table: the median and a 90 % interval."""
 
 
 @dataclass(frozen=True, slots=True)
-class HeardHeight:
-    """How high one obstacle is, before and after readings.
+class HeightPosterior:
+    """Prior and posterior distribution of one obstacle's height.
 
     Parameters
     ----------
     group : int
-        Of the map's groups of solids.
+        Index of the map's group of solids.
     center_m : (2,) float64
         Of the plan [m].
     levels_m : (L,) float64
-        Heights, a step apart [m].
+        Discrete heights, a step apart [m].
     prior, posterior : (L,) float64
-        How likely each is.
+        Probabilities of these.
     readings : int
-        Of which the links are stopped at some of its heights and not at others.
+        Number of those whose link is blocked at some of its heights and clear at others.
     """
 
     group: int
@@ -41,7 +41,7 @@ class HeardHeight:
     readings: int
 
     def quantile_m(self, share: float, *, prior: bool = False) -> float:
-        """Return the height [m] that a share of the posterior, or of the prior, does not exceed."""
+        """Return a quantile of the posterior, or of the prior [m]."""
         reached = (self.prior if prior else self.posterior).cumsum()
         return float(self.levels_m[min(int(reached.searchsorted(share)), len(reached) - 1)])
 
@@ -50,8 +50,8 @@ class HeardHeight:
         return float(self.posterior @ self.levels_m)
 
 
-def height_rows(heard: Sequence[HeardHeight]) -> list[dict[str, float | int]]:
-    """Return a row per obstacle, rounded for people."""
+def height_rows(heard: Sequence[HeightPosterior]) -> list[dict[str, float | int]]:
+    """Return a table row per obstacle, rounded."""
     rows: list[dict[str, float | int]] = []
     for one in heard:
         row: dict[str, float | int] = {"obstacle": one.group}
@@ -65,7 +65,7 @@ def height_rows(heard: Sequence[HeardHeight]) -> list[dict[str, float | int]]:
     return rows
 
 
-def write_heights_csv(path: Path, heard: Sequence[HeardHeight]) -> None:
+def write_heights_csv(path: Path, heard: Sequence[HeightPosterior]) -> None:
     """Write a line per obstacle."""
     with path.open("w", encoding="utf-8", newline="") as file:
         rows = height_rows(heard)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where on the walls one more access point would connect the most floor."""
+"""Rank candidate sites on walls for one more access point by the coverage they would add."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from slarm_graph.radio.connectivity.signal import SignalMap
 from slarm_graph.radio.propagation.links import PropagationModel
 from slarm_graph.radio.propagation.over_map import links_to
 
-_APART_M = 0.5
-"""Between places that are tried; half of it moves the best place by no more than that."""
+_SPACING_M = 0.5
+"""Spacing of candidate sites; half of it moves the best site by no more than that."""
 
 _MOST_CELLS = 20_000
-"""Floor is judged on so many cells: a share of it is then right to 0.4 % (binomial)."""
+"""Coverage is evaluated on a sample of so many cells: right to 0.4 % (binomial)."""
 
 
 @dataclass(frozen=True, slots=True)
-class WallPlace:
-    """A place on a wall, and what an access point there would add.
+class CandidateSite:
+    """A site on a wall, and the coverage an access point there would add.
 
     Parameters
     ----------
     x_m, y_m, z_m : float
         In the map [m].
     gained_m2 : float
-        Floor that it would connect and no other does.
+        Floor that it would cover and no other does.
     share : float
-        Of all floor that would be connected then.
+        Share of the floor that would then be covered.
     """
 
     x_m: float
@@ -46,19 +46,19 @@ class WallPlace:
     share: float
 
 
-def wall_places_m(geographic: GeographicMap, apart_m: float = _APART_M) -> Floats:
-    """Return places (K, 2) [m] on walls beside accessible floor, one in each square of a side."""
+def candidate_sites_m(geographic: GeographicMap, spacing_m: float = _SPACING_M) -> Floats:
+    """Return sites (K, 2) [m] on walls beside accessible floor, one per square of a given side."""
     floor, wall = np.pad(geographic.accessible, 1), geographic.obstacle
     beside = floor[:-2, 1:-1] | floor[2:, 1:-1] | floor[1:-1, :-2] | floor[1:-1, 2:]
-    places_m = geographic.geometry.center_of(np.argwhere(wall & beside))
-    squares = np.floor(places_m / apart_m)
-    off_m = np.linalg.norm(places_m - (squares + 0.5) * apart_m, axis=1)
+    sites_m = geographic.geometry.center_of(np.argwhere(wall & beside))
+    squares = np.floor(sites_m / spacing_m)
+    off_m = np.linalg.norm(sites_m - (squares + 0.5) * spacing_m, axis=1)
     order = np.argsort(off_m, kind="stable")
     _, first = np.unique(squares[order], axis=0, return_index=True)
-    return np.asarray(places_m[order[first]])
+    return np.asarray(sites_m[order[first]])
 
 
-def rank_places(
+def rank_sites(
     geographic: GeographicMap,
     signal: SignalMap,
     model: PropagationModel,
@@ -66,47 +66,47 @@ def rank_places(
     *,
     height_m: float,
     threshold_dbm: float,
-) -> tuple[WallPlace, ...]:
-    """Return places on walls for one more access point, the best first.
+) -> tuple[CandidateSite, ...]:
+    """Return sites on walls for one more access point, the best first.
 
     Parameters
     ----------
     geographic : GeographicMap
     signal : SignalMap
-        Of the access points that are there, on the map's cells.
+        Of the existing access points, on the map's cells.
     model : PropagationModel
         Predicts the new one.
     radio : RadioConfig
-        Its power and frequency.
+        Power and frequency of the new one.
     height_m : float
-        It hangs at.
+        Of the new one.
     threshold_dbm : float
-        Least level that counts as connected.
+        Least level that counts as covered.
 
     Raises
     ------
     BadInput
         When there is no wall beside the floor.
     """
-    places_m = wall_places_m(geographic)
-    if not len(places_m):
+    sites_m = candidate_sites_m(geographic)
+    if not len(sites_m):
         raise BadInput("there is no wall beside the floor where one more access point could hang")
     floor = signal.cells
     with np.errstate(invalid="ignore"):
         covered = floor & (signal.best_level_dbm() >= threshold_dbm)
-    points_m, cell_m2 = _without(signal, floor & ~covered)
+    points_m, cell_m2 = _uncovered(signal, floor & ~covered)
     ranked = []
-    for x, y in places_m.tolist():
+    for x, y in sites_m.tolist():
         ap = AccessPoint("another", x, y, height_m, radio.power_dbm, radio.frequency_hz)
         level = radio.power_dbm - _loss_db(geographic, ap, points_m, model, radio)
         gained_m2 = float((level >= threshold_dbm).sum()) * cell_m2
         share = covered.sum() + gained_m2 / signal.geometry.resolution_m**2
-        ranked.append(WallPlace(x, y, height_m, gained_m2, float(share / floor.sum())))
-    return tuple(sorted(ranked, key=lambda place: -place.gained_m2))
+        ranked.append(CandidateSite(x, y, height_m, gained_m2, float(share / floor.sum())))
+    return tuple(sorted(ranked, key=lambda site: -site.gained_m2))
 
 
-def _without(signal: SignalMap, open_cells: Mask) -> tuple[Floats, float]:
-    """Points (N, 2) [m] of cells that nobody connects, and the area that each stands for [m^2]."""
+def _uncovered(signal: SignalMap, open_cells: Mask) -> tuple[Floats, float]:
+    """Sample (N, 2) [m] of uncovered cells, and the area that each represents [m^2]."""
     cells = np.argwhere(open_cells)
     stride = max(1, -(-len(cells) // _MOST_CELLS))
     kept = cells[::stride]

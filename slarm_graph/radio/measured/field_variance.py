@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure a measured map will be: variances before anything of the readings' values is known.
+"""Posterior variance of the shadowing field from the positions of readings alone.
 
-The variance of a Gaussian field given readings depends on where these were taken and on nothing
-else, so that a way can be judged before it is driven.
+The posterior variance of a Gaussian process does not depend on the values that are measured, so
+that a path can be judged before it is driven.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _FROM_CENTRE = (math.sqrt(2.0) + math.asinh(1.0)) / 6.0
 
 @dataclass(frozen=True, slots=True)
 class Shadowing:
-    """A field and its readings' noise.
+    """Hyperparameters of the shadowing field and of the readings' noise.
 
     Parameters
     ----------
     range_m : float
-        Where the field's correlation has fallen to 0.14 [m].
+        Distance at which the field's correlation has fallen to 0.14 [m].
     field_sd_db, noise_sd_db : float
     """
 
@@ -43,14 +43,14 @@ class Shadowing:
     noise_sd_db: float
 
 
-class Certainty:
-    """Variance of a field on a floor, readings having been taken at some points.
+class FieldVariance:
+    """Posterior variance of a field on the nodes of a floor, given where readings were taken.
 
     Parameters
     ----------
     nodes : Nodes
     heard_m : (N, 2) float64
-        Where readings were taken [m].
+        Positions of the readings [m].
     shadowing : Shadowing
     """
 
@@ -59,39 +59,41 @@ class Certainty:
         unit = FloorField(nodes).unit_precision(shadowing.range_m).matrix
         away_m = _FROM_CENTRE * np.sqrt(nodes.area_m2)
         alike = field_correlation(away_m, shadowing.range_m)
-        # What a piece's readings are off its value as one: they were taken beside its middle.
-        self._beside_db2 = shadowing.field_sd_db**2 * (1.0 - alike**2)
+        # Readings deviate from a node's value together: they were taken beside its centre.
+        self._within_node_db2 = shadowing.field_sd_db**2 * (1.0 - alike**2)
         counts = np.bincount(nodes.at(heard_m), minlength=len(nodes))
-        told = sparse.diags_array(counts / (self._noise_db2 + counts * self._beside_db2))
-        self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + told))
+        information = sparse.diags_array(
+            counts / (self._noise_db2 + counts * self._within_node_db2)
+        )
+        self._factor = Factor(sparse.csc_array(unit / shadowing.field_sd_db**2 + information))
         self.variance_db2 = self._factor.marginal_variances()
 
     def rms_db(self, where: NDArray[np.bool_]) -> float:
-        """Root of the mean variance over nodes (M,) by their area [dB]."""
+        """Root of the area-weighted mean variance over nodes (M,) [dB]."""
         area = self.nodes.area_m2[where]
         total = float(area.sum())
         return float(np.sqrt(self.variance_db2[where] @ area / total)) if total else 0.0
 
-    def gains(self, ways: Sequence[Indices], readings: float) -> Floats:
-        """Return by how much ways would lower the variance, summed over the floor [dB^2 m^2].
+    def variance_reductions(self, paths: Sequence[Indices], readings: float) -> Floats:
+        """Return by how much paths would lower the variance, integrated over the floor [dB^2 m^2].
 
         Parameters
         ----------
-        ways : sequence of (K,) int64
+        paths : sequence of (K,) int64
             Nodes that are passed, each once.
         readings : float
-            Taken in every node that is passed.
+            Number taken in every node that is passed.
         """
-        passed, place = np.unique(np.concatenate(ways), return_inverse=True)
+        passed, place = np.unique(np.concatenate(paths), return_inverse=True)
         unit = np.zeros((len(self.nodes), len(passed)))
         unit[passed, np.arange(len(passed))] = 1.0
         columns = self._factor.solve(unit)
         among, over = columns[passed], columns.T @ (self.nodes.area_m2[:, None] * columns)
-        ends = np.cumsum([len(way) for way in ways])[:-1]
-        gains = []
-        for way in np.split(place, ends):
-            block = np.ix_(way, way)
-            noise_db2 = self._noise_db2 / readings + self._beside_db2[passed[way]]
+        ends = np.cumsum([len(path) for path in paths])[:-1]
+        variance_reductions = []
+        for path in np.split(place, ends):
+            block = np.ix_(path, path)
+            noise_db2 = self._noise_db2 / readings + self._within_node_db2[passed[path]]
             noisy = among[block] + np.diag(noise_db2)
-            gains.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
-        return np.array(gains)
+            variance_reductions.append(float(np.trace(np.linalg.solve(noisy, over[block]))))
+        return np.array(variance_reductions)

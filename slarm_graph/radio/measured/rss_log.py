@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of signal strength as they were logged, and where on the way they were taken."""
+"""Logged RSS readings of all access points, and their poses along a trajectory."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from slarm_graph.counts import count_of
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.readings import Placed
+from slarm_graph.radio.measured.readings import RssReadings
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
 _POSSIBLE_DBM = (-150.0, 40.0)
-"""Levels that a radio can tell: LoRa, which hears the least, ends at -148 dBm (Semtech SX1276), and
-40 dBm are 10 W. Most percents and dBuV lie beyond; 20 dB less or more at either end tells the same
-of them."""
+"""Levels that a radio can report: LoRa, the most sensitive, ends at -148 dBm (Semtech SX1276), and
+40 dBm are 10 W. Most values in percent or dBuV lie outside; 20 dB less or more at either end makes
+no difference to that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class RssLog:
     def of_rows(
         stamps_ns: NDArray[np.int64], names: list[str], rss_dbm: Floats, description: str
     ) -> RssLog:
-        """Gather rows in any order; every name becomes an access point, no number is not heard."""
+        """Make a log of rows in any order; every name is an access point, nan is not heard."""
         known, index = np.unique(np.array(names), return_inverse=True)
         order = np.argsort(stamps_ns, kind="stable")
         return RssLog(
@@ -65,7 +65,7 @@ class RssLog:
         )
 
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against levels in dBm: some that no radio can tell, or all the same."""
+        """Warn of levels that are hardly dBm: out of a radio's range, or all the same."""
         low, high = _POSSIBLE_DBM
         beyond = np.flatnonzero((self.rss_dbm < low) | (self.rss_dbm > high))
         heard = self.rss_dbm[np.isfinite(self.rss_dbm)]
@@ -82,7 +82,7 @@ class RssLog:
 
 
 def heard_with(log: ReadingLog) -> tuple[RssLog, ...]:
-    """Return the signal strengths that came with readings: one log, or none."""
+    """Return the signal strengths that came with the scans: one log, or none."""
     if not log.signals:
         return ()
     stamps_ns = np.array([stamp for stamp, _ in log.signals], dtype=np.int64)
@@ -100,26 +100,26 @@ def merged(logs: Sequence[RssLog]) -> RssLog:
 
 
 @dataclass(frozen=True, slots=True)
-class PlacedLog:
-    """A log along a trajectory.
+class RssAlongTrajectory:
+    """A log with the poses of its readings along a trajectory.
 
     Parameters
     ----------
-    readings : dict of str to Placed
+    readings : dict of str to RssReadings
         By the access point's name.
     outside : int
-        Readings before the trajectory begins or after it ends, which are left out.
+        Number of readings before the trajectory begins or after it ends, which are left out.
     """
 
-    readings: dict[str, Placed]
+    readings: dict[str, RssReadings]
     outside: int
 
 
-def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) -> PlacedLog:
-    """Give every reading the robot's pose at its own stamp.
+def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) -> RssAlongTrajectory:
+    """Give every reading the robot's pose at its own stamp, by interpolation.
 
-    Whole decibels are single packets where other values are not: these are means of several, and
-    have a noise of their own.
+    Where whole decibels are mixed with other values, these are taken for single packets and the
+    others for means of several, each a noise class of its own.
 
     Parameters
     ----------
@@ -141,7 +141,7 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) ->
     readings = {}
     for index, name in enumerate(log.names):
         mine = owner == index
-        readings[name] = Placed(
+        readings[name] = RssReadings(
             poses[mine, :2],
             times_s[mine],
             rss[mine],
@@ -150,4 +150,4 @@ def place(log: RssLog, trajectory: Trajectory, position_sd_m: float | Floats) ->
             sd_m[mine],
             classes,
         )
-    return PlacedLog(readings, int((~within).sum()))
+    return RssAlongTrajectory(readings, int((~within).sum()))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Line of sight in a recovered map: clear, blocked, as likely as heights allow, or unknown."""
+"""Line of sight on a recovered map: its probability, and links through unobserved space."""
 
 from __future__ import annotations
 
@@ -24,7 +24,10 @@ from slarm_graph.radio.line_of_sight import (
     line_of_sight_to_points,
     moved_to_faces,
 )
-from slarm_graph.radio.uncertain_sight import told_apart, weigh
+from slarm_graph.radio.line_of_sight_probability import (
+    multiply_by_group_probabilities,
+    split_by_certainty,
+)
 from slarm_graph.raster.bands import by_windows, cells_of, windows
 from slarm_graph.raster.fill import Polygons
 from slarm_graph.raster.layers import new_layer, set_aside
@@ -34,37 +37,37 @@ from slarm_graph.tiles import Where, Window
 from slarm_graph.world import Solid
 
 _GAP_M = 0.36
-"""Width of the robot of the paper's room: what is narrower is no way in."""
+"""Width of the robot of the paper's room: a narrower gap is no entrance."""
 _MOUNT_STEP_M = 0.001
-"""A millimetre: walls are known to about a centimetre."""
+"""Step along the line to a wall's face, a millimetre: walls are known to about a centimetre."""
 
 _FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 _AROUND, _SIDES = np.ones((3, 3), np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
 @dataclass(frozen=True, slots=True)
-class RecoveredSight:
-    """Of one access point.
+class RecoveredLineOfSight:
+    """Line of sight to one access point.
 
     Parameters
     ----------
     probability : (rows, cols) float32
-        That nothing known hides the antenna; 0 or 1 where heights are certain, 0 where no antenna
-        can be.
+        That no known obstacle hides the antenna; 0 or 1 where heights are certain, 0 where no
+        antenna can be.
     unknown : (rows, cols) bool
-        Links that pass cells nobody has seen, and that nothing known hides for certain.
+        Links through unobserved cells that no known obstacle certainly hides.
     """
 
     probability: NDArray[np.float32]
     unknown: Mask
 
 
-def recovered_sight(
+def recovered_line_of_sight(
     geographic: GeographicMap, free: Mask, position_m: Floats, config: RadioConfig
-) -> RecoveredSight:
-    """Decide on the map's solids where it has any, else on its cells.
+) -> RecoveredLineOfSight:
+    """Compute the line of sight past the map's solids where it has any, else past its cells.
 
-    Solids of uncertain height stand in groups that are low or high together; the groups are
+    Solids of uncertain height form groups that are low or high together; the groups are
     independent of each other.
 
     Parameters
@@ -92,11 +95,13 @@ def recovered_sight(
         probability = _certain(seen, where)
     asked = by_windows(geographic.where, 0, lambda window: probability[window] > 0.0)
     set_aside(probability)
-    return RecoveredSight(probability, _past_unseen(geographic, asked, position_m, config))
+    return RecoveredLineOfSight(
+        probability, _past_unobserved(geographic, asked, position_m, config)
+    )
 
 
 def _certain(clear: Mask, where: Where) -> NDArray[np.float32]:
-    """Probability (rows, cols) 1 in clear cells; the rest of a large site takes no memory."""
+    """Probability (rows, cols): 1 in clear cells; the rest of a large site takes no memory."""
     probability = new_layer(clear.shape, np.float32, where)
     for part in windows(where, aside=[probability]):
         probability[part.cells][clear[part.cells]] = 1.0
@@ -113,7 +118,7 @@ def _past_solids(
     position_m = _on_room_side(geographic, free, on_face, position_m, config.mount_radius_m)
     antenna_m = config.antenna_height_m
     solids = [solid for solid in geographic.solids if solid.height_m > 0.0]
-    sure, groups = told_apart(
+    sure, groups = split_by_certainty(
         geographic.solids, geographic.height_groups, float(position_m[2]), antenna_m
     )
     clear = line_of_sight_past_solids(geometry, sure, position_m, antenna_m, where=where)
@@ -126,15 +131,17 @@ def _past_solids(
     clear[faces[:, 0], faces[:, 1]] = at_face
     probability = _certain(clear, where)
     del clear
-    weigh(probability, geometry, groups, on_face, points_m, position_m, antenna_m, where)
+    multiply_by_group_probabilities(
+        probability, geometry, groups, on_face, points_m, position_m, antenna_m, where
+    )
     return probability
 
 
-def unseen_pockets(geographic: GeographicMap) -> Mask:
-    """Cells (rows, cols) nobody has seen, in pockets with an open border to what is free.
+def unobserved_pockets(geographic: GeographicMap) -> Mask:
+    """Unobserved cells (rows, cols) in pockets with an open border to free space.
 
-    What walls enclose has the walls' height; behind an open border there may be anything. Gaps
-    narrower than a robot are places where a wall was not hit, not ways in.
+    The inside of walls has the walls' height; behind an open border there may be anything. Gaps
+    narrower than a robot are places where a wall was not hit, not entrances.
     """
     states, where = geographic.states, geographic.where
     least = math.ceil(round(_GAP_M / geographic.geometry.resolution_m, 9))
@@ -150,7 +157,7 @@ def _open_border(geographic: GeographicMap) -> Mask:
     states, outlined = geographic.states, _outlined(geographic.geometry, geographic.solids)
 
     def border(window: Window) -> Mask:
-        """Those of a window."""
+        """Border cells of a window."""
         # A wall one cell deep has holes where its face lies on centres, none without wall beside.
         wall = (states[window] == CellState.OBSTACLE) | outlined[window]
         free = np.isin(states[window], _FREE).view(np.uint8)
@@ -172,21 +179,24 @@ def _outlined(geometry: GridGeometry, solids: Sequence[Solid]) -> Mask:
     return passed
 
 
-def _past_unseen(
+def _past_unobserved(
     geographic: GeographicMap, asked: Mask, position_m: Floats, config: RadioConfig
 ) -> Mask:
-    """Links (rows, cols), of those asked, that pass unseen cells: nobody knows if clear."""
-    unseen, geometry = unseen_pockets(geographic), geographic.geometry
+    """Links (rows, cols), of those asked, through unobserved cells: line of sight unknown."""
+    unseen, geometry = unobserved_pockets(geographic), geographic.geometry
     if geographic.tiles is not None:
-        return _hidden_by(unseen, geometry, asked, position_m, config, geographic.tiles)
-    past, window = np.zeros(asked.shape, dtype=np.bool_), _around(geometry, asked, position_m)
+        return _through_cells(unseen, geometry, asked, position_m, config, geographic.tiles)
+    past, window = (
+        np.zeros(asked.shape, dtype=np.bool_),
+        _links_window(geometry, asked, position_m),
+    )
     if unseen[window].any():
         cut = np.ascontiguousarray(unseen[window]), geometry.part(*window), asked[window]
-        past[window] = _hidden_by(*cut, position_m, config, cut[0].shape)
+        past[window] = _through_cells(*cut, position_m, config, cut[0].shape)
     return past
 
 
-def _hidden_by(
+def _through_cells(
     unseen: Mask,
     geometry: GridGeometry,
     asked: Mask,
@@ -194,7 +204,7 @@ def _hidden_by(
     config: RadioConfig,
     where: Where,
 ) -> Mask:
-    """Links (rows, cols), of those asked, that pass some cells."""
+    """Links (rows, cols), of those asked, through any of the unseen cells."""
     clear = line_of_sight_past_cells(
         geometry,
         unseen,
@@ -206,8 +216,8 @@ def _hidden_by(
     return by_windows(where, 0, lambda window: asked[window] & ~clear[window])
 
 
-def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> Window:
-    """Rows and columns of a grid that all links from a position to some cells stay within."""
+def _links_window(geometry: GridGeometry, cells: Mask, position_m: Floats) -> Window:
+    """Window of a grid that contains all links from a position to some cells."""
     here = np.maximum(geometry.cell_of(position_m[:2]), 0)
     ends = [np.flatnonzero(cells.any(axis=1 - axis)) for axis in range(2)]
     lows = [min([*at[:1], n]) for at, n in zip(ends, here.tolist(), strict=True)]
@@ -218,11 +228,10 @@ def _around(geometry: GridGeometry, cells: Mask, position_m: Floats) -> Window:
 def _on_room_side(
     geographic: GeographicMap, free: Mask, on_face: Mask, position_m: Floats, radius_m: float
 ) -> Floats:
-    """Move an access point that a recovered wall has swallowed to the wall's face in the room.
+    """Move an access point inside or behind a recovered wall to the wall's face in the room.
 
     Walls are recovered thinner than they are and a few centimetres off, so that a point mounted on
-    one may lie nearer to its back, or behind it. The nearest free cell before it tells the side
-    it serves.
+    one may lie nearer to its back, or behind it. The nearest free cell decides the side it serves.
     """
     geometry, plan = geographic.geometry, position_m[:2]
     reach_m = radius_m + geometry.resolution_m
