@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `slarm`: options to jobs, results to the terminal, failures to exit codes.
+"""The command line `slarm`: runs a command, prints its errors, returns its exit code.
 
 Everything heavy is imported inside the commands, so that `slarm --help` answers at once.
 """
@@ -44,21 +44,21 @@ def root(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of a failure; anywhere on the line.")
+        bool, typer.Option("--debug", help="Show the traceback of a failure; after any command.")
     ] = False,
 ) -> None:
-    """Take the options that every command has."""
+    """Take the options that hold for every command."""
 
 
 class _Interrupted(Exception):
-    """Ctrl-C or a termination, which typer would turn into an exit code like any other."""
+    """SIGINT or SIGTERM, which typer would turn into an exit code like any other."""
 
 
 class _Commands(TyperGroup):
-    """All commands; an interrupt in one reaches `main`."""
+    """The group of all commands; passes an interrupt on to `main`."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Carry a command out."""
+        """Run a command."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
@@ -67,7 +67,7 @@ class _Commands(TyperGroup):
 
 @cache
 def app() -> typer.Typer:
-    """Put all commands together, those of other packages last."""
+    """Build the application from all registered commands, those of other packages last."""
     made = typer.Typer(
         name="slarm",
         cls=_Commands,
@@ -90,14 +90,14 @@ def app() -> typer.Typer:
 
 
 def _command(name: str) -> Any:
-    """Load a command; in place of one that cannot be used, one that says why."""
+    """Load a command; one that cannot be loaded is replaced by one that reports why."""
     try:
         return parts.load("command", name)
     except BadInput as error:
         problem = str(error)
 
     def unusable() -> None:
-        """Say so."""  # what is shown of it is set below
+        """Report the problem."""  # the help text is set below
         raise BadInput(problem)
 
     unusable.__doc__ = f"({problem})"
@@ -129,7 +129,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _problems(error: Exception) -> tuple[Sequence[object], int]:
-    """Return what to tell of an error, and the exit code."""
+    """Return the messages of an error, and the exit code."""
     if isinstance(error, BadInput):
         return error.args, BAD_INPUT
     if isinstance(error, RunFailed):
@@ -140,7 +140,7 @@ def _problems(error: Exception) -> tuple[Sequence[object], int]:
 
 
 def _tell(problems: Sequence[object], code: int, debug: bool) -> int:
-    """Print a line for every problem, or all there is to know of it."""
+    """Print one line per problem, with `debug` the traceback too, and return the exit code."""
     if debug and code != INTERRUPTED:
         logging.getLogger(__name__).exception("")
         import traceback
@@ -183,7 +183,7 @@ def _is_point(text: str) -> bool:
 
 
 class _Warnings(logging.Handler):
-    """Shows the package's warnings as plain lines; failures are told by `main`."""
+    """Prints the package's warnings as plain lines; errors are printed by `main`."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one line."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run the whole flow once: run a recording, explore a world."""
+"""The commands `run` (a recording) and `explore` (a world): the whole flow, once."""
 
 from __future__ import annotations
 
@@ -55,30 +55,29 @@ RunSources = Annotated[
     list[Path] | None,
     typer.Argument(
         metavar="SOURCE...",
-        help="A recording: .bag (several count as one), ROS 2 folder, metadata.yaml, .mcap,"
-        " .db3, or CARMEN .clf/.log[.gz]; or a world (YAML or name), to be driven through.",
+        help="Recording: ROS 1 .bag (several are read as one), ROS 2 bag (folder, metadata.yaml,"
+        " .mcap or .db3) or CARMEN log (.clf/.log[.gz]); or a world (YAML file or name), through"
+        " which a simulated robot drives.",
     ),
 ]
-NoCsv = Annotated[bool, typer.Option("--no-csv", help="Leave radio_map.csv out.")]
-Open = Annotated[
-    bool, typer.Option("--open", help="Show the report in the browser when it is done.")
-]
-World = Annotated[str, typer.Option(help="YAML file of a world, or one that comes along.")]
+NoCsv = Annotated[bool, typer.Option("--no-csv", help="Do not write radio_map.csv.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")]
+World = Annotated[str, typer.Option(help="World: YAML file, or a name that `slarm worlds` lists.")]
 _RADIO_GOAL = ("explore.explorer=radio-survey", "simulation.signals.rate_hz=5.0")
 """Five readings a second are usual for Bluetooth and for scans of one Wi-Fi channel."""
 
 Goal = Annotated[
     Literal["map", "radio"],
     typer.Option(
-        help="What to drive for: to know the floor, or by listening to be sure of the radio map"
-        " (explorer radio-survey, 5 readings a second)."
+        help="Explore to complete the map, or to measure signal strength until the radio map is"
+        " certain (explorer radio-survey, 5 readings a second)."
     ),
 ]
-Explorer = Annotated[str | None, typer.Option(help="Who decides where to drive.")]
+Explorer = Annotated[str | None, typer.Option(help="Exploration method; see `slarm backends`.")]
 Resolution = Annotated[
-    float | None, typer.Option(help="Side of the maps' cells, in m (the paper's delta).")
+    float | None, typer.Option(help="Cell size of the maps, in m (the paper's delta).")
 ]
-Speed = Annotated[float | None, typer.Option(help="Of the robot, in m/s.")]
+Speed = Annotated[float | None, typer.Option(help="Speed of the robot, in m/s.")]
 
 
 def run_command(
@@ -105,7 +104,7 @@ def run_command(
     no_csv: NoCsv = False,
     show: Open = False,
 ) -> int:
-    """Turn a recording into a trajectory, maps, a radio map and a report."""
+    """Make trajectory, maps, radio map and report from a recording."""
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
 
@@ -133,7 +132,7 @@ def _job(
     known: tuple[Path | None, Path | None],
     rss: Sequence[str] | None,
 ) -> Job:
-    """Put a job together, with what lies beside the recording; `known`: true path, relations."""
+    """Make a job, with the ground truth found beside the recording; `known`: path, relations."""
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.job import Job
     from slarm_graph.app.known_truth import known_truth
@@ -149,7 +148,7 @@ def _job(
 
 
 def _of_world(paths: Sequence[Path]) -> tuple[AccessPoint, ...]:
-    """Return the access points that a world has of its own; a recording has none."""
+    """Return the access points of a world; a recording has none."""
     from slarm_graph.frontends.recordings.sources import open_world
 
     world = open_world(paths)
@@ -192,7 +191,7 @@ def explore_command(
     max_time: MaxTime = None,
     max_memory: MaxMemory = None,
 ) -> int:
-    """Let a simulated robot explore a world, and measure the maps against the truth."""
+    """Explore a world with a simulated robot, and compare the maps with the ground truth."""
     from slarm_graph.app.job import ExploreJob
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
@@ -217,7 +216,7 @@ def explore_command(
 
 
 def _announce(world: WorldMap) -> None:
-    """Say before anything is driven what is amiss with a world."""
+    """Warn of what is wrong with a world, before the drive."""
     from slarm_graph.files.world_checks import world_warnings
 
     if not world.access_points:
@@ -230,7 +229,7 @@ def _announce(world: WorldMap) -> None:
 
 
 def _finish(run: Run, folder: RunFolder) -> int:
-    """Show a run and turn how it ended into an exit code."""
+    """Print the results of a run and return the exit code."""
     _show(run, folder)
     if not run.log.problem:
         return 0
