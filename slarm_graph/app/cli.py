@@ -18,17 +18,17 @@ import typer
 from typer.core import TyperGroup
 
 from slarm_graph import __version__, parts
-from slarm_graph.app.allocation import spare_compiling, spare_memory
+from slarm_graph.app.allocation import configure_allocator, disable_error_highlighting
+from slarm_graph.app.child_process import exit_with_parent
 from slarm_graph.app.ending import (
     BAD_INPUT,
     FAILED,
     INTERRUPTED,
     OK,
-    end_on_signals,
-    end_what_is_under_way,
+    end_unfinished,
+    exit_after_signals,
 )
 from slarm_graph.app.options import POINT_OPTIONS
-from slarm_graph.app.tied import die_with_starter
 from slarm_graph.errors import BadInput, RunFailed
 
 
@@ -110,20 +110,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in given
     _show_warnings()
     if arguments is None:
-        die_with_starter()
-        spare_memory()
-        spare_compiling()
+        exit_with_parent()
+        configure_allocator()
+        disable_error_highlighting()
         # Also where a shell that starts us in the background has interrupts ignored.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.default_int_handler)
-        end_on_signals()
+        exit_after_signals()
     try:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (_Interrupted, KeyboardInterrupt, typer.Abort):
-        lines = end_what_is_under_way("interrupted", by_user=True)
+        lines = end_unfinished("interrupted", by_user=True)
         return _tell([*lines, "interrupted"], INTERRUPTED, debug)
     except Exception as error:
-        list(end_what_is_under_way(str(error), by_user=False))
+        list(end_unfinished(str(error), by_user=False))
         return _tell(*_problems(error), debug)
     return code if isinstance(code, int) else OK
 

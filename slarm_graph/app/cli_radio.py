@@ -147,7 +147,7 @@ def radio_command(
 
 def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: RunFolder) -> None:
     """Carry out the plan, write its results and print them."""
-    from slarm_graph.app.planning_radio import plan_ways, save_places
+    from slarm_graph.app.planning_radio import plan_paths, save_places
 
     level_dbm = wanted.threshold_dbm
     _tell(made.signal, level_dbm, folder)
@@ -155,7 +155,7 @@ def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: Run
         _tell_places(save_places(made, wanted.one_more_z_m, level_dbm, config, folder))
     if wanted.ends is not None:
         outage_s = wanted.longest_outage_s
-        for line in plan_ways(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
+        for line in plan_paths(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
             print(line)
 
 

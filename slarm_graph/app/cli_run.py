@@ -135,12 +135,12 @@ def _job(
     """Make a job, with the ground truth found beside the recording; `known`: path, relations."""
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.job import Job
-    from slarm_graph.app.known_truth import known_truth
+    from slarm_graph.app.reference_files import find_references
     from slarm_graph.frontends.recordings.sources import existing_paths
 
     paths = tuple(existing_paths(sources))
     points = access_points(ap or (), config) or _of_world(paths)
-    truth = known_truth(paths[0], *known)
+    truth = find_references(paths[0], *known)
     show_notices(truth.found)
     found = bool(truth.found) and known == (None, None)
     files = (truth.ground_truth, truth.relations)
@@ -233,7 +233,7 @@ def _finish(run: Run, folder: RunFolder) -> int:
     _show(run, folder)
     if not run.log.problem:
         return 0
-    for line in folder.how_to_go_on(run.log.problem):
+    for line in folder.resume_hints(run.log.problem):
         print(f"slarm: {line}", file=sys.stderr)
     return INTERRUPTED if run.log.interrupted else FAILED
 

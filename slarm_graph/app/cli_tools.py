@@ -182,7 +182,7 @@ def doctor_command(
     from slarm_graph.app.doctor import examine
 
     if compile_ahead:
-        from slarm_graph.app.ahead import compile_kernels
+        from slarm_graph.app.precompile import compile_kernels
 
         print("Compiling; takes a minute or two ...")
         compile_kernels()

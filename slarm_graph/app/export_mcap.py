@@ -24,7 +24,7 @@ from slarm_graph.trajectory import Trajectory
 
 _MAP, _ROBOT = "map", "base_link"
 _UNKNOWN = -1
-"""Of nav_msgs/OccupancyGrid, where nothing is known."""
+"""Value of unknown cells in nav_msgs/OccupancyGrid."""
 
 
 def write_results_mcap(run: Path, target: Path) -> None:
@@ -41,7 +41,7 @@ def write_results_mcap(run: Path, target: Path) -> None:
 
 
 def _write(bag: BagWriter, run: Path) -> None:
-    """Write all that the run's folder has."""
+    """Write all results in the run folder."""
     path = read_trajectory(trajectory_file(run))
     start_ns, end_ns = int(path.stamps_ns[0]), int(path.stamps_ns[-1])
     _path(bag, "/path", path, end_ns)
@@ -132,7 +132,7 @@ def _values_of(grid: OccupancyGrid) -> Any:
 
 
 def _topic_names(names: Sequence[str]) -> list[str]:
-    """Return parts of topics, each once, as ROS 2 allows them: ASCII, and no digit in front."""
+    """Return unique topic names that ROS 2 allows: ASCII, without a leading digit."""
     found: list[str] = []
     for number, name in enumerate(names, start=1):
         word = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")

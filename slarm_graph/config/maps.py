@@ -100,7 +100,7 @@ class RadioConfig(Stage):
     mount_radius_m: float = Field(default=0.25, ge=0, le=100)
     """Obstacles this near to an access point are its mount and do not shadow it."""
     csv_most_lines: int = Field(default=2_000_000, ge=0)
-    """Most lines of `radio_map.csv`; with more it is left out, with a notice; 0: always left out."""
+    """Most lines of `radio_map.csv`; with more it is left out, with a notice; 0: always."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)
     """Largest error of a gain that counts as right in the accuracy."""
 

@@ -107,5 +107,5 @@ class GmappingConfig(Stage):
     resampling: ResamplingConfig = ResamplingConfig()
     maps: ParticleMapsConfig = ParticleMapsConfig()
     places: PoseGraphConfig | None = PoseGraphConfig()
-    """The pose graph that finds loop closures: where all particles have missed one, the recording is
+    """The pose graph that finds loop closures: where all particles missed one, the recording is
     filtered a second time; null: the particles alone, as in the paper."""

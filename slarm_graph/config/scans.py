@@ -113,7 +113,7 @@ class LoopClosureConfig(Stage):
     """Search for loop closures while driving."""
 
     candidates: int = Field(default=1, ge=0)
-    """Old submaps matched with a keyframe whose predicted pose is certain (`sure_m`, `sure_rad`)."""
+    """Old submaps matched with a keyframe whose pose is certain (`sure_m`, `sure_rad`)."""
     match_every: int = Field(default=4, ge=1)
     """Keyframes between two such matches."""
     searches: int = Field(default=3, ge=0)
@@ -146,7 +146,7 @@ class LoopClosureConfig(Stage):
     max_sigma_m: float = Field(default=0.15, gt=0)
     """Largest standard deviation, in any direction, of a match that closes a loop."""
     confirm_m: float = Field(default=1.0, ge=0)
-    """Distance driven until a second match confirms a searched one; at one place both could err alike."""
+    """Way to the second match that confirms a searched one; from one place both could err alike."""
 
 
 class PoseGraphConfig(Stage):

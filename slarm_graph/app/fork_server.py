@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A process that has everything imported and forks itself for every run that is wished.
+"""A fork server: a process with all modules imported that forks itself for every run.
 
-A run is a process of its own all the same: it ends alone, and it dies with the one that asked for
-it, as in `tied`. Only Linux: elsewhere libraries do not bear to be forked.
+Each run is a process of its own: it ends alone, and it dies with the process that asked for it, as
+in `child_process`. Linux only: elsewhere libraries do not survive a fork.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from collections.abc import Sequence
 from threading import Lock
 from typing import BinaryIO, NoReturn
 
-from slarm_graph.app.tied import started_tied, tied_environment
+from slarm_graph.app.child_process import child_environment, start_child
 
 PROGRAM = (sys.executable, "-m", "slarm_graph")
-"""How `slarm` is called by this very Python."""
+"""The command `slarm` in this Python interpreter."""
 _MODULES = (
     "slarm_graph.app.cli_run",
     "slarm_graph.app.cli_output",
     "slarm_graph.app.execution",
-    "slarm_graph.app.known_truth",
+    "slarm_graph.app.reference_files",
     "slarm_graph.backends.gmapping",
     "slarm_graph.backends.pose_graph",
     "slarm_graph.exploration.ggmr_plus",
@@ -43,27 +43,27 @@ _MODULES = (
     "plotly.graph_objects",
     "scipy.optimize",
 )
-"""What nearly every run imports by and by, with the libraries below it."""
+"""Modules that nearly every run imports, with the libraries that they import."""
 _MOST_BYTES = 1 << 16
-"""Of a run's command line; a datagram of twice that still fits into Linux's socket buffers."""
+"""Longest command line of a run; a datagram of twice that fits into Linux's socket buffers."""
 
 
-class Forked:
-    """A process forked from a template, with what is used of a `subprocess.Popen`.
+class ForkedProcess:
+    """A process forked by the server, with the methods used of `subprocess.Popen`.
 
     Parameters
     ----------
     life : int
-        Our end of what is its standard input: it dies when that is closed.
+        Our end of the pipe to its standard input: it dies when this is closed.
     told : int
-        Where its number is told, and once it has ended its exit code.
+        Pipe from which its process id is read, and once it has ended its exit code.
     errors : binary file
         Its standard error.
 
     Raises
     ------
     OSError
-        When nobody tells its number.
+        When the server has ended before it sent the process id.
     """
 
     def __init__(self, life: int, told: int, errors: BinaryIO) -> None:
@@ -94,7 +94,7 @@ class Forked:
             return None, self._errors.read().decode(errors="replace")
 
     def send_signal(self, number: int) -> None:
-        """Send it a signal as long as it lives."""
+        """Send a signal, unless the process has ended."""
         pid, *ended = self._text.split()
         if not ended:
             with contextlib.suppress(ProcessLookupError):
@@ -106,7 +106,7 @@ class Forked:
         return part
 
     def _end(self) -> None:
-        """Take note of the exit code, and let go of a process that nobody watches any more."""
+        """Store the exit code and close the pipes."""
         _, *ended = self._text.split()
         self.returncode = int(ended[0]) if ended else -signal.SIGKILL
         self._let_go()
@@ -116,21 +116,21 @@ class Forked:
         os.close(self._told)
 
 
-class Template:
-    """Starts runs of `slarm`, forked from one process that is begun when the first is wished."""
+class ForkServer:
+    """Starts runs of `slarm`, forked from one process that is started with the first run."""
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._begun: tuple[subprocess.Popen[bytes], socket.socket] | None = None
+        self._running: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
-    def started(self, words: Sequence[str]) -> Forked | subprocess.Popen[str]:
-        """Start `slarm WORDS...` as `started_tied` does; as it itself does where forks fail."""
+    def start(self, words: Sequence[str]) -> ForkedProcess | subprocess.Popen[str]:
+        """Start `slarm WORDS...` in a forked process; by `start_child` where that fails."""
         if sys.platform == "linux":
             with contextlib.suppress(OSError):
                 return self._forked(words)
-        return started_tied([*PROGRAM, *words])
+        return start_child([*PROGRAM, *words])
 
-    def _forked(self, words: Sequence[str]) -> Forked:
+    def _forked(self, words: Sequence[str]) -> ForkedProcess:
         (theirs, life), (told, tell) = os.pipe(), os.pipe()
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - the run writes it after this
         try:
@@ -138,28 +138,28 @@ class Template:
         finally:
             os.close(theirs)
             os.close(tell)
-        return Forked(life, told, errors)
+        return ForkedProcess(life, told, errors)
 
     def _send(self, message: bytes, ends: tuple[int, ...]) -> None:
-        """Hand a run to the template, to a new one where there is none or it has been killed."""
+        """Send a run to the server process, which is started where it is not running."""
         with self._lock:
-            if self._begun is None or self._begun[0].poll() is not None:
+            if self._running is None or self._running[0].poll() is not None:
                 self.close()
-                self._begun = _begun()
-            socket.send_fds(self._begun[1], [message], ends)
+                self._running = _start_server()
+            socket.send_fds(self._running[1], [message], ends)
 
     def close(self) -> None:
-        """End the template; runs that were forked from it go on."""
-        if self._begun is not None:
-            process, line = self._begun
+        """End the server process; runs that were forked from it go on."""
+        if self._running is not None:
+            process, line = self._running
             line.close()
             process.kill()
             process.wait()
-            self._begun = None
+            self._running = None
 
 
-def _begun() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    """Start a template and return it with our end of the line, with which it ends."""
+def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """Start a server process; return it and our end of its socket, on whose closing it ends."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         process = subprocess.Popen(
@@ -168,17 +168,17 @@ def _begun() -> tuple[subprocess.Popen[bytes], socket.socket]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            env=tied_environment(),
+            env=child_environment(),
             start_new_session=True,
         )
     return process, ours
 
 
 def _serve(line: socket.socket) -> NoReturn:
-    """Fork a run for every message until nobody is there to send more."""
+    """Fork a run for every message until the socket is closed."""
     for name in _MODULES:
         importlib.import_module(name)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those who watch the runs
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # no waiting for processes that watch runs
     while True:
         message, ends, _, _ = socket.recv_fds(line, _MOST_BYTES, 3)
         if not message:
@@ -191,7 +191,7 @@ def _serve(line: socket.socket) -> NoReturn:
 
 
 def _watch(words: list[str], stdin: int, stderr: int, tell: int) -> NoReturn:
-    """Fork once more, tell the number of the run's process, and when it has ended how."""
+    """Fork the run's process; send its process id, and its exit code when it has ended."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = os.fork()
     if pid == 0:
@@ -206,7 +206,7 @@ def _watch(words: list[str], stdin: int, stderr: int, tell: int) -> NoReturn:
 
 
 def _run(words: list[str], stdin: int, stderr: int) -> NoReturn:
-    """Be `slarm WORDS...`."""
+    """Run `slarm WORDS...` in this process, and exit."""
     code = 1
     try:
         from slarm_graph.app.cli import main
