@@ -24,13 +24,13 @@ from slarm_graph.eval.metric_table import kinds
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import (
     COLORS,
+    Details,
     Facts,
     Figure,
-    Folded,
     Notices,
     PageTable,
+    Paragraph,
     Section,
-    Words,
     page,
     plain,
     shown,
@@ -86,9 +86,9 @@ def test_statuses_add_up_with_the_used_first() -> None:
 def test_long_tables_tell_what_is_left_out() -> None:
     table = BackendTable("loop_closures", ("a", "b"), tuple((i, "x") for i in range(350)))
     (folded,) = table_blocks(table)
-    assert isinstance(folded, Folded)
-    assert folded.blocks[1] == Words("50 more rows in loop_closures.csv")
-    assert table_blocks(BackendTable("t", ("a",), ())) == (Words("none"),)
+    assert isinstance(folded, Details)
+    assert folded.blocks[1] == Paragraph("50 more rows in loop_closures.csv")
+    assert table_blocks(BackendTable("t", ("a",), ())) == (Paragraph("none"),)
 
 
 def test_series_become_curves_and_paths_go_to_the_map() -> None:
@@ -130,7 +130,7 @@ def test_text_is_escaped_wherever_it_stands() -> None:
         Facts([(evil, evil)]),
         Notices([evil]),
         PageTable((evil,), [(evil,)]),
-        Folded(evil, (Words(evil),)),
+        Details(evil, (Paragraph(evil),)),
         Figure(figure, evil),
     ]
     whole = page(evil, evil, blocks, [Section(evil, blocks)])

@@ -104,7 +104,7 @@ def stopped_after(readings: int, monkeypatch: pytest.MonkeyPatch) -> None:
         asked.append(1)
         return "stopped by the test" if len(asked) == readings else ""
 
-    monkeypatch.setattr(Stop, "reason", why)
+    monkeypatch.setattr(Stop, "reason", reason)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

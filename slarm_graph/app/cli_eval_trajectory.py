@@ -17,7 +17,7 @@ from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions
-    from slarm_graph.eval.trajectory_prints import MapBelow
+    from slarm_graph.eval.trajectory_plots import BackgroundMap
 
 Reference = Annotated[Path, typer.Argument(metavar="REF", help="True trajectory, or a run folder.")]
 Estimates = Annotated[
@@ -98,7 +98,7 @@ def trajectory_command(
         show_notices(prefix + notice for notice in found.notices)
     _show(evaluations, f"against {reference.resolve().name}", as_json)
     if plot is not None:
-        _plot(plot, evaluations, _map_below(map_file, files, evaluations))
+        _plot(plot, evaluations, _background_map(map_file, files, evaluations))
 
 
 def _seconds(t_offset: str) -> float:
@@ -141,9 +141,9 @@ def _show(evaluations: Mapping[str, Evaluation], against: str, as_json: bool) ->
         show_metrics_of_many({name: e.metrics for name, e in evaluations.items()}, title=against)
 
 
-def _map_below(
+def _background_map(
     given: Path | None, files: Mapping[str, Path], evaluations: Mapping[str, Evaluation]
-) -> MapBelow | None:
+) -> BackgroundMap | None:
     """Return the map to draw: the one given, or that of the first estimate's run folder."""
     import numpy as np
 
@@ -159,11 +159,11 @@ def _map_below(
     return None
 
 
-def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow | None) -> None:
-    from slarm_graph.eval.trajectory_prints import save_prints
+def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: BackgroundMap | None) -> None:
+    from slarm_graph.eval.trajectory_plots import save_plots
 
     try:
-        written = save_prints(folder, evaluations, below)
+        written = save_plots(folder, evaluations, below)
     except OSError as error:
         raise BadInput(f"--plot {folder}: cannot be written ({error.strerror})") from None
     import sys

@@ -14,7 +14,7 @@ from slarm_graph.app.run_folder import RunFolder, create_run_folder, read_record
 from slarm_graph.app.trials import KEYS
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
+from slarm_graph.eval.agreement import Estimate, agreements, aligned_to
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -97,7 +97,7 @@ def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[Key, Estimate]
         known = [o for o in ours if _key(o) in found]
         if known:
             best = found[_key(min(known, key=_doubt))]
-            found[_key(outcome)] = laid_onto(best, found[_key(outcome)])
+            found[_key(outcome)] = aligned_to(best, found[_key(outcome)])
     return found
 
 

@@ -40,7 +40,7 @@ from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.consistency import Contradictions
 from slarm_graph.counts import count_of
-from slarm_graph.eval.assessment import assess, of_this_time, read_references
+from slarm_graph.eval.assessment import assess, drop_other_times, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
@@ -113,7 +113,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     with folder.stage("report", progress):
         laser = log.robot_from_laser
         if job.truth_is_found:
-            references, said = of_this_time(references, slam.trajectory, laser)
+            references, said = drop_other_times(references, slam.trajectory, laser)
             slam = replace(slam, notices=(*slam.notices, *said))
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
