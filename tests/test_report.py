@@ -192,7 +192,7 @@ def test_written_heights_lie_on_their_obstacles_and_never_on_each_other(scale_px
         corners = ((x, y), (x + wide, y), (x + wide, y + deep), (x, y + deep))
         solids.append(Solid("wall", np.array(corners), round(float(rng.uniform(0.5, 3.0)), 2)))
     fig = go.Figure()
-    report_figures._put_heights(fig, solids, 20.0)
+    report_figures._add_heights(fig, solids, 20.0)
     shown = [a for a in fig.layout.annotations if scale_px_m >= float(a.name)]
     assert 2 < len(shown) < len(solids)
     for one, other in itertools.combinations(shown, 2):
@@ -204,7 +204,7 @@ def test_written_heights_lie_on_their_obstacles_and_never_on_each_other(scale_px
 def test_obstacles_tell_their_heights_in_one_line() -> None:
     ring = np.array([(0.0, 0.0), (2.0, 0.0), (1.0, 2.0)])
     fig = go.Figure()
-    report_figures._put_outlines(
+    report_figures._add_outlines(
         fig, [Solid("a <b>", ring, 2.5), Solid("c", ring + 3.0, 1.0)], told=True
     )
     (trace,) = fig.data

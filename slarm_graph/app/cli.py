@@ -44,7 +44,10 @@ def root(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of a failure; after any command.")
+        bool,
+        typer.Option(
+            "--debug", help="Show the traceback of a failure; may be anywhere on the line."
+        ),
     ] = False,
 ) -> None:
     """Take the options that hold for every command."""
@@ -121,10 +124,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (_Interrupted, KeyboardInterrupt, typer.Abort):
         lines = end_unfinished("interrupted", by_user=True)
-        return _tell([*lines, "interrupted"], INTERRUPTED, debug)
+        return _print_problems([*lines, "interrupted"], INTERRUPTED, debug)
     except Exception as error:
         list(end_unfinished(str(error), by_user=False))
-        return _tell(*_problems(error), debug)
+        return _print_problems(*_problems(error), debug)
     return code if isinstance(code, int) else OK
 
 
@@ -139,7 +142,7 @@ def _problems(error: Exception) -> tuple[Sequence[object], int]:
     return [f"{type(error).__name__}: {error}"], FAILED
 
 
-def _tell(problems: Sequence[object], code: int, debug: bool) -> int:
+def _print_problems(problems: Sequence[object], code: int, debug: bool) -> int:
     """Print one line per problem, with `debug` the traceback too, and return the exit code."""
     if debug and code != INTERRUPTED:
         logging.getLogger(__name__).exception("")

@@ -167,7 +167,7 @@ def _compare(
     from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.external import measure
 
-    _tell_found(planned)
+    _print_done(planned)
     with early_end_noted(folder):
         measured = [measure(other, folder.path, planned) for other in others]
         outcomes = _carried_out(planned, folder, what, run, measured)
@@ -175,7 +175,7 @@ def _compare(
         measured = [measure(other, folder.path, planned) for other in others]
         _show(folder, [*outcomes, *measured], what)
     if any(outcome.status == "missing" for outcome in outcomes):
-        _tell_how_to_go_on(folder)
+        _print_resume_command(folder)
     return OK if all(outcome.status == "ok" for outcome in outcomes) else FAILED
 
 
@@ -194,7 +194,7 @@ def _carried_out(
     def tell(outcome: Outcome) -> None:
         """Keep an outcome, in case of an interrupt, and print it."""
         done.append(outcome)
-        _tell_outcome(outcome)
+        _print_outcome(outcome)
 
     try:
         with shown() as progress:
@@ -206,11 +206,11 @@ def _carried_out(
                 [*done, *measured],
                 f"{what}, interrupted after {len(done)} of {count_of(len(planned), 'run')}",
             )
-        _tell_how_to_go_on(folder)
+        _print_resume_command(folder)
         raise
 
 
-def _tell_found(planned: Sequence[Trial]) -> None:
+def _print_done(planned: Sequence[Trial]) -> None:
     there = sum(trial.is_done() for trial in planned)
     if there:
         left = len(planned) - there
@@ -219,7 +219,7 @@ def _tell_found(planned: Sequence[Trial]) -> None:
         )
 
 
-def _tell_how_to_go_on(folder: RunFolder) -> None:
+def _print_resume_command(folder: RunFolder) -> None:
     """Print the command that does the missing runs."""
     # Not what replaces the runs that are there, or starts none.
     words = _without_budget([word for word in sys.argv[1:] if word != "--overwrite"])
@@ -243,6 +243,6 @@ def _show(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
     print(f"{what}; {good} of {count_of(len(outcomes), 'run')} ok -> {folder.path}/report.html")
 
 
-def _tell_outcome(outcome: Outcome) -> None:
+def _print_outcome(outcome: Outcome) -> None:
     about = outcome.problem or f"{outcome.figures.get('wall_s', 0.0):.1f} s"
     print(f"{outcome.source} {outcome.variant} seed {outcome.seed}: {outcome.status} ({about})")

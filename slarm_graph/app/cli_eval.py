@@ -209,7 +209,9 @@ def metrics_command() -> None:
     )
 
 
-group = typer.Typer(help="Compare results in files with a reference.", no_args_is_help=True)
+group = typer.Typer(
+    help="Compute metrics of trajectories, maps and radio maps in files.", no_args_is_help=True
+)
 group.command("trajectory")(cli_eval_trajectory.trajectory_command)
 group.command("relations")(relations_command)
 group.command("map")(map_command)

@@ -104,7 +104,7 @@ def run_command(
     no_csv: NoCsv = False,
     show: Open = False,
 ) -> int:
-    """Make trajectory, maps, radio map and report from a recording."""
+    """Turn a recording into a trajectory, maps, a radio map and a report."""
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
 
@@ -210,12 +210,12 @@ def explore_command(
     if resume is not None:
         return _resume(resume, config, overrides)
     resolved, found = load_config(config, overrides), load_world(world)
-    _announce(found)
+    _check_world(found)
     job = ExploreJob(found, resolved)
     return _execute(job, create_run_folder(out, name, overwrite=overwrite))
 
 
-def _announce(world: WorldMap) -> None:
+def _check_world(world: WorldMap) -> None:
     """Warn of what is wrong with a world, before the drive."""
     from slarm_graph.files.world_checks import world_warnings
 

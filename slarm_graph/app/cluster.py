@@ -83,7 +83,7 @@ def _deliver(done: Any, trial: Trial, outcome: Future[Outcome]) -> None:
     try:
         files = done.result()
         shutil.rmtree(trial.folder, ignore_errors=True)
-        trial.take_folder()
+        trial.assign_folder()
         for name, content in files.items():
             path = (trial.folder / name).resolve()
             if trial.folder.resolve() in path.parents:

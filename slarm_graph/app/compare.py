@@ -61,7 +61,11 @@ def compare(
     for outcome in done.values():
         tell(outcome)
     left = [trial for trial in planned if trial not in done]
-    runner = _on_cluster(scheduler, upload) if scheduler else _locally(workers or usable_cores())
+    runner = (
+        _cluster_runner(scheduler, upload)
+        if scheduler
+        else _local_runner(workers or usable_cores())
+    )
     outcomes = dict(done)
     if left:
         with closing(runner(left, progress or Quiet(), budget_s)) as coming:
@@ -81,7 +85,7 @@ Runner = Callable[[Sequence[Trial], Progress, float | None], Outcomes]
 Submit = Callable[[Trial], "Future[Outcome]"]
 
 
-def _as_they_end(
+def _run_all(
     planned: Sequence[Trial],
     submit: Submit,
     at_once: int,
@@ -109,7 +113,7 @@ def _as_they_end(
             yield trial, (read_outcome(trial, str(failure)) if failure else future.result())
 
 
-def _locally(workers: int) -> Runner:
+def _local_runner(workers: int) -> Runner:
     """Return a runner on this machine; Ctrl-C stops its trials after their present scan."""
     running: set[Process] = set()
     lock, stopping, server = Lock(), Event(), ForkServer()
@@ -143,7 +147,7 @@ def _locally(workers: int) -> Runner:
                 return pool.submit(carry_out_here, trial)
 
             try:
-                yield from _as_they_end(planned, submit, workers, progress, budget_s)
+                yield from _run_all(planned, submit, workers, progress, budget_s)
             except BaseException:  # Ctrl-C may strike in whoever takes the outcomes, too
                 stop()
                 pool.shutdown(wait=True, cancel_futures=True)
@@ -152,7 +156,7 @@ def _locally(workers: int) -> Runner:
     return run
 
 
-def _on_cluster(address: str, upload: bool) -> Runner:
+def _cluster_runner(address: str, upload: bool) -> Runner:
     """Return a runner on a dask cluster; Ctrl-C stops its trials, too."""
 
     def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
@@ -179,7 +183,7 @@ def _on_cluster(address: str, upload: bool) -> Runner:
 
             at_once = max(1, sum(client.nthreads().values()))
             try:
-                yield from _as_they_end(planned, submit, at_once, progress, budget_s)
+                yield from _run_all(planned, submit, at_once, progress, budget_s)
             except BaseException:
                 stop.set()
                 raise

@@ -96,7 +96,7 @@ def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[Key, Estimate]
         ours = [o for o in finished if o.source == outcome.source and o not in theirs]
         known = [o for o in ours if _key(o) in found]
         if known:
-            best = found[_key(min(known, key=_doubt))]
+            best = found[_key(min(known, key=_consistency_key))]
             found[_key(outcome)] = aligned_to(best, found[_key(outcome)])
     return found
 
@@ -114,7 +114,7 @@ def _key(outcome: Outcome) -> Key:
 
 def _views(estimates: dict[Key, Estimate], outcomes: Sequence[Outcome]) -> list[SourceView]:
     """Return every source with the first run of each variant, over the most consistent map."""
-    doubts = {_key(o): _doubt(o) for o in outcomes}
+    doubts = {_key(o): _consistency_key(o) for o in outcomes}
     views = []
     for source in list(dict.fromkeys(key[0] for key in estimates))[:_MAX_VIEWS]:
         first: dict[str, Key] = {}
@@ -129,7 +129,7 @@ def _views(estimates: dict[Key, Estimate], outcomes: Sequence[Outcome]) -> list[
     return views
 
 
-def _doubt(outcome: Outcome) -> tuple[bool, float]:
+def _consistency_key(outcome: Outcome) -> tuple[bool, float]:
     """Return a sort key by which the most consistent run comes first."""
     return outcome.lost, outcome.figures.get("map_conflict_share", math.inf)
 

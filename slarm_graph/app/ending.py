@@ -90,7 +90,7 @@ def exit_after_signals() -> None:
             pass
         time.sleep(GRACE_S)
         if _exit_handlers:
-            _end_now("interrupted", 128 + signal.SIGINT)
+            _exit_now("interrupted", 128 + signal.SIGINT)
         theirs.close()
 
     threading.Thread(target=wait, name="end-on-signals", daemon=True).start()
@@ -115,10 +115,10 @@ def exit_handler(handler: ExitHandler, limits: LimitsConfig) -> Iterator[None]:
 def _watch_memory(limit_mb: float, done: threading.Event) -> None:
     while not done.wait(_POLL_S):
         if memory_mb() > limit_mb:
-            _end_now(f"stopped: more than --max-memory {limit_mb:g} MB were needed", 1)
+            _exit_now(f"stopped: more than --max-memory {limit_mb:g} MB were needed", 1)
 
 
-def _end_now(why: str, code: int) -> NoReturn:
+def _exit_now(why: str, code: int) -> NoReturn:
     try:
         for handler in reversed(_exit_handlers):
             handler(why)

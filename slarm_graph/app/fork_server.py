@@ -53,9 +53,9 @@ class ForkedProcess:
 
     Parameters
     ----------
-    life : int
+    stdin_end : int
         Our end of the pipe to its standard input: it dies when this is closed.
-    told : int
+    status_end : int
         Pipe from which its process id is read, and once it has ended its exit code.
     errors : binary file
         Its standard error.
@@ -66,13 +66,13 @@ class ForkedProcess:
         When the server has ended before it sent the process id.
     """
 
-    def __init__(self, life: int, told: int, errors: BinaryIO) -> None:
-        self._life, self._told, self._errors = life, told, errors
+    def __init__(self, stdin_end: int, status_end: int, errors: BinaryIO) -> None:
+        self._stdin, self._status, self._errors = stdin_end, status_end, errors
         self._text = b""
         self.returncode: int | None = None
         while b" " not in self._text:
-            if not self._heard():
-                self._let_go()
+            if not self._read_status():
+                self._close()
                 errors.close()
                 raise OSError("the process that runs are forked from has ended")
 
@@ -85,9 +85,9 @@ class ForkedProcess:
             When it has not ended after so long [s].
         """
         while self.returncode is None:
-            if not select.select([self._told], [], [], timeout)[0]:
+            if not select.select([self._status], [], [], timeout)[0]:
                 raise subprocess.TimeoutExpired("slarm", timeout)
-            if not self._heard():
+            if not self._read_status():
                 self._end()
         with self._errors:
             self._errors.seek(0)
@@ -100,8 +100,8 @@ class ForkedProcess:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(int(pid), number)
 
-    def _heard(self) -> bytes:
-        part = os.read(self._told, 64)
+    def _read_status(self) -> bytes:
+        part = os.read(self._status, 64)
         self._text += part
         return part
 
@@ -109,11 +109,11 @@ class ForkedProcess:
         """Store the exit code and close the pipes."""
         _, *ended = self._text.split()
         self.returncode = int(ended[0]) if ended else -signal.SIGKILL
-        self._let_go()
+        self._close()
 
-    def _let_go(self) -> None:
-        os.close(self._life)
-        os.close(self._told)
+    def _close(self) -> None:
+        os.close(self._stdin)
+        os.close(self._status)
 
 
 class ForkServer:
@@ -131,14 +131,14 @@ class ForkServer:
         return start_child([*PROGRAM, *words])
 
     def _forked(self, words: Sequence[str]) -> ForkedProcess:
-        (theirs, life), (told, tell) = os.pipe(), os.pipe()
+        (theirs, stdin_end), (status_end, status_writer) = os.pipe(), os.pipe()
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - the run writes it after this
         try:
-            self._send(json.dumps(list(words)).encode(), (theirs, errors.fileno(), tell))
+            self._send(json.dumps(list(words)).encode(), (theirs, errors.fileno(), status_writer))
         finally:
             os.close(theirs)
-            os.close(tell)
-        return ForkedProcess(life, told, errors)
+            os.close(status_writer)
+        return ForkedProcess(stdin_end, status_end, errors)
 
     def _send(self, message: bytes, ends: tuple[int, ...]) -> None:
         """Send a run to the server process, which is started where it is not running."""
@@ -190,18 +190,18 @@ def _serve(line: socket.socket) -> NoReturn:
             os.close(end)
 
 
-def _watch(words: list[str], stdin: int, stderr: int, tell: int) -> NoReturn:
+def _watch(words: list[str], stdin: int, stderr: int, status_writer: int) -> NoReturn:
     """Fork the run's process; send its process id, and its exit code when it has ended."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = os.fork()
     if pid == 0:
-        os.close(tell)
+        os.close(status_writer)
         _run(words, stdin, stderr)
     os.close(stdin)
-    os.write(tell, b"%d " % pid)
+    os.write(status_writer, b"%d " % pid)
     _, status = os.waitpid(pid, 0)
     with contextlib.suppress(BrokenPipeError):  # nobody is there any more
-        os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
+        os.write(status_writer, b"%d" % os.waitstatus_to_exitcode(status))
     os._exit(0)
 
 

@@ -37,7 +37,7 @@ def carry_out(
 def start_trial(trial: Trial, server: ForkServer) -> Process:
     """Start a trial in a process that exits with this one."""
     command = trial.command()
-    trial.take_folder()
+    trial.assign_folder()
     ours = tuple(command[: len(PROGRAM)]) == PROGRAM
     return server.start(command[len(PROGRAM) :]) if ours else start_child(command)
 

@@ -83,12 +83,12 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         signals = signals_of(job.rss, job.paths, config.source.ros_distro)
         source = _source(job)
     # readings -> SLAM backend
-    backend, log = _fed(source, config, folder, progress, stop)
+    backend, log = _run_backend(source, config, folder, progress, stop)
     info = source.info()
     del source
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
-        slam = _placed(backend.result(), info.truth)
+        slam = _moved_to_start(backend.result(), info.truth)
         # Its submaps or particles take more memory than what comes of them.
         del backend
         save_trajectory(folder, "trajectory", slam.trajectory)
@@ -132,7 +132,7 @@ def _source(job: Job) -> Source:
     return open_source(job.paths, how, config.simulation, seed=seed, section=config.section)
 
 
-def _fed(
+def _run_backend(
     source: Source, config: RunConfig, folder: RunFolder, progress: Progress, stop: Stop
 ) -> tuple[SlamBackend, ReadingLog]:
     """Run the backend over all readings, from the checkpoint on if there is one."""
@@ -153,7 +153,7 @@ def _fed(
     return backend, log
 
 
-def _placed(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
+def _moved_to_start(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
     """Move a result to the known start pose; unchanged where the start is not known.
 
     Parameters

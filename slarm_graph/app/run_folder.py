@@ -165,9 +165,9 @@ def create_run_folder(
         path = _fresh(out) if name is None else _named(out, name)
         lock = FolderLock(path)
         if name is not None:
-            _make_room(path, overwrite=overwrite)
+            _empty_folder(path, overwrite=overwrite)
         folder = RunFolder(path, {"kind": kind}, lock=lock)
-        _point_to(out, path.name)
+        _link_latest(out, path.name)
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise BadInput(
@@ -246,7 +246,7 @@ def _named(out: Path, name: str) -> Path:
     return path
 
 
-def _make_room(path: Path, *, overwrite: bool) -> None:
+def _empty_folder(path: Path, *, overwrite: bool) -> None:
     """Empty a folder; results in it are removed only with `overwrite`, else refused."""
     if not any(entry.is_file() for entry in path.iterdir()):
         return
@@ -271,7 +271,7 @@ def _clear(path: Path) -> None:
                     entry.unlink()
 
 
-def _point_to(out: Path, name: str) -> None:
+def _link_latest(out: Path, name: str) -> None:
     """Point `latest` to the run: a relative link, or a text file where links are impossible."""
     link, temporary = out / _LINK, out / f".{_LINK}.{os.getpid()}"
     try:

@@ -78,14 +78,14 @@ class Trial:
 
     def is_done(self) -> bool:
         """Whether the folder holds this very run, finished."""
-        return self._is_here() and self._status() == "ok"
+        return self._has_this_key() and self._status() == "ok"
 
     def _is_unfinished(self) -> bool:
         """Whether the folder holds this very run, unfinished and with a checkpoint."""
         there = (self.folder / "checkpoint").is_dir() and self._status() in ("running", "partial")
-        return self._is_here() and there
+        return self._has_this_key() and there
 
-    def _is_here(self) -> bool:
+    def _has_this_key(self) -> bool:
         try:
             return bool(self.key) and self._key_file().read_text(encoding="utf-8") == self.key
         except OSError:
@@ -100,9 +100,9 @@ class Trial:
     def _key_file(self) -> Path:
         return self.folder.parent / KEYS / self.folder.name
 
-    def take_folder(self) -> None:
+    def assign_folder(self) -> None:
         """Assign the folder to this trial: write the key, remove another trial's run."""
-        if not self.key or self._is_here():
+        if not self.key or self._has_this_key():
             return
         file = self._key_file()
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -38,7 +38,7 @@ free by the second."""
 MAX_RESOLUTION_M = 100.0
 """Largest plausible cell size; beyond it a unit was mistaken."""
 MAX_ORIGIN_M = 1e8
-"""Largest coordinate of the origin: farther off, float64 no longer tells cells of a millimetre apart
+"""Largest coordinate of the origin: farther off, float64 no longer tells millimetres apart
 when cells are counted; UTM coordinates, the largest that are used for maps, stay below 10^7 m."""
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
