@@ -74,7 +74,7 @@ class ReportContent:
         The run's verdict on its own consistency.
     measured : MeasuredMap or None
     heights : sequence of HeardHeight
-        Obstacle heights estimated from readings of signal strength.
+        What was heard of heights that nobody had said.
     """
 
     title: str
@@ -233,7 +233,7 @@ def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
 
 
 def _heights_part(heights: Sequence[HeardHeight]) -> tuple[Section, ...]:
-    """Return the section on estimated obstacle heights; empty without any."""
+    """Return the section on heights that were heard, none where nothing was."""
     if not heights:
         return ()
     rows = height_rows(heights)

@@ -122,7 +122,7 @@ def heights_heard(
     config: RunConfig,
     heartbeat: Heartbeat = silent,
 ) -> tuple[HeardHeight, ...]:
-    """Estimate unknown obstacle heights from readings behind obstacles; empty without any."""
+    """Tell heights that nobody has said by what was heard behind obstacles; none where unheard."""
     if not (logs and access_points and geographic.height_groups and config.measured.heights):
         return ()
     from slarm_graph.radio.measured.heights import heard_heights
@@ -143,14 +143,14 @@ def with_heights_heard(geographic: GeographicMap, heard: Sequence[HeardHeight]) 
 
 
 def save_heights(folder: RunFolder, heard: Sequence[HeardHeight]) -> None:
-    """Write `obstacle_heights.csv`, where heights were estimated."""
+    """Write what was heard of heights, where there is anything."""
     if heard:
         with folder.replacing("obstacle_heights.csv") as temporary:
             write_heights_csv(temporary, heard)
 
 
 def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> PlacedLog:
-    """Return the readings with their positions on the trajectory and the standard deviations."""
+    """Readings along the trajectory, whose positions are as sure as it says."""
     sds_m = position_sds_m(slam)
     return place(
         merged(logs), slam.trajectory, config.measured.position_sd_m if sds_m is None else sds_m

@@ -174,7 +174,7 @@ def save_places(
     config: RunConfig,
     folder: RunFolder,
 ) -> tuple[WallPlace, ...]:
-    """Write `one_more.csv`, sites for an additional access point; return them, the best first."""
+    """Write `one_more.csv`, places for one more access point; return them, the best first."""
     places = rank_places(
         made.geographic,
         made.signal,
