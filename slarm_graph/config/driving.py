@@ -123,8 +123,8 @@ class ExploreConfig(Stage):
     driving: DrivingConfig = DrivingConfig()
     prior: Literal["extent", "extent+sizes"] = "extent+sizes"
     """What the robot knows of a world beforehand, beside its start and the access points: the rough
-    extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and
-    height of every wall and obstacle, not where they stand. Accuracy is reported for both."""
+    extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and height of
+    every wall and obstacle, not where they stand. Accuracy is reported for both."""
     judge_variants: bool = False
     """Whether to report also the accuracy of the same drive with R_e of one cell, of the robot's
     radius and of zero, each with and without sizes (for the paper's figure 5)."""

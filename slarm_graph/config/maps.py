@@ -26,12 +26,12 @@ class MappingConfig(Stage):
     max_range_m: Reach = 30.0
     """Range at which beams are cut; cells beyond stay unseen."""
     occupied_at: float = Field(default=0.25, gt=0, le=1)
-    """Least share of hits, among the beams that visit a cell, for it to be occupied."""
+    """Minimum share of hits, among the beams that visit a cell, for it to be occupied."""
     large_image: LargeImage = "whole"
     """How to write a map image with more than 16,384 cells a side, which many programs do not read:
     as a whole all the same, split into several, or in coarser cells."""
     max_cells: int = Field(default=1_000_000_000, gt=0, le=4_000_000_000)
-    """Most cells of the box around a map, mapped or not: 1.6 x 1.6 km at 0.05 m. A larger map is
+    """Maximum cells of the box around a map, mapped or not: 1.6 x 1.6 km at 0.05 m. A larger map is
     drawn in coarser cells, with a notice."""
 
 
@@ -100,7 +100,7 @@ class RadioConfig(Stage):
     mount_radius_m: float = Field(default=0.25, ge=0, le=100)
     """Obstacles this near to an access point are its mount and do not shadow it."""
     csv_most_lines: int = Field(default=2_000_000, ge=0)
-    """Most lines of `radio_map.csv`; with more it is left out, with a notice; 0: always."""
+    """Maximum lines of `radio_map.csv`; with more it is left out, with a notice; 0: always."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)
     """Largest error of a gain that counts as right in the accuracy."""
 
@@ -111,7 +111,7 @@ class MeasuredConfig(Stage):
     node_side_m: float = Field(default=0.2, gt=0)
     """Spacing of the nodes on which the field is estimated; well below the shadowing's range."""
     most_nodes: int = Field(default=20_000, ge=10)
-    """Most nodes: the spacing grows where there would be more. Bounds memory and time."""
+    """Maximum number of nodes; with more the spacing grows. Bounds memory and time."""
     threshold_dbm: float | None = None
     """Sensitivity of the receiver: weaker signals are not heard; null: the weakest reading."""
     saturation_dbm: float | None = None
@@ -119,13 +119,13 @@ class MeasuredConfig(Stage):
     position_sd_m: float = Field(default=0.05, ge=0)
     """Standard deviation of the trajectory's positions along each axis, where SLAM reports none."""
     least_readings: int = Field(default=10, ge=3)
-    """Fewest readings of an access point; with fewer it is left out, with a notice."""
+    """Minimum number of readings of an access point; with fewer it is left out, with a notice."""
     locate: bool = True
     """Whether unknown positions of access points are estimated from the readings."""
     heights: bool = True
     """Whether unknown obstacle heights are estimated from readings behind them, of access points of
     known position."""
     search_readings: int = Field(default=3_000, ge=100)
-    """Most readings for fitting ranges and noises; the map uses all."""
+    """Maximum readings for fitting ranges and noises; the map uses all."""
     search_nodes: int = Field(default=2_500, ge=10)
-    """Most nodes for fitting ranges and noises."""
+    """Maximum nodes for fitting ranges and noises."""

@@ -69,7 +69,7 @@ class ProposalConfig(Stage):
     kernel_size: int = Field(default=1, ge=0, le=100)
     """Cells around a return in which a wall is searched."""
     iterations: Count = 12
-    """Most iterations of the scan match; each searches the walls anew."""
+    """Maximum iterations of the scan match; each searches the walls anew."""
     lattice_radius: float = Field(default=2.9, ge=1.8, le=6)
     """Extent of the z poses around the peak in standard deviations; 2.9 gives z = 27."""
 
@@ -89,7 +89,7 @@ class ParticleMapsConfig(Stage):
     delta_m: Resolution = 0.05
     """Cell size of the particles' maps."""
     max_memory_mb: float = Field(default=4000.0, gt=0)
-    """Most memory of the particles' maps; a run that needs more stops."""
+    """Maximum memory of the particles' maps; a run that needs more stops."""
 
 
 class GmappingConfig(Stage):

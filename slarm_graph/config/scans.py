@@ -65,11 +65,11 @@ class MatchingConfig(Stage):
     max_gap_m: float = Field(default=0.5, ge=0)
     """Neighbouring returns nearer than this are joined by a piece of wall."""
     max_iterations: Count = 40
-    """Most Gauss-Newton steps."""
+    """Maximum number of Gauss-Newton steps."""
     min_score: float = Field(default=0.35, ge=0, le=1)
-    """Least mean agreement; a match with less has failed."""
+    """Minimum mean agreement; a match with less has failed."""
     min_points: int = Field(default=10, ge=3)
-    """Fewest returns; a scan with fewer is not matched."""
+    """Minimum number of returns; a scan with fewer is not matched."""
 
 
 class KeyframeConfig(Stage):
@@ -93,7 +93,7 @@ class FrontendConfig(Stage):
     deskew: bool = True
     """Whether motion distortion of sweeps is corrected, where the recording has beam times."""
     point_spacing_m: float = Field(default=0.02, ge=0)
-    """Least spacing of returns along the beam order; denser ones are thinned for matching."""
+    """Minimum spacing of returns along the beam order; denser ones are thinned for matching."""
     matching: MatchingConfig = MatchingConfig()
     keyframes: KeyframeConfig = KeyframeConfig()
     _matcher_settings: Stage | None = PrivateAttr(None)
@@ -127,7 +127,7 @@ class LoopClosureConfig(Stage):
     search_sigma_m: Sigma = 0.1
     """Standard deviation by which their likelihood falls off."""
     search_score: float = Field(default=0.55, ge=0, le=1)
-    """Least agreement of a search result that is refined by a match."""
+    """Minimum agreement of a search result that is refined by a match."""
     query_keyframes: int = Field(default=8, ge=1)
     """Latest keyframes whose points are matched together in a search."""
     window_m: float = Field(default=12.0, gt=0, le=1000)
@@ -139,9 +139,9 @@ class LoopClosureConfig(Stage):
     sure_rad: float = Field(default=0.07, gt=0)
     """Standard deviation up to which the predicted heading needs no search."""
     min_score: float = Field(default=0.5, ge=0, le=1)
-    """Least agreement of a refined match."""
+    """Minimum agreement of a refined match."""
     min_submap_score: float = Field(default=0.35, ge=0, le=1)
-    """Least agreement of a whole submap, whose free space is compared, too: that of a tracked
+    """Minimum agreement of a whole submap, whose free space is compared, too: that of a tracked
     scan. 0.5 hides half of the true returns of edmonton, which hardly any false one joins."""
     max_sigma_m: float = Field(default=0.15, gt=0)
     """Largest standard deviation, in any direction, of a match that closes a loop."""
@@ -153,7 +153,7 @@ class PoseGraphConfig(Stage):
     """The GTSAM pose graph."""
 
     node_keyframes: int = Field(default=10, ge=2)
-    """Most keyframes of a submap, a node of the graph that is optimised while driving."""
+    """Maximum keyframes of a submap, a node of the graph that is optimised while driving."""
     node_m: float = Field(default=2.5, gt=0)
     """Longest path of a submap [m]: 10 keyframes of a dense recording."""
     recent_keyframes: int = Field(default=40, ge=1)
