@@ -27,8 +27,8 @@ from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_folder import open_comparison, write_comparison
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
 from slarm_graph.app.ending import memory_mb
+from slarm_graph.app.fork_server import ForkServer
 from slarm_graph.app.outcomes import carry_out
-from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
@@ -116,7 +116,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as place:
         if not options.real:
             (model,) = ComparisonPlan(sources, ("odometry",), 1).trials(Path(place) / "model")
-            assert carry_out(model, Template()).status == "ok"
+            assert carry_out(model, ForkServer()).status == "ok"
             os.environ[COPIED] = str(model.folder)
         print("| part | wall [ms/run] | CPU of the engine [ms/run] | memory [MB] |")
         print("|---|---|---|---|")

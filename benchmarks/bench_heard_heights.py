@@ -21,7 +21,7 @@ import bench_simulated_radio as simulated
 import numpy as np
 
 from slarm_graph.app.handed_over import with_prior
-from slarm_graph.app.truth import accuracy_on
+from slarm_graph.app.world_accuracy import accuracy_on
 from slarm_graph.config import MeasuredConfig, RunConfig
 from slarm_graph.eval.radio_scores import RadioAccuracy
 from slarm_graph.exploration.algorithm_1 import ggmr_path

@@ -27,7 +27,7 @@ from slarm_graph.app.job import Job, Run
 from slarm_graph.app.pipeline import run
 from slarm_graph.app.progress import Quiet
 from slarm_graph.app.run_folder import create_run_folder
-from slarm_graph.app.truth import accuracy_metrics
+from slarm_graph.app.world_accuracy import accuracy_metrics
 from slarm_graph.config import RunConfig, SimulationConfig
 from slarm_graph.config.driving import WheelConfig
 from slarm_graph.files.worlds import load_world

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.app.allocation import return_freed, spare_memory
+from slarm_graph.app.allocation import configure_allocator, return_freed
 from slarm_graph.app.ending import memory_mb
 from slarm_graph.backend import silent
 from slarm_graph.config import RunConfig
@@ -92,7 +92,7 @@ def main() -> None:
     parser.add_argument("--backend", default="pose_graph")
     parser.add_argument("--chart", type=Path)
     given = parser.parse_args()
-    spare_memory()
+    configure_allocator()
     readings = list(open_source(given.recording))
     print("| driven [h] | scans | memory [MB] | CPU [s] |\n|---|---|---|---|")
     points = []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Do runs of one recording agree? What can be said without truth: between seeds, and backends."""
+"""Agreement of runs of one recording, between seeds and backends; needs no ground truth."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from slarm_graph.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What a run came to.
+    """The trajectory and map of a run.
 
     Parameters
     ----------
     trajectory : Trajectory
     grid : OccupancyGrid, optional
-        None where there is nothing but a path.
+        None where there is only a trajectory.
     truth : Trajectory, optional
-        Where the robot of this run really went: one that explores goes its own way in every run.
+        True path of this run's robot: exploring robots drive another path in every run.
     map_from_grid : Pose2
-        Where the grid lies among the paths [m, m, rad]; elsewhere in another system's frame.
+        Pose of the grid in the frame of the trajectories [m, m, rad], for another system's frame.
     """
 
     trajectory: Trajectory
@@ -41,10 +41,10 @@ class Estimate:
     map_from_grid: Pose2 = field(default_factory=Pose2)
 
 
-def laid_onto(ours: Estimate, theirs: Estimate) -> Estimate:
-    """Return another system's result in the frame of ours, by the best motion of its path.
+def aligned_to(ours: Estimate, theirs: Estimate) -> Estimate:
+    """Return another system's result aligned to ours by the trajectories.
 
-    It is left where it is when the two have no time in common.
+    It is returned unchanged when the two have no time in common.
     """
     try:
         motion = align(associate(ours.trajectory, theirs.trajectory)).reference_from_estimate
@@ -54,8 +54,8 @@ def laid_onto(ours: Estimate, theirs: Estimate) -> Estimate:
     return replace(theirs, trajectory=path, truth=ours.truth, map_from_grid=motion)
 
 
-def is_one_drive(a: Estimate, b: Estimate) -> bool:
-    """Whether two runs are of the same way, so that their poses can be compared."""
+def is_same_drive(a: Estimate, b: Estimate) -> bool:
+    """Whether two runs are of the same drive, so that their poses can be compared."""
     if a.truth is None or b.truth is None:
         return True
     return np.array_equal(a.truth.poses, b.truth.poses)
@@ -63,17 +63,17 @@ def is_one_drive(a: Estimate, b: Estimate) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """How far runs of one source agree, the mean over their pairs.
+    """Agreement of runs of one source: means over their pairs.
 
     Parameters
     ----------
     source, between : str
-        `between` tells which: the seeds of one variant, or two variants.
+        `between` says what is compared: the seeds of one variant, or two variants.
     runs : int
     end_spread_m : float
-        Distance between the last positions [m]; NaN where every robot went its own way.
+        Distance between the last positions [m]; NaN where the robots drove different paths.
     path_rms_m : float
-        Root mean square distance of the paths, one laid onto the other [m]; NaN likewise.
+        Root mean square distance of the aligned paths [m]; NaN likewise.
     walls_iou, free_iou : float
         Intersection over union of the maps' occupied and free cells.
     """
@@ -99,7 +99,7 @@ def agreement(source: str, between: str, estimates: Sequence[Estimate]) -> Agree
 def _pair(a: Estimate, b: Estimate) -> tuple[float, float, float, float]:
     ends_m = path_m = walls = free = np.nan
     try:
-        if is_one_drive(a, b):
+        if is_same_drive(a, b):
             ends_m = float(np.linalg.norm(a.trajectory.poses[-1, :2] - b.trajectory.poses[-1, :2]))
             pairs = associate(a.trajectory, b.trajectory)
             path_m = aligned_rmse_m(pairs)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How an estimate is laid onto a reference before they are compared, in the plane or in space."""
+"""Alignment of an estimated trajectory to a reference, in the plane or in space."""
 
 from __future__ import annotations
 
@@ -18,12 +18,11 @@ from slarm_graph.geometry import Floats, Pose2, between, transform_points, wrap_
 from slarm_graph.spatial import between_in_space
 
 _SHORTEST_PATH_M = 1e-6
-"""A path within a micrometre is a point, to which no direction can be fitted: below it rounding
-decides."""
+"""A path within a micrometre is a point: below it, rounding would decide the rotation."""
 
 
 class AlignmentMethod(StrEnum):
-    """How the estimate is laid onto the reference before positions are compared."""
+    """How the estimate is aligned to the reference before positions are compared."""
 
     NONE = "none"
     ORIGIN = "origin"
@@ -37,7 +36,7 @@ class AlignmentMethod(StrEnum):
     SIM3 = "sim3"
     """The same with scale."""
     YAW = "yaw"
-    """Least squares over position and yaw; gravity tells the rest (Zhang and Scaramuzza 2018)."""
+    """Least squares over position and yaw; gravity fixes the rest (Zhang and Scaramuzza 2018)."""
 
     @property
     def in_space(self) -> bool:
@@ -64,7 +63,7 @@ class Alignment:
     shift_m : (D,) float64
     scale : float
     note : str
-        In words for people, for titles and tables.
+        Text for titles and tables.
     """
 
     rotation: Floats
@@ -97,12 +96,12 @@ def positions(poses: Floats) -> Floats:
 
 
 def motions(start: Floats, end: Floats) -> Floats:
-    """Return the pose of each end seen from its start, both (N, 3) or (N, 7)."""
+    """Return the pose of each end in the frame of its start, both (N, 3) or (N, 7)."""
     return between(start, end) if start.shape[1] == 3 else between_in_space(start, end)
 
 
 def turned_rad(poses: Floats) -> Floats:
-    """Return the angle (N,) by which each pose is turned, at least 0 [rad]."""
+    """Return the rotation angle (N,) of each pose, at least 0 [rad]."""
     if poses.shape[1] == 3:
         return np.asarray(np.abs(wrap_angles(poses[:, 2])))
     return np.asarray(Rotation.from_quat(poses[:, 3:]).magnitude())
@@ -111,7 +110,7 @@ def turned_rad(poses: Floats) -> Floats:
 def align(
     pairs: Pairs, method: AlignmentMethod = AlignmentMethod.SE2, first: int | None = None
 ) -> Alignment:
-    """Lay the estimate onto the reference.
+    """Align the estimate to the reference.
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A run against what is known to be true: which metrics can be had, and those."""
+"""All metrics of a run that its references and results allow."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.alignment import align
 from slarm_graph.eval.association import associate
-from slarm_graph.eval.clocks import better_offset
+from slarm_graph.eval.clocks import offset_advice
 from slarm_graph.eval.metric_parts import References, Subject, measured_by_parts
 from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.eval.metrics import Metric
@@ -29,7 +29,7 @@ from slarm_graph.trajectory import Trajectory
 
 
 def read_references(ground_truth: Path | None, relations: Path | None) -> References:
-    """Read the files that are given.
+    """Read the given reference files.
 
     Raises
     ------
@@ -42,10 +42,10 @@ def read_references(ground_truth: Path | None, relations: Path | None) -> Refere
     )
 
 
-def of_this_time(
+def drop_other_times(
     known: References, trajectory: Trajectory, robot_from_laser: Pose2
 ) -> tuple[References, tuple[str, ...]]:
-    """Leave out what is known of another time than a trajectory's, and say why.
+    """Drop references of another time than the trajectory's, with a notice for each.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def _consistency_metrics(result: Contradictions) -> tuple[Metric, ...]:
 
 def _with_clock_advice(truth: Trajectory, trajectory: Trajectory) -> tuple[Metric, ...]:
     pairs = associate(truth, trajectory)
-    advice = better_offset(truth, trajectory, pairs)
+    advice = offset_advice(truth, trajectory, pairs)
     pairs = replace(pairs, note=f"{pairs.note}; {advice}") if advice else pairs
     return trajectory_metrics(pairs)
 
@@ -121,7 +121,7 @@ def _drive_metrics(subject: Subject) -> tuple[Metric, ...]:
 
 
 def ground_truth_in_map(ground_truth: Trajectory, trajectory: Trajectory) -> Trajectory:
-    """Return the true path laid onto the estimate, for pictures.
+    """Return the true path aligned to the estimate, for figures.
 
     Raises
     ------

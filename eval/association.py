@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which pose of the estimate belongs to which pose of the reference."""
+"""Association of the poses of an estimate with those of a reference, by time."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from slarm_graph.trajectory import Trajectory
 _MIN_PAIRS = 3
 """Two poses fit any rigid motion; three are the fewest whose residuals say anything."""
 _FEW_MATCHED = 0.8
-"""Below this share of the sparser path a warning says so. Half and double change that warning
-only."""
+"""Share of matched poses of the sparser path below which there is a warning. Half and double change
+that warning only."""
 _MAX_INTERPOLATED_GAP_NS = 1_000_000_000
 """A second: motion-capture systems drop out for tenths of one, and a robot of 1 m/s that turns at 1
 rad/s strays by about 0.1 m from the chord of a second."""
@@ -52,9 +52,9 @@ class Pairs:
     possible : int
         Poses of the sparser trajectory.
     note : str
-        In words for people: how many were matched.
+        Text: how many poses were matched.
     warning : str
-        Empty, or why the numbers deserve doubt.
+        Why the metrics may be unreliable; empty for nothing.
     """
 
     stamps_ns: Stamps
@@ -77,7 +77,7 @@ class Pairs:
 
     @property
     def metres(self) -> Floats:
-        """Way along the reference since the first pair (M,) [m]."""
+        """Path length of the reference since the first pair (M,) [m]."""
         return np.concatenate([[0.0], np.cumsum(self.steps_m)])
 
 
@@ -107,7 +107,7 @@ def associate(
     Raises
     ------
     BadInput
-        When fewer than three poses match; it tells both time spans and an offset to try.
+        When fewer than three poses match; it names both time spans and an offset to try.
     """
     est_stamps = estimate.stamps_ns + round(offset_s * 1e9)
     ref_stamps = reference.stamps_ns

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How far the clocks of two trajectories are apart: by how both move, then by how well they fit."""
+"""Estimation of the clock offset of two trajectories: correlation of motion, then fit."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.trajectory import Trajectory
 
 _STEP_S = 0.1
-"""Of the motions that are compared; robots turn slower than that. The fit makes it finer."""
+"""Time step of the correlated motions; robots turn slower than that. The fit refines it."""
 _MAX_STEPS = 200_000
 """Longer recordings (5.5 hours) are compared in longer steps."""
 _PEAKS = 3
-"""Offsets at which motions resemble each other most, tried by fit."""
+"""Number of correlation peaks that are tried by fit."""
 _LEAST_OVERLAP = 0.3
-"""Of the shorter trajectory: with less, a chance resemblance of few seconds wins."""
+"""Least overlap, as a share of the shorter trajectory: with less, a chance match of few seconds
+wins."""
 _FIT_POSES = 2_000
-"""Poses of the estimate that a fit looks at: 2,000 place it to a few milliseconds."""
+"""Most poses of the estimate in a fit: 2,000 find the offset to a few milliseconds."""
 _AS_MUCH = 0.8
-"""Share of the pairs at the present offset that another one must match, too, to be told."""
+"""Another offset is reported when it matches at least this share of the present pairs."""
 _MUCH_BETTER = 0.6
-"""Errors at another offset that are below this share of the present ones are told."""
+"""Another offset is reported when its error is below this share of the present one."""
 _WORTH_TELLING_M = 0.005
-"""Gains below half a centimetre are within what the sensors can tell."""
+"""Least reported improvement; below half a centimetre it is within the sensors' error."""
 
 _NO_FIT_M = 1e9
-"""Stands for no fit; infinity would break the search's parabolas."""
+"""Value for no fit; infinity would break the search's parabolas."""
 _NO_PAIRS = Pairs(np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros((0, 3)), 0, "", "")
-"""Of two trajectories that share no time at an offset."""
+"""The pairs of two trajectories that do not overlap in time."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
-    """An offset of clocks and what it does.
+    """A clock offset and the error with it.
 
     Parameters
     ----------
@@ -57,7 +58,7 @@ class ClockOffset:
 def find_offset(
     reference: Trajectory, estimate: Trajectory, least_pairs: float = 0.0
 ) -> ClockOffset:
-    """Find the clock offset with which an estimate fits best, error weighed by what overlaps.
+    """Find the clock offset of the least error per share of the estimate that overlaps.
 
     Parameters
     ----------
@@ -80,10 +81,10 @@ def find_offset(
     return ClockOffset(best_s, aligned_rmse_m(associate(reference, thin, offset_s=best_s)))
 
 
-def better_offset(
+def offset_advice(
     reference: Trajectory, estimate: Trajectory, pairs: Pairs, offset_s: float = 0.0
 ) -> str:
-    """Say in words where another clock offset fits much better than the one used; else nothing."""
+    """Return a notice where another clock offset fits much better than the one used; else empty."""
     now_m = aligned_rmse_m(pairs)
     if now_m < _WORTH_TELLING_M:
         return ""
@@ -114,7 +115,7 @@ def _thinned(path: Trajectory) -> Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class _Fits:
-    """How well an estimate fits at an offset of the clocks."""
+    """The error of an estimate as a function of the clock offset."""
 
     reference: Trajectory
     estimate: Trajectory
@@ -146,7 +147,7 @@ class _Fits:
 
 
 def _candidates_s(reference: Trajectory, estimate: Trajectory) -> list[float]:
-    """Return the offsets at which speed and turning resemble each other most."""
+    """Return the offsets of the highest correlation of speed and turn rate."""
     longest_s = max(float(p.stamps_ns[-1] - p.stamps_ns[0]) * 1e-9 for p in (reference, estimate))
     step_s = max(_STEP_S, longest_s / _MAX_STEPS)
     ours, theirs = _motion(reference, step_s), _motion(estimate, step_s)
@@ -162,7 +163,7 @@ def _candidates_s(reference: Trajectory, estimate: Trajectory) -> list[float]:
 
 
 def _motion(path: Trajectory, step_s: float) -> Floats:
-    """Return speed and absolute turning rate (T, 2) in equal steps of time."""
+    """Return speed and absolute turn rate (T, 2) in equal time steps."""
     stamps = np.arange(path.stamps_ns[0], path.stamps_ns[-1] + 1, round(step_s * 1e9))
     poses = path.at(stamps)
     speed = np.linalg.norm(np.diff(poses[:, :2], axis=0), axis=1) / step_s

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Many runs beside each other: statistics over seeds and sources, and paired differences."""
+"""Statistics of many runs: summaries over seeds and sources, paired differences."""
 
 from __future__ import annotations
 
@@ -12,23 +12,23 @@ from itertools import combinations
 
 import numpy as np
 
+from slarm_graph.eval.bootstrap import nested_interval
 from slarm_graph.eval.metric_table import headlines, kind_of
-from slarm_graph.eval.resampling import nested_interval
 from slarm_graph.geometry import Floats
 
 ALL_SOURCES = "all sources"
 _LOST = "inconsistent"
-"""What a run says of itself when its map contradicts itself throughout."""
+"""Verdict of a run whose map contradicts itself throughout."""
 _ALL_PAIRS_UP_TO = 4
-"""Of so many variants every pair is told; of more, each against the first."""
+"""Up to so many variants every pair is compared; of more, each with the first."""
 FEWEST_CLEAR = 6
-"""Differences of one sign that chance brings less often than 1 in 20 times: 2 / 2^6 = 0.03, while
-with five it is 0.06 (the sign test). Over fewer an interval leaves out 0 by chance too often."""
+"""Fewest independent pairs of a clear difference: by chance, six have one sign in 2 / 2^6 = 0.03 of
+the cases, five in 0.06 (sign test). Over fewer an interval excludes 0 by chance too often."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of one run of a comparison.
+    """The outcome of one run of a comparison.
 
     Parameters
     ----------
@@ -43,9 +43,9 @@ class Outcome:
     figures : mapping of str to float
         Metrics, and time and memory from the run's record.
     setting : str
-        What sets it apart from the other runs of its backend, as `KEY=VALUE` words.
+        Swept settings, as `KEY=VALUE` words.
     verdict : str
-        What the run says of its own consistency; empty where it does not.
+        The run's verdict on its own consistency; empty without one.
     """
 
     source: str
@@ -60,18 +60,18 @@ class Outcome:
 
     @property
     def variant(self) -> str:
-        """What is compared: the backend and its setting."""
+        """The backend with its swept setting, which is what is compared."""
         return f"{self.backend} {self.setting}".strip()
 
     @property
     def lost(self) -> bool:
-        """Whether it ran to its end and says itself that the result is wrong."""
+        """Whether it finished with the verdict that its result is inconsistent."""
         return self.status == "ok" and self.verdict == _LOST
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """A figure over the runs that have it: mean, standard deviation, median, worst, interval."""
+    """A metric over the runs that have it: mean, standard deviation, median, worst, interval."""
 
     mean: float
     sd: float
@@ -105,11 +105,11 @@ class Group:
     source, variant : str
     runs : int
     ok, lost, failed : int
-        Ran to their end; of these, those that call themselves wrong; all others.
+        Finished runs; those of them with an inconsistent result; all other runs.
     spreads : mapping of str to Spread
-        By metric, over the runs that ran to their end.
+        By metric, over the finished runs.
     problems : str
-        Why others did not.
+        Why the others did not finish.
     """
 
     source: str
@@ -123,7 +123,7 @@ class Group:
 
 
 def headlines_of(outcomes: Iterable[Outcome]) -> list[str]:
-    """Return the names of the short tables' figures that any run has."""
+    """Return the names of the short tables' metrics that any run has."""
     known = {name for outcome in outcomes for name in outcome.figures}
     return [kind.name for kind in headlines() if kind.name in known]
 
@@ -161,20 +161,19 @@ def _group(source: str, variant: str, outcomes: Sequence[Outcome]) -> Group:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """How much more a figure is with one variant than with another, source by source and seed.
+    """The difference of a metric between two variants, over common sources and seeds.
 
     Parameters
     ----------
     figure, variant, than : str
     mean : float
-        Of the paired differences, in the figure's unit.
+        Mean of the paired differences, in the metric's unit.
     interval : (float, float)
         95 % bootstrap interval of it, over sources and, in each, seeds.
     pairs : int
-        Runs of the same source and seed that both have the figure.
+        Pairs of runs of the same source and seed that both have the metric.
     independent : int
-        How many of them tell something of their own: one a source, or its seeds where there is a
-        single one.
+        How many of them are independent: one per source, or per seed of a single source.
     """
 
     figure: str
@@ -187,7 +186,7 @@ class Difference:
 
     @property
     def is_clear(self) -> bool:
-        """Whether it is beyond what chance does."""
+        """Whether the difference is beyond chance."""
         low, high = self.interval
         return self.independent >= FEWEST_CLEAR and (low > 0.0 or high < 0.0)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A comparison as a page: tables, all backends over one map, every run as a point, links."""
+"""The page of a comparison: tables, trajectories over a map, every run as a point, links."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ import plotly.graph_objects as go
 
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.agreement import Estimate, is_one_drive
+from slarm_graph.eval.agreement import Estimate, is_same_drive
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.comparison import Outcome, headlines_of
 from slarm_graph.eval.comparison_tables import TextTable, run_rows
-from slarm_graph.eval.map_difference import LOOKS, difference_classes
+from slarm_graph.eval.map_difference import CLASS_STYLES, difference_classes
 from slarm_graph.eval.metric_table import kind_of
 from slarm_graph.eval.page import (
     Block,
+    Details,
     Figure,
-    Folded,
     Gallery,
     LinkList,
     PageTable,
+    Paragraph,
     Section,
-    Words,
     page,
     plain,
 )
@@ -36,7 +36,7 @@ from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, trajectory_figure
 from slarm_graph.trajectory import Trajectory
 
 _FLATTENED = 20.0
-"""Where the largest figure is so many times the smallest, linear axes would flatten the rest."""
+"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
 
 _OWN_WAYS = (
     "Each robot explored on a way of its own: the true path drawn is that of the map's robot;"
@@ -46,7 +46,7 @@ _OWN_WAYS = (
 
 @dataclass(frozen=True, slots=True)
 class SourceView:
-    """What is shown of one source.
+    """The results of one source that are shown.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class SourceView:
     estimates : mapping of str to Estimate
         One run of every variant.
     ground : str
-        The variant whose map lies below all; it has one.
+        The variant whose map is the background.
     """
 
     name: str
@@ -64,7 +64,7 @@ class SourceView:
 
 @dataclass(frozen=True, slots=True)
 class ComparisonContent:
-    """Everything the page shows.
+    """The content of the page.
 
     Parameters
     ----------
@@ -105,7 +105,9 @@ def comparison_html(content: ComparisonContent) -> str:
             *(Section(f"{v.name}: map and trajectories", _view(v)) for v in content.views),
             Section("Radio maps", (Gallery(content.pictures),) if content.pictures else ()),
             *figures,
-            Section("Every run", (Folded(count_of(len(rows), "run"), (PageTable(titles, rows),)),)),
+            Section(
+                "Every run", (Details(count_of(len(rows), "run"), (PageTable(titles, rows),)),)
+            ),
             Section("Reports", (LinkList(links),) if links else ()),
         ],
     )
@@ -124,9 +126,9 @@ def _view(view: SourceView) -> tuple[Block, ...]:
     others = {name: e for name, e in view.estimates.items() if name != view.ground}
     paths = {name: estimate.trajectory for name, estimate in view.estimates.items()}
     blocks: list[Block] = [trajectory_figure(ground.grid, paths | _true_path(ground))]
-    blocks.append(Words(f"{MAP_WORDS} The map is that of {view.ground}."))
-    if not all(is_one_drive(ground, other) for other in others.values()):
-        blocks.append(Words(_OWN_WAYS))
+    blocks.append(Paragraph(f"{MAP_WORDS} The map is that of {view.ground}."))
+    if not all(is_same_drive(ground, other) for other in others.values()):
+        blocks.append(Paragraph(_OWN_WAYS))
     figure = error_figure(
         {n: (e.truth, e.trajectory) for n, e in view.estimates.items() if e.truth is not None}
     )
@@ -136,20 +138,20 @@ def _view(view: SourceView) -> tuple[Block, ...]:
     return tuple(blocks)
 
 
-def _difference(reference: str, ground: Estimate, name: str, other: Estimate) -> Folded:
+def _difference(reference: str, ground: Estimate, name: str, other: Estimate) -> Details:
     names = {"wall only in EST": f"wall only in {name}"}
     names["wall only in REF"] = f"wall only in {reference}"
-    looks = {k: (names.get(label, label), color) for k, (label, color) in LOOKS.items()}
+    looks = {k: (names.get(label, label), color) for k, (label, color) in CLASS_STYLES.items()}
     assert ground.grid is not None
     assert other.grid is not None
     motion = ground.map_from_grid.inverse() @ other.map_from_grid
     classes = difference_classes(ground.grid, other.grid, motion)
     figure = difference_figure(classes, ground.grid.geometry, looks)
-    return Folded(f"difference of the maps: {reference}, {name}", (figure,))
+    return Details(f"difference of the maps: {reference}, {name}", (figure,))
 
 
 def _true_path(of: Estimate) -> dict[str, Trajectory]:
-    """Return where the robot went, on its own map; nothing where that is not known."""
+    """Return the true path aligned to the run's map; empty where it is not known."""
     try:
         return {GROUND_TRUTH: ground_truth_in_map(of.truth, of.trajectory)} if of.truth else {}
     except BadInput:

@@ -26,8 +26,8 @@ from slarm_graph.eval.metrics import best_of
 Cell = float | int | str | None
 
 _LETTERS = 94
-"""That fit into a line: LaTeX's article has 345 pt of text, and 4.6 pt for a letter of 10 pt, of
-which a table may be shrunk to the 8 pt of footnotes."""
+"""Letters that fit into a line: LaTeX's article has 345 pt of text, and 4.6 pt for a letter of 10
+pt, of which a table may be shrunk to the 8 pt of footnotes."""
 _SHRUNK = r"\resizebox{\ifdim\width>\linewidth\linewidth\else\width\fi}{!}{% package graphicx"
 _LATEX = str.maketrans(
     {
@@ -52,7 +52,7 @@ _LATEX = str.maketrans(
 
 @dataclass(frozen=True, slots=True)
 class TextTable:
-    """A table as people read it.
+    """A formatted table.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class TextTable:
     best : frozenset of (int, int)
         Row and column of the cells that are the best of their kind.
     words : int
-        Columns at the left that are set as words.
+        Number of columns at the left that hold words.
     """
 
     title: str
@@ -86,8 +86,8 @@ class TextTable:
     def latex(self) -> str:
         """Return it as LaTeX for the packages booktabs and graphicx, the best in bold.
 
-        Columns that a page has no room for go into a table of their own below; one that is wider
-        than the text all the same is shrunk.
+        Columns that do not fit on the page go into further tables below; a single one that is wider
+        than the text is shrunk.
         """
         parts = self._parts()
         if len(parts) == 1:
@@ -96,7 +96,7 @@ class TextTable:
         return "\n".join(map(self._latex_part, parts, titles))
 
     def _parts(self) -> list[list[int]]:
-        """Return the columns of every table that it takes, those of words in each."""
+        """Return the columns of every part of the table; each repeats the columns of words."""
         words = list(range(self.words))
         room = left = _LETTERS - sum(map(self._width, words))
         parts: list[list[int]] = [[]]
@@ -109,12 +109,12 @@ class TextTable:
         return [words + part for part in parts]
 
     def _width(self, column: int) -> int:
-        """Return a column's letters, with the space beside it."""
+        """Return the width of a column in letters, with the space beside it."""
         cells = [row[column] for row in self.rows]
         return 2 + max(map(len, [*cells, *self._title_lines(column)]))
 
     def _title_lines(self, column: int) -> list[str]:
-        """Return a column's title in lines that are hardly longer than what is below."""
+        """Return a column's title wrapped to the width of its cells."""
         below = max((len(row[column]) for row in self.rows), default=0)
         return textwrap.wrap(self.columns[column], max(below, 1), break_long_words=False)
 
@@ -165,7 +165,7 @@ def _in_math(text: str) -> str:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Write a number for people: no fewer digits than it has before the point."""
+    """Format a number with so many digits, or all before the decimal point."""
     if not math.isfinite(value):
         return "-"
     return f"{value:.0f}" if abs(value) >= 10.0**digits else f"{value:.{digits}g}"
@@ -182,7 +182,7 @@ def _median(s: Spread) -> str:
 def summary_tables(outcomes: Sequence[Outcome]) -> list[TextTable]:
     """Return short tables, a row per source and variant; the best of a source is marked.
 
-    Runs that are not ok stay in the count, and out of the figures.
+    Runs that are not ok are counted, but not in the metrics.
     """
     found = groups(outcomes)
     if all(s.count < 2 for group in found for s in group.spreads.values()):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory from anywhere against a reference from anywhere: frames, clocks, then figures."""
+"""Evaluation of a trajectory against a reference: frames, clock offset, alignment, metrics."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from slarm_graph.eval.alignment import Alignment, AlignmentMethod, align
 from slarm_graph.eval.association import AssociationMethod, Pairs, associate, by_index
-from slarm_graph.eval.clocks import better_offset, find_offset
+from slarm_graph.eval.clocks import find_offset, offset_advice
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.plane_of_motion import planes_of, seen_in
+from slarm_graph.eval.plane_of_motion import planes_of, projected
 from slarm_graph.eval.trajectory_accuracy import StretchUnit, aligned_rmse_m
 from slarm_graph.eval.trajectory_metrics import trajectory_metrics
 from slarm_graph.spatial import SpatialTrajectory
@@ -19,7 +19,7 @@ from slarm_graph.trajectory import Trajectory
 
 @dataclass(frozen=True, slots=True)
 class EvaluationOptions:
-    """How to evaluate.
+    """Options of an evaluation.
 
     Parameters
     ----------
@@ -30,12 +30,12 @@ class EvaluationOptions:
     max_difference_s : float
         Largest difference of stamps with `nearest` [s].
     offset_s : float, optional
-        Added to the estimate's stamps [s]; found where left out.
+        Added to the estimate's stamps [s]; None: estimated.
     delta : float
         Length of the RPE's stretches, in `unit`.
     unit : {"frames", "m", "s"}
     lengths_m : tuple of float
-        Over which drift is measured; shares of the path when left out.
+        Path lengths over which drift is measured; empty: shares of the path.
     """
 
     alignment: AlignmentMethod = AlignmentMethod.SE2
@@ -50,7 +50,7 @@ class EvaluationOptions:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """What came of it.
+    """The result of an evaluation.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Evaluation:
     alignment : Alignment
     metrics : tuple of Metric
     notices : tuple of str
-        What makes the figures mean less than they seem to, and what was found out.
+        Limitations of the metrics, and choices that were made automatically.
     """
 
     pairs: Pairs
@@ -71,7 +71,7 @@ class Evaluation:
 def evaluate(
     reference: SpatialTrajectory, estimate: SpatialTrajectory, options: EvaluationOptions
 ) -> Evaluation:
-    """Measure an estimate against a reference.
+    """Evaluate an estimate against a reference.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def evaluate(
         _associated(reference, estimate, options, offset_s) if options.alignment.in_space else flat
     )
     advice = (
-        better_offset(ours, theirs, flat, offset_s)
+        offset_advice(ours, theirs, flat, offset_s)
         if timed and options.offset_s is not None
         else ""
     )
@@ -121,13 +121,13 @@ def _associated(
 def _in_plane(
     reference: SpatialTrajectory, estimate: SpatialTrajectory
 ) -> tuple[Trajectory, Trajectory, str]:
-    """Return two paths in their planes of motion, and in words which where it is not x-y."""
+    """Project two paths into their planes of motion; notices name planes other than x-y."""
     plane, own = planes_of(reference, estimate)
-    ours, theirs = seen_in(reference, plane), seen_in(estimate, own)
+    ours, theirs = projected(reference, plane), projected(estimate, own)
     if own is plane:
         return ours, theirs, "" if plane.is_xy else f"plane of motion: {plane.name}"
     # Of another frame it is unknown which side is up: one of the two fits, its mirror does not.
-    theirs = min((theirs, seen_in(estimate, own.flipped())), key=lambda path: _misfit(ours, path))
+    theirs = min((theirs, projected(estimate, own.flipped())), key=lambda path: _misfit(ours, path))
     return ours, theirs, f"plane of motion: {plane.name} in REF, {own.name} in EST"
 
 

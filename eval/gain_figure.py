@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The page's radio maps: gain, line of sight, best access point; and levels that were measured."""
+"""Interactive figures of radio maps: gain, line of sight, best access point, measured levels."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from slarm_graph.raster.bands import windows
 from slarm_graph.tiles import Where, Window
 
 _MAX_CELLS = 60_000
-"""Of all access points together; a page stays below half a megabyte for them."""
+"""Most cells drawn of all access points together, half a megabyte of the page."""
 _CURVE_POINTS = 300
 """Points of a curve: one for every two to four pixels of the page's width."""
 _NONE = 2
-"""Where no gain is known; drawn in no colour."""
+"""Class of cells without a known gain; transparent."""
 _CLEAR = "rgba(0,0,0,0)"
 
 
 def gain_figure(radio: RadioMap) -> Figure:
-    """Return all layers of a radio map to choose from: gains on one scale, sight, best server."""
+    """Return a figure of the selectable layers of a radio map: gain, line of sight, best server."""
     fig = go.Figure()
     rows, cols, x, y = _shown_cells(radio.geometry, radio.path_loss_db, _MAX_CELLS, radio.where)
     gain_db = single(np.round(-radio.path_loss_db[:, rows, cols], 2))
     clear = radio.line_of_sight[:, rows, cols]
     at = single(x), single(y)
-    labels = _put_gains(fig, radio, *at, gain_db, clear)
-    labels += _put_sights(fig, radio, *at, gain_db, clear)
+    labels = _add_gains(fig, radio, *at, gain_db, clear)
+    labels += _add_sights(fig, radio, *at, gain_db, clear)
     if len(radio.access_points) > 1:
-        labels += _put_best(fig, radio, *at, gain_db)
-    _put_access_points(fig, radio)
-    _put_choice(fig, labels, always=1)
+        labels += _add_best(fig, radio, *at, gain_db)
+    _add_access_points(fig, radio)
+    _add_choice(fig, labels, always=1)
     words = "Radio map: gain, line of sight, best access point"
     return _over_cells(fig, x, y, radio.geometry.resolution_m * rows.step, words)
 
@@ -51,7 +51,7 @@ def _shown_cells(
 ) -> tuple[slice, slice, Floats, Floats]:
     """Return the rows and columns to draw of layers (A, rows, cols), and their x and y [m].
 
-    Those with a value in them; cells are left out evenly where there would be too many.
+    These are the rows and columns with a value; where there are too many, every n-th.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def _over_cells(fig: go.Figure, x: Floats, y: Floats, side_m: float, words: str)
     return Figure(fig, words, aspect=aspect(shown))
 
 
-def _put_gains(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[no-untyped-def]
+def _add_gains(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[no-untyped-def]
     low, high = radio.gain_span_db()
     for index, ap in enumerate(radio.access_points):
         fig.add_heatmap(
@@ -115,7 +115,7 @@ def _put_gains(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[n
     return [f"{ap.name}: gain" for ap in radio.access_points]
 
 
-def _put_sights(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[no-untyped-def]
+def _add_sights(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[no-untyped-def]
     for index, ap in enumerate(radio.access_points):
         sight = np.where(np.isfinite(gain_db[index]), clear[index], _NONE).astype(np.uint8)
         fig.add_heatmap(
@@ -134,7 +134,7 @@ def _put_sights(fig, radio, x, y, gain_db, clear) -> list[str]:  # type: ignore[
     return [f"{ap.name}: line of sight" for ap in radio.access_points]
 
 
-def _put_best(fig, radio, x, y, gain_db) -> list[str]:  # type: ignore[no-untyped-def]
+def _add_best(fig, radio, x, y, gain_db) -> list[str]:  # type: ignore[no-untyped-def]
     power_dbm = np.array([ap.power_dbm for ap in radio.access_points])[:, None, None]
     rss_dbm = np.where(np.isfinite(gain_db), gain_db + power_dbm, -np.inf)
     count = len(radio.access_points)
@@ -160,12 +160,12 @@ def _put_best(fig, radio, x, y, gain_db) -> list[str]:  # type: ignore[no-untype
 
 
 def _steps(colors: list[str]) -> list[list[float | str]]:
-    """Return a colour scale of as many plain steps."""
+    """Return a colour scale with one step per colour."""
     count = len(colors)
     return [[(i + end) / count, color] for i, color in enumerate(colors) for end in (0, 1)]
 
 
-def _put_access_points(fig: go.Figure, radio: RadioMap) -> None:
+def _add_access_points(fig: go.Figure, radio: RadioMap) -> None:
     fig.add_scatter(
         x=[ap.x_m for ap in radio.access_points],
         y=[ap.y_m for ap in radio.access_points],
@@ -186,8 +186,8 @@ def _put_access_points(fig: go.Figure, radio: RadioMap) -> None:
     )
 
 
-def _put_choice(fig: go.Figure, labels: Sequence[str], always: int = 0) -> None:
-    """Let one layer at a time be seen, and what was drawn last, so many pieces, with each."""
+def _add_choice(fig: go.Figure, labels: Sequence[str], always: int = 0) -> None:
+    """Add a menu that shows one layer at a time; the last `always` traces are always shown."""
     buttons = [
         {
             "label": plain(label),
@@ -226,7 +226,7 @@ def gain_curves(radio: RadioMap) -> Figure:
 
 
 def measured_figure(measured: MeasuredMap) -> Figure:
-    """Return the expected level of every access point, cells left out where too many."""
+    """Return a figure of the expected level of every access point, thinned where large."""
     layers, where = measured.mean_dbm, measured.geometry.shape
     rows, cols, x, y = _shown_cells(measured.geometry, layers, _MAX_CELLS, where)
     fig = go.Figure()
@@ -243,6 +243,6 @@ def measured_figure(measured: MeasuredMap) -> Figure:
             visible=index == 0,
             hoverongaps=False,
         )
-    _put_choice(fig, [ap.name for ap in measured.access_points])
+    _add_choice(fig, [ap.name for ap in measured.access_points])
     words = "Measured radio map: expected level per access point"
     return _over_cells(fig, x, y, measured.geometry.resolution_m * rows.step, words)

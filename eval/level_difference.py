@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How two maps of received levels differ: measured and predicted, or measured on two dates."""
+"""Difference of two maps of received levels, such as a measured and a predicted one."""
 
 from __future__ import annotations
 
@@ -19,29 +19,29 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.levels import LevelMap, common_names
 
 _NORMAL_95 = 1.96
-"""Of a standard normal distribution, 95 % lie within."""
+"""Half width of the central 95 % of a standard normal distribution."""
 _COLUMNS, _SIDE_IN, _BAR_IN, _DPI = 3, 2.1, 0.86, 300
 """Maps beside each other; three and the bar of colours fill the 7.16 in of a page of two columns in
 IEEE's journals, which ask for so many dots per inch."""
 _SHOWN_SHARE = 0.98
-"""Of the differences lie within the colours' limits; what is beyond has the last colour."""
+"""Share of the differences within the limits of the colour scale; the rest has its end colours."""
 _NOTHING = "0.75"
 """Grey of cells that are not compared."""
 
 
 @dataclass(frozen=True, slots=True)
 class LevelDifference:
-    """Estimate less reference, on the reference's cells.
+    """Estimate minus reference, on the reference's cells.
 
     Parameters
     ----------
     geometry : GridGeometry
     names : tuple of str, length A
-        Of the access points in both.
+        Access points in both maps.
     difference_db : (A, rows, cols) float64
         nan where either has no level.
     sd_db : (A, rows, cols) float64
-        Standard deviation of that by what both say of themselves, as if independent.
+        Its standard deviation, from those of both maps, taken as independent.
     """
 
     geometry: GridGeometry
@@ -50,7 +50,7 @@ class LevelDifference:
     sd_db: Floats
 
     def metrics(self) -> tuple[Metric, ...]:
-        """Return the figures over all access points; the notes have each."""
+        """Return the metrics over all access points; the notes list each."""
         each = [one[np.isfinite(one)] for one in self.difference_db]
         whole = np.concatenate(each)
         rms = ", ".join(
@@ -88,7 +88,7 @@ def level_difference(reference: LevelMap, estimate: LevelMap) -> LevelDifference
     names, centers = common_names(reference, estimate), reference.geometry.centers()
 
     def at(layer: NDArray[np.float32]) -> Floats:
-        """Look a layer of the estimate up."""
+        """Sample a layer of the estimate at the reference's cell centres."""
         sampled = estimate.geometry.sample(layer, centers, outside=np.nan)
         return np.asarray(sampled, dtype=np.float64)
 
@@ -104,7 +104,7 @@ def level_difference(reference: LevelMap, estimate: LevelMap) -> LevelDifference
 
 
 def save_level_difference(path: Path, made: LevelDifference) -> None:
-    """Write a map per access point in the format of the path's ending: PNG, PDF, SVG ..."""
+    """Write a map per access point; the file extension is the format: PNG, PDF, SVG ..."""
     columns = min(_COLUMNS, len(made.names))
     rows = -(-len(made.names) // columns)
     size = (_SIDE_IN * columns + _BAR_IN, _SIDE_IN * rows)

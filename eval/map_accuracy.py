@@ -15,13 +15,13 @@ from slarm_graph.grid import Mask, OccupancyGrid
 from slarm_graph.raster.distance import distance_to
 
 _MEANINGFUL_OVERLAP = 0.3
-"""Below 30 % of the reference shares are of what was easy to see; it only adds a remark to the
-metrics."""
+"""Least known share of a meaningful comparison: below 30 % only what was easy to see is compared.
+It only adds a remark to the metrics."""
 
 
 @dataclass(frozen=True, slots=True)
 class MapAccuracy:
-    """How well an occupancy grid agrees with a reference, on the reference's lattice.
+    """Accuracy of an occupancy grid against a reference, on the reference's cells.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ class MapAccuracy:
     iou, iou_free : float
         Intersection over union of occupied and of free cells.
     precision, recall, f1 : float
-        Of occupied cells, a cell counting as right within the tolerance.
+        Of occupied cells, which match within the tolerance.
     wall_distance_mean_m, wall_distance_95_m : float
         From the estimate's occupied cells to the nearest occupied cell of the reference [m].
     known_share : float
         Share of the reference's known cells that the estimate knows too.
     tolerance_m : float
     resampled : bool
-        Whether the estimate came at another resolution or origin.
+        Whether the estimate has another resolution or origin.
     """
 
     cell_accuracy: float
@@ -54,7 +54,7 @@ class MapAccuracy:
 
     @property
     def meaningful(self) -> bool:
-        """Whether enough of the reference was mapped for the figures to say something."""
+        """Whether enough of the reference was mapped for the metrics to be meaningful."""
         return self.known_share >= _MEANINGFUL_OVERLAP
 
 
@@ -109,7 +109,7 @@ def map_accuracy(
 def classes_on(
     reference: OccupancyGrid, estimate: OccupancyGrid, reference_from_estimate: Pose2
 ) -> tuple[Mask, Mask]:
-    """Look the estimate's occupied and free cells up at the centres of the reference's cells."""
+    """Sample the estimate's occupied and free cells at the centres of the reference's cells."""
     centers = reference_from_estimate.inverse().transform(reference.geometry.centers())
     lookup = estimate.geometry.sample
     return lookup(estimate.occupied, centers, False), lookup(estimate.free, centers, False)
@@ -121,7 +121,7 @@ def distance_to_m(mask: Mask, resolution_m: float) -> Floats:
 
 
 def map_metrics(result: MapAccuracy) -> tuple[Metric, ...]:
-    """Return the figures as metrics."""
+    """Return the accuracy as metrics."""
     note = f"tolerance {result.tolerance_m:g} m"
     if result.resampled:
         note += ", resampled to the reference's cells"

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Lay one occupancy grid onto another: search all rotations and shifts, then refine."""
+"""Alignment of two occupancy grids: search over all rotations and shifts, then refinement."""
 
 from __future__ import annotations
 
@@ -15,21 +15,19 @@ from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
 _COARSE_CELL_M = 0.2
-"""Of the correlation that finds the start: less than half of the 0.5 m within which a wall pulls in
-the refinement."""
+"""Cell of the correlation that finds the start: less than half of the 0.5 m within which a wall
+attracts in the refinement."""
 _COARSE_STEP_RAD = math.radians(3.0)
-"""Ends of a map of 30 m lie 0.8 m off at half this step, which the correlation's blur still
-bears."""
+"""Ends of a map of 30 m lie 0.8 m off at half this step, which the correlation's blur tolerates."""
 _FAR_M = 0.5
-"""Distances count up to here, so that what only one map has does not pull: the truncation of robust
-ICP."""
+"""Distances are truncated here, so that walls of only one map do not attract, as in robust ICP."""
 _MAX_POINTS = 4000
-"""Of the walls that are aligned: three unknowns, and the fit's error goes with the root of their
-number, 1 mm at cells of 0.05 m."""
+"""Most wall points that are aligned: three unknowns, and the fit's error falls with the root of
+their number, 1 mm at cells of 0.05 m."""
 
 
 def align_maps(reference: OccupancyGrid, estimate: OccupancyGrid) -> Pose2:
-    """Return `reference_from_estimate` [m, m, rad], the motion that lays walls onto walls.
+    """Return `reference_from_estimate` [m, m, rad], the motion that aligns the walls.
 
     Raises
     ------
@@ -85,7 +83,7 @@ def _raster(points_m: Floats, geometry: GridGeometry) -> Floats:
 
 
 def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
-    """Slide the source's walls down the reference's distance field."""
+    """Minimise the distances of the source's wall points to the reference's walls."""
     geometry = reference.geometry
     field = np.minimum(distance_to_m(reference.occupied, geometry.resolution_m), _FAR_M)
 
@@ -100,7 +98,7 @@ def _refine(reference: OccupancyGrid, source: Floats, start: Pose2) -> Pose2:
 
 
 def _bilinear(field: Floats, geometry: GridGeometry, points_m: Floats) -> Floats:
-    """Interpolate between cell centres; far outside counts as far."""
+    """Interpolate bilinearly between cell centres; outside, the truncation distance."""
     origin_m = np.array([geometry.origin_x_m, geometry.origin_y_m])
     cols_rows = (points_m - origin_m) / geometry.resolution_m - 0.5
     return np.asarray(scipy.ndimage.map_coordinates(field, cols_rows.T[::-1], order=1, cval=_FAR_M))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where two occupancy grids differ, as a figure with legend, scale and a closer look."""
+"""A figure of the differences of two occupancy grids, with an enlarged detail."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
 _UNKNOWN, _FREE, _BOTH, _ESTIMATE, _REFERENCE = range(5)
-"""Codes of the classes, in the order of the legend, which is no more than an order."""
-LOOKS = {
+"""Codes of the classes of cells."""
+CLASS_STYLES = {
     _BOTH: ("wall in both", "#000000"),
     _ESTIMATE: ("wall only in EST", "#d55e00"),
     _REFERENCE: ("wall only in REF", "#0072b2"),
     _FREE: ("free in both", "#ffffff"),
     _UNKNOWN: ("unknown in either", "#dedede"),
 }
-"""Vermilion and blue of Okabe and Ito, which colour-blind people can tell apart."""
+"""Label and colour of every class; vermilion and blue of Okabe and Ito suit colour-blind people."""
 _CLOSER_SHARE = 0.25
-"""Side of the closer look, as a share of the map's longer side."""
+"""Side of the enlarged detail, as a share of the map's longer side."""
 _WIDTH_IN, _DPI = 7.16, 300
 """Width of a page of two columns in IEEE's journals [in], and the resolution they ask for."""
 
@@ -38,7 +38,7 @@ _WIDTH_IN, _DPI = 7.16, 300
 def difference_classes(
     reference: OccupancyGrid, estimate: OccupancyGrid, reference_from_estimate: Pose2 | None = None
 ) -> NDArray[np.uint8]:
-    """Return what every cell (rows, cols) of the reference's lattice is in both maps."""
+    """Return the class of every cell (rows, cols) of the reference: what it is in both maps."""
     occupied, free = classes_on(reference, estimate, reference_from_estimate or Pose2())
     classes = np.full(reference.geometry.shape, _UNKNOWN, dtype=np.uint8)
     classes[reference.free & free] = _FREE
@@ -54,7 +54,7 @@ def save_difference(
     estimate: OccupancyGrid,
     reference_from_estimate: Pose2 | None = None,
 ) -> None:
-    """Write the figure in the format of the path's ending: PNG, PDF, SVG ..."""
+    """Write the figure; the file extension is the format: PNG, PDF, SVG ..."""
     classes = difference_classes(reference, estimate, reference_from_estimate)
     geometry = reference.geometry
     figure = Figure(figsize=(_WIDTH_IN, 3.9), layout="constrained")
@@ -62,9 +62,9 @@ def save_difference(
     for axes in (whole, closer):
         axes.imshow(
             classes,
-            cmap=ListedColormap([LOOKS[kind][1] for kind in sorted(LOOKS)]),
+            cmap=ListedColormap([CLASS_STYLES[kind][1] for kind in sorted(CLASS_STYLES)]),
             vmin=-0.5,
-            vmax=len(LOOKS) - 0.5,
+            vmax=len(CLASS_STYLES) - 0.5,
             origin="lower",
             extent=geometry.extent_m,
             interpolation="none",
@@ -74,17 +74,17 @@ def save_difference(
         axes.tick_params(labelsize=7)
         axes.set_xlabel("x [m]", fontsize=8)
     whole.set_ylabel("y [m]", fontsize=8)
-    x_m, y_m, side_m = where_it_differs(classes, geometry)
+    x_m, y_m, side_m = densest_difference(classes, geometry)
     closer.set_xlim(x_m, x_m + side_m)
     closer.set_ylim(y_m, y_m + side_m)
     closer.set_title(_differing(classes), fontsize=8)
     frame = Rectangle((x_m, y_m), side_m, side_m, fill=False, lw=0.8, ls="--", ec="#009e73")
     whole.add_patch(frame)
     for axes in (whole, closer):
-        _put_scale(axes)
+        _add_scale(axes)
     handles = [
         Patch(facecolor=color, edgecolor="#888888", lw=0.5, label=label)
-        for label, color in LOOKS.values()
+        for label, color in CLASS_STYLES.values()
     ]
     figure.legend(
         handles=handles, loc="outside upper center", ncols=len(handles), fontsize=7, frameon=False
@@ -92,7 +92,7 @@ def save_difference(
     figure.savefig(path, dpi=_DPI, bbox_inches="tight")
 
 
-def where_it_differs(
+def densest_difference(
     classes: NDArray[np.uint8], geometry: GridGeometry
 ) -> tuple[float, float, float]:
     """Return the lower left corner and side of the square with the most differing cells [m].
@@ -117,7 +117,7 @@ def _differing(classes: NDArray[np.uint8]) -> str:
     return f"where they differ most (cells in all: {count})" if count else "no cell differs"
 
 
-def _put_scale(axes: Axes) -> None:
+def _add_scale(axes: Axes) -> None:
     (x_min, x_max), (y_min, y_max) = axes.get_xlim(), axes.get_ylim()
     power = 10.0 ** math.floor(math.log10((x_max - x_min) / 3.0))
     length_m = max(n for n in (1.0, 2.0, 5.0) if n * power <= (x_max - x_min) / 3.0) * power

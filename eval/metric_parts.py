@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What metrics are computed from, and where those of other packages come in."""
+"""The input of metrics (`Subject`), and the interface for metrics of other packages."""
 
 from __future__ import annotations
 
@@ -26,27 +26,27 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class References:
-    """What is known to be true.
+    """The ground truth of a run.
 
     Parameters
     ----------
     ground_truth : Trajectory or None
         `truth_from_robot`.
     relations : Relations or None
-        True poses of the laser, relative to each other.
+        True relative poses of the laser.
     """
 
     ground_truth: Trajectory | None = None
     relations: Relations | None = None
 
     def or_truth(self, truth: Trajectory | None) -> References:
-        """Fill in what a source knows of itself, where no ground truth is given."""
+        """Use the source's own ground truth where none is given."""
         return replace(self, ground_truth=truth) if self.ground_truth is None else self
 
 
 @dataclass(frozen=True, slots=True)
 class Subject:
-    """What a run came to, as far as there is, for metrics to be computed from.
+    """The results of a run from which metrics are computed, as far as there are any.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ class Subject:
         `map_from_robot`.
     references : References
     robot_from_laser : Pose2
-        Where relations are evaluated [m, m, rad].
+        Pose at which relations are evaluated [m, m, rad].
     end_points_m : (N, 2) float64, optional
         End points of the scans in the map [m].
     grid : OccupancyGrid, optional
     geographic : GeographicMap, optional
     radio : RadioMap, optional
     drive : DriveReport, optional
-        Where a robot explored.
+        Of an exploration.
     consistency : Contradictions, optional
         The run's verdict on itself.
     """
@@ -90,7 +90,7 @@ class MetricPart(Protocol):
 
 @cache
 def parts() -> tuple[MetricPart, ...]:
-    """Load what is registered; what cannot be loaded is told and left out."""
+    """Load the registered metrics of other packages; log and skip those that fail to load."""
     found: list[MetricPart] = []
     for name in registry.registered("metric"):
         try:
@@ -101,7 +101,7 @@ def parts() -> tuple[MetricPart, ...]:
 
 
 def measured_by_parts(subject: Subject) -> tuple[Metric, ...]:
-    """Return what other packages measure; one that fails is told and costs no run."""
+    """Return the metrics of other packages; log and skip those that fail."""
     found: list[Metric] = []
     for part in parts():
         try:

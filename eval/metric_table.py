@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The table of metrics, `metric_kinds.csv`: every figure the toolkit reports, as they are shown.
+"""The table of metrics, `metric_kinds.csv`: name, unit, title and meaning of every metric.
 
 Packages add theirs with an entry point of the group `slarm_graph.metrics`; see `MetricPart`.
 """
@@ -33,7 +33,7 @@ def kinds() -> Mapping[str, MetricKind]:
 
 
 def kind_of(name: str) -> MetricKind:
-    """Return the kind of a metric; of an unknown one, what its name says."""
+    """Return the kind of a metric; of an unknown one, a kind derived from its name."""
     known = kinds().get(name)
     if known is not None:
         return known
@@ -44,12 +44,12 @@ def kind_of(name: str) -> MetricKind:
 
 
 def headlines() -> tuple[MetricKind, ...]:
-    """Return the kinds that short tables show, in their order."""
+    """Return the kinds that short tables show, in the table's order."""
     return tuple(kind for kind in kinds().values() if kind.headline)
 
 
 def in_table_order(metrics: Iterable[Metric]) -> tuple[Metric, ...]:
-    """Sort metrics as the table has them; of those with one name the first stays."""
+    """Sort metrics in the order of the table; of equal names the first is kept."""
     first: dict[str, Metric] = {}
     for metric in metrics:
         first.setdefault(metric.name, metric)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One measured number, what kind of number it is, and sets of them as JSON and CSV."""
+"""Metrics: a value with its kind (unit, title, meaning), and lists of them as JSON and CSV."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Better = Literal["less", "more", ""]
 
 @dataclass(frozen=True, slots=True)
 class MetricKind:
-    """What a metric is called, counted in and good for: a row of the table of metrics.
+    """Name, unit and meaning of a metric: a row of the table of metrics.
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ class MetricKind:
     unit : str
         Empty for counts and shares.
     title : str
-        For people, without the unit.
+        Title in tables, without the unit.
     better : {"less", "more", ""}
-        Which way is better; empty where neither is.
+        Which direction is better; empty for neither.
     applies : str
-        Where it can be had.
+        When it is available.
     how : str
         How it is computed.
     headline : bool
@@ -52,17 +52,17 @@ class MetricKind:
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """A measured number; unit and title stand in the table of metrics.
+    """A metric's value; unit and title are in the table of metrics.
 
     Parameters
     ----------
     name : str
-        Of its kind.
+        Name of its kind.
     value : float
     note : str
-        How it came about this time: alignment, what it was matched with.
+        How this value was computed: alignment, number of matched poses.
     interval : (float, float), optional
-        Within which the value lies with 95 % confidence, by bootstrap.
+        95 % confidence interval, by bootstrap.
     """
 
     name: str
@@ -72,7 +72,7 @@ class Metric:
 
     @property
     def kind(self) -> MetricKind:
-        """Look the kind up."""
+        """Return the kind of this metric."""
         from slarm_graph.eval.metric_table import kind_of
 
         return kind_of(self.name)
@@ -83,21 +83,21 @@ class Metric:
         return self.kind.unit
 
     def interval_words(self) -> str:
-        """Return the interval as people read it; empty where there is none."""
+        """Format the interval; empty where there is none."""
         if self.interval is None or not all(map(math.isfinite, self.interval)):
             return ""
         return "{:.3g} to {:.3g}".format(*self.interval)
 
 
 INTERVAL = "95 % interval"
-"""Title of the column."""
+"""Title of the column of intervals."""
 
 
 def best_of(values: Sequence[float], better: Better) -> frozenset[int]:
-    """Return where the best of several values are.
+    """Return the indices of the best values.
 
-    Those that read like the best in three digits are as good; where all do, or no way is better,
-    there is none.
+    Values equal to the best in three digits are best, too; when all are, or neither direction is
+    better, there is none.
     """
     known = {index: value for index, value in enumerate(values) if math.isfinite(value)}
     if not better or len(known) < 2:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The page: sections of facts, tables and interactive figures, by one template, all in one file."""
+"""Self-contained HTML pages: sections of facts, tables and interactive figures, by one template."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from slarm_graph.files.maps import png_bytes
 Cell = float | int | str | None
 
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#f0e442", "#777777")
-"""Okabe and Ito's, which colour-blind people can tell apart; grey for their black, which would be
-lost on a dark page."""
+"""Colours of Okabe and Ito, which suit colour-blind people; grey for their black, which would be
+invisible on a dark page."""
 
 
 _PLOTLYS = str.maketrans({c: f"&#{ord(c)};" for c in "%{$"})
@@ -35,7 +35,7 @@ _PLOTLYS = str.maketrans({c: f"&#{ord(c)};" for c in "%{$"})
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Key figures: (value, words)."""
+    """Key figures: (value, label)."""
 
     kind: ClassVar[str] = "facts"
     pairs: Sequence[tuple[str, str]]
@@ -43,14 +43,14 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class Notices:
-    """What a user should know."""
+    """Notices and warnings for the user."""
 
     kind: ClassVar[str] = "notices"
     texts: Sequence[str]
 
 
 @dataclass(frozen=True, slots=True)
-class Words:
+class Paragraph:
     """A paragraph."""
 
     kind: ClassVar[str] = "words"
@@ -59,7 +59,7 @@ class Words:
 
 @dataclass(frozen=True, slots=True)
 class Code:
-    """Text as it is."""
+    """Preformatted text."""
 
     kind: ClassVar[str] = "code"
     text: str
@@ -67,7 +67,7 @@ class Code:
 
 @dataclass(frozen=True, slots=True)
 class PageTable:
-    """A table; columns that hold only numbers are set to the right.
+    """A table; columns of numbers are right-aligned.
 
     Parameters
     ----------
@@ -76,10 +76,10 @@ class PageTable:
     best : frozenset of (int, int)
         Row and column of the cells in bold.
     right_from : int, optional
-        Set all columns from there to the right.
+        Right-align all columns from there on.
     grouped : bool
-        Rows whose first cells are alike stand below one heading, which is that cell; the next
-        column stays where a narrow page is scrolled to the right.
+        Group rows with equal first cells under that cell as heading; the next column stays in place
+        when a narrow page is scrolled.
     """
 
     kind: ClassVar[str] = "table"
@@ -91,12 +91,12 @@ class PageTable:
 
     @property
     def shown(self) -> list[list[str]]:
-        """The cells as people read them."""
+        """The formatted cells."""
         return [[shown(value) for value in row] for row in self.rows]
 
     @property
     def right(self) -> list[bool]:
-        """Which columns are set to the right."""
+        """Which columns are right-aligned."""
         if self.right_from is not None:
             return [index >= self.right_from for index in range(len(self.columns))]
         return [
@@ -108,7 +108,7 @@ class PageTable:
 
 @dataclass(frozen=True, slots=True)
 class Bars:
-    """Amounts with bars: (name, amount, text)."""
+    """A bar chart: (name, amount, text)."""
 
     kind: ClassVar[str] = "bars"
     rows: Sequence[tuple[str, float, str]]
@@ -128,11 +128,11 @@ class Figure:
     ----------
     content : plotly Figure
     words : str
-        What it shows, for those who cannot see it.
+        Alternative text.
     height_px : int
-        Of figures without aspect.
+        Height of figures without aspect.
     aspect : float
-        Height over width of what a map shows; 0 where it is no map.
+        Height over width of a map; 0 for other figures.
     """
 
     kind: ClassVar[str] = "figure"
@@ -143,7 +143,7 @@ class Figure:
 
     @property
     def json(self) -> Markup:
-        """The figure as JSON that cannot end the element it stands in."""
+        """The figure as JSON, escaped for its HTML element."""
         self.content.update_layout(colorway=COLORS, template="none")
         text = str(self.content.to_json())
         return Markup(text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026"))
@@ -158,7 +158,7 @@ class Gallery:
 
     @property
     def shown(self) -> list[tuple[str, str]]:
-        """Captions and data addresses."""
+        """Captions and data URIs."""
         return [(caption, _png_uri(data)) for caption, data in self.pictures]
 
 
@@ -171,15 +171,17 @@ class LinkList:
 
 
 @dataclass(frozen=True, slots=True)
-class Folded:
-    """What opens on a click."""
+class Details:
+    """Blocks that unfold on a click."""
 
     kind: ClassVar[str] = "folded"
     title: str
     blocks: Sequence[Block]
 
 
-Block = Facts | Notices | Words | Code | PageTable | Bars | Figure | Gallery | LinkList | Folded
+Block = (
+    Facts | Notices | Paragraph | Code | PageTable | Bars | Figure | Gallery | LinkList | Details
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +193,7 @@ class Section:
 
 
 def page(title: str, lead: str, blocks: Sequence[Block], sections: Sequence[Section]) -> str:
-    """Return a whole page that needs nothing besides itself.
+    """Return a self-contained HTML page.
 
     Parameters
     ----------
@@ -217,7 +219,7 @@ def _template() -> jinja2.Template:
 
 
 def shown(value: Cell) -> str:
-    """Write a value for people: four digits, a dash for what is missing."""
+    """Format a value: four digits, a dash for a missing one."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "-"
     if isinstance(value, float):
@@ -229,12 +231,12 @@ def shown(value: Cell) -> str:
 
 
 def plain(name: str) -> str:
-    """Return a name that plotly takes for text: no tags, no formats, no mathematics."""
+    """Escape a name so that plotly shows it as text: no tags, formats or mathematics."""
     return html.escape(name).translate(_PLOTLYS)
 
 
 def png_uri(image: NDArray[np.uint8]) -> str:
-    """Return an image (rows, cols) or (rows, cols, 3) RGB, top row first, as a data address."""
+    """Return an image (rows, cols) or (rows, cols, 3) RGB, top row first, as a data URI."""
     return _png_uri(png_bytes(image))
 
 

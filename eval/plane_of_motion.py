@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The plane in which a path in space moves, and the path in it.
+"""The plane of motion of a trajectory in space, and its projection into it.
 
-Robots drive in x and y, but camera poses (KITTI, ORB-SLAM) have y down and z ahead: seen from
-above by mistake, such a path is a line.
+Robots drive in x and y, but camera poses (KITTI, ORB-SLAM) have y down and z ahead: projected onto
+x and y, such a path is a line.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.trajectory import Trajectory
 
 _SNAP_RAD = math.radians(10.0)
-"""A plane nearer than this to one of the axes is taken to be it: floors and roads are level, and a
-doubled angle would hide a camera that is mounted askew."""
+"""A plane whose normal is nearer than this to an axis is aligned with it: floors and roads are
+level, and a doubled angle would hide a camera that is mounted askew."""
 _SAME_RAD = math.radians(20.0)
-"""Planes of two files nearer than this are one; conventions differ by 90 degrees."""
+"""Planes of two files that differ by less are the same; conventions differ by 90 degrees."""
 _FLAT = 0.25
-"""Third extent over second; above it a path is no plane and only the axes' custom is left."""
+"""Third extent over second; above it a path is not planar, and the axes' convention decides."""
 _WIDE = 0.02
-"""Second extent over first; below it a path is a line and any plane through it would do."""
+"""Second extent over first; below it a path is a line, in any plane through it."""
 _LEVEL = math.cos(math.radians(60.0))
 """A body whose z axis is nearer to the plane is a camera, which looks along z; one whose z axis
 stands farther out of it is a robot, which looks along x. To ask which of two axes lies more in the
 plane would be to ask the noise: both do."""
 _UPS = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]])
-"""What is up where the plane is across x, y (as cameras have it: y is down) or z."""
+"""Up direction where the plane is normal to x, y (cameras: y is down) or z."""
 _NAMES = ("y-z", "x-z", "x-y")
 
 
@@ -45,9 +45,9 @@ class Plane:
     plane_from_space : (3, 3) float64
         Rotation whose third row is up.
     name : str
-        In words for people.
+        Text for notices.
     sure : bool
-        Whether the path tells it, or only custom.
+        Whether the path determines it, or only convention.
     """
 
     plane_from_space: Floats
@@ -65,12 +65,12 @@ class Plane:
 
     @property
     def is_xy(self) -> bool:
-        """Whether the path is seen as it is."""
+        """Whether it is the x-y plane, so that paths are not changed."""
         return bool(self.up[2] == 1.0)
 
 
 def plane_of(path: SpatialTrajectory) -> Plane:
-    """Find the plane of a path: by its positions; of a line by how it turns and where it leads."""
+    """Find the plane of a path: by its positions; of a line by its rotations and direction."""
     positions = path.poses[:, :3] - path.poses[:, :3].mean(axis=0)
     _, extents, axes = np.linalg.svd(positions, full_matrices=False)
     if extents[0] < 1e-9 or len(path) < 3:
@@ -107,14 +107,14 @@ def _with_normal(normal: Floats) -> Plane:
 
 
 def _across(axis: int, *, sure: bool) -> Plane:
-    """Return the plane across an axis, with its other axes in right-handed order."""
+    """Return the plane normal to an axis, with its other axes in right-handed order."""
     up = _UPS[axis]
     ahead = np.eye(3)[(axis + 1) % 3]
     return Plane(np.stack([ahead, np.cross(up, ahead), up]), _NAMES[axis], sure)
 
 
-def seen_in(path: SpatialTrajectory, plane: Plane) -> Trajectory:
-    """Return a path as it is in a plane; heights and tilts are left out."""
+def projected(path: SpatialTrajectory, plane: Plane) -> Trajectory:
+    """Project a path into a plane; heights and tilts are dropped."""
     if plane.is_xy:
         return path.in_xy()
     positions = path.poses[:, :3] @ plane.plane_from_space.T
@@ -130,7 +130,7 @@ def seen_in(path: SpatialTrajectory, plane: Plane) -> Trajectory:
 def planes_of(reference: SpatialTrajectory, estimate: SpatialTrajectory) -> tuple[Plane, Plane]:
     """Return the planes of motion of two paths.
 
-    The reference's counts for both, unless the estimate's frame is clearly another one.
+    The reference's is used for both, unless the estimate's frame is clearly another one.
     """
     ours, theirs = plane_of(reference), plane_of(estimate)
     if not ours.sure:
@@ -140,5 +140,5 @@ def planes_of(reference: SpatialTrajectory, estimate: SpatialTrajectory) -> tupl
 
 
 def level(path: SpatialTrajectory) -> Trajectory:
-    """Return a path in its own plane of motion."""
-    return seen_in(path, plane_of(path))
+    """Project a path into its own plane of motion."""
+    return projected(path, plane_of(path))

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Accuracy of a recovered geographic and radio map against the theoretical radio map.
 
-`accuracy` is the paper's figure as settled here: the share of the reference's accessible cells that
+`accuracy` is the paper's metric as defined here: the share of the reference's accessible cells that
 the final map calls accessible and whose gain is right within the tolerance.
 """
 
@@ -53,7 +53,7 @@ def radio_accuracy(
         On the geographic map's lattice, of the same access points in the same order.
     tolerance_db : float
     extent_m : (x_min, x_max, y_min, y_max), optional
-        The space that counts; cells that stick out count by the area inside.
+        Area that is compared; cells at its edge count by their area inside.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def _link(
     area: Floats,
     tolerance_db: float,
 ) -> LinkAccuracy:
-    """Judge the n-th access point."""
+    """Compute the accuracy of the n-th access point."""
     both = cells.accessible & reference_accessible
     error_db, sight = cells.gain_error_db[n], reference.line_of_sight[n]
     hit = both & (error_db <= tolerance_db)
@@ -141,7 +141,7 @@ def _looked_up(reference: RadioMap, geographic: GeographicMap, estimate: RadioMa
     lattice, centers = geographic.geometry, reference.geometry.centers()
 
     def links(layer: NDArray[Scalar], outside: float | bool) -> NDArray[Scalar]:
-        """Look up a layer (A, ...) of every access point."""
+        """Sample a layer (A, ...) of every access point."""
         return np.stack([lattice.sample(one, centers, outside=outside) for one in layer])
 
     gain_db = links(estimate.channel_power_gain_db, np.nan)

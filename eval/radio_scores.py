@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How well a recovered map and its radio map agree with the truth, in figures."""
+"""Accuracy of a recovered map and its radio map, as values and metrics."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class RadioAccuracy:
         return self._mean("gain_mae_db")
 
     def _unknown_note(self) -> str:
-        """What a reference that does not know all its links makes of their agreement."""
+        """Return a note where the reference itself does not know the line of sight of all links."""
         share = self._mean("los_unknown_reference")
         return (
             f"{share:.2%} unknown to the reference itself; agrees where both are" if share else ""
@@ -124,7 +124,7 @@ class RadioAccuracy:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What makes the figures mean less than they seem to."""
+        """Warnings of limitations of the metrics."""
         if self.tolerance_db < self.smallest_gap_db:
             return ()
         return (
@@ -133,7 +133,7 @@ class RadioAccuracy:
         )
 
     def metrics(self) -> tuple[Metric, ...]:
-        """Return the figures under the names of the run folder's contract."""
+        """Return the accuracy as metrics of the run folder."""
         note = f"|gain error| <= {self.tolerance_db:g} dB; R_e = {self.expansion_radius_m:g} m"
         each = ", ".join(f"{link.access_point} {link.accuracy:.4f}" for link in self.links)
         mean = f"mean of {len(self.links)} access points" if len(self.links) > 1 else ""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which point of the robot true relations are about: a reference in another frame, found.
+"""Detection of relations that were measured at another point of the robot than assumed.
 
 Seen from a point `o` of a body that moved by (t, R), its displacement is t + (R - 1) o. A reference
 made with another mounting of the laser, or with its sign turned, differs from a right trajectory by
@@ -17,16 +17,16 @@ from slarm_graph.geometry import Floats
 _SURE = 13.82
 """Chi-square quantile of 99.9 % for two degrees of freedom."""
 _MATTERS = 0.1
-"""Share of the mean error that the point must explain to be told: a table's second digit. At half
-and double of it the same recordings of the benchmark are told of (they have 0 % or over 20 %)."""
+"""Share of the mean error that the point must explain for advice: a table's second digit. At half
+and double of it the same recordings of the benchmark get advice (they have 0 % or over 20 %)."""
 _LEAST_M = 1e-3
-"""Errors below are of the size of what relations are printed with [m]."""
+"""Smaller errors are within the decimals of the relations files [m]."""
 _ROUNDS = 30
 """Rounds of reweighting; with half and with four times as many fr-clinic's stays to 0.02 mm."""
 
 
-def better_point(estimated: Floats, true: Floats) -> str:
-    """Say at which point of the robot true relations fit clearly better, if there is one.
+def point_advice(estimated: Floats, true: Floats) -> str:
+    """Return advice when the relations fit clearly better at another point of the robot.
 
     Parameters
     ----------
@@ -51,13 +51,13 @@ def better_point(estimated: Floats, true: Floats) -> str:
 
 
 def _moves(relations: Floats) -> Floats:
-    """How a point's displacement grows with the point (U, 2, 2): R - 1."""
+    """Return the derivative (U, 2, 2) of a point's displacement by the point: R - 1."""
     cos, sin = np.cos(relations[:, 2]) - 1.0, np.sin(relations[:, 2])
     return np.stack([np.stack([cos, -sin], axis=-1), np.stack([sin, cos], axis=-1)], axis=1)
 
 
 def _fitted(moves: Floats, errors: Floats) -> tuple[Floats, Floats]:
-    """Point (2,) of the least sum of distances (Weiszfeld's reweighting) and its information.
+    """Return the point (2,) of the least sum of distances (Weiszfeld) and its information.
 
     The information (2, 2) is that of an M-estimator (Huber, "Robust Statistics", 1981, 6.3).
     """

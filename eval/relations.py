@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Error over true relative poses (Kuemmerle et al. 2009, "On measuring the accuracy of SLAM")."""
+"""Error of relative poses (Kuemmerle et al. 2009, "On measuring the accuracy of SLAM")."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput, brief
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.relation_point import better_point
+from slarm_graph.eval.relation_point import point_advice
 from slarm_graph.files.texts import read_text
 from slarm_graph.geometry import Floats, Pose2, between
 from slarm_graph.stamps import seconds_to_ns
@@ -23,8 +23,8 @@ _COLUMNS = "stamp_1 stamp_2 x y z roll pitch yaw"
 _YAW = 7
 """Column of the yaw in a line of the Freiburg benchmark: two stamps, x y z, roll pitch yaw."""
 _HALF_A_SECOND_NS = 500_000_000
-"""Stamps of the benchmark are rounded to some tenths of a second; so far beyond the ends a pose is
-taken for that end."""
+"""Stamps of the benchmark are rounded to some tenths of a second; up to this beyond the ends of a
+trajectory its first or last pose is used."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +87,7 @@ class RelationErrors:
     part : str
         The part of the robot at which they were evaluated.
     advice : str
-        At which other point they fit clearly better; empty where there is none.
+        Text naming another point at which they fit clearly better; empty for none.
     """
 
     translation_m: Floats
@@ -132,7 +132,7 @@ def relation_errors(
         np.abs(error[:, 2]),
         len(used),
         "robot" if robot_from_laser is None else "laser",
-        better_point(estimated, true),
+        point_advice(estimated, true),
     )
 
 
@@ -151,7 +151,7 @@ def _no_overlap(relations: Relations, trajectory: Trajectory) -> str:
 
 
 def relation_metrics(errors: RelationErrors) -> tuple[Metric, ...]:
-    """Mean and standard deviation of the errors as metrics."""
+    """Return mean and standard deviation of the errors as metrics."""
     degrees = np.degrees(errors.rotation_rad)
     used = len(errors.translation_m)
     note = f"at the {errors.part}, {used} of {count_of(errors.total, 'relation')}"

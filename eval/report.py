@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of one run: where the robot went, the radio map, the numbers, what was left out."""
+"""The report page of a run: trajectory, maps, metrics, dropped scans, configuration."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from slarm_graph.eval.page import (
     Block,
     Cell,
     Code,
+    Details,
     Facts,
-    Folded,
     Notices,
     PageTable,
+    Paragraph,
     Section,
-    Words,
     page,
 )
 from slarm_graph.eval.report_figures import HEIGHT_WORDS, MAP_WORDS, geographic_figure
@@ -42,19 +42,19 @@ from slarm_graph.readings import ScanStatus
 from slarm_graph.trajectory import Trajectory
 
 _MAX_TABLE_ROWS = 300
-"""Of a backend's table; the CSV beside the page has all."""
+"""Most rows shown of a backend's table; the CSV beside the page has all."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReportContent:
-    """Everything the report shows.
+    """The content of the report.
 
     Parameters
     ----------
     title, lead : str
     grid : OccupancyGrid
     trajectories : mapping of str to Trajectory
-        By what to call them, all in the frame of the grid; the first is the estimate.
+        By label, all in the frame of the grid; the first is the estimate.
     geographic : GeographicMap
     radio : RadioMap or None
     metrics : sequence of Metric
@@ -67,11 +67,11 @@ class ReportContent:
     config_text : str
         The resolved configuration.
     config_changes : sequence of str
-        What of it is not the default, as `key: default -> value`.
+        Settings that are not the default, as `key: default -> value`.
     marks : Marks
-        Loop closures, contradictions and confidence, for the map.
+        Loop closures, contradictions and covariances, drawn in the map.
     verdict : str
-        What the run says of its own consistency.
+        The run's verdict on its own consistency.
     measured : MeasuredMap or None
     heights : sequence of HeightPosterior
         What was heard of heights that nobody had said.
@@ -110,7 +110,7 @@ def report_html(content: ReportContent) -> str:
                 "Trajectory over the map",
                 (
                     trajectory_figure(content.grid, trajectories, content.marks),
-                    Words(MAP_WORDS + " Entries of the legend switch on and off."),
+                    Paragraph(MAP_WORDS + " Entries of the legend switch on and off."),
                 ),
             ),
             Section("Errors along the way", _error_part(content)),
@@ -128,14 +128,14 @@ def report_html(content: ReportContent) -> str:
 
 
 def count_by_reason(scans: Iterable[ScanStatus]) -> list[tuple[str, int]]:
-    """Return how many scans met each fate: the used ones first, then the commonest reasons."""
+    """Return the number of scans by status: the used ones, then the dropped ones by reason."""
     reasons = Counter(scan.reason for scan in scans)
     used = reasons.pop("", 0)
     return [("used", used), *reasons.most_common()]
 
 
 def scan_table(scans: Sequence[ScanStatus]) -> Bars:
-    """Return the used and the dropped scans by reason."""
+    """Return a table of the used scans and of the dropped ones by reason."""
     total = max(len(scans), 1)
     return Bars(
         [
@@ -146,18 +146,22 @@ def scan_table(scans: Sequence[ScanStatus]) -> Bars:
 
 
 def table_blocks(table: BackendTable) -> tuple[Block, ...]:
-    """Return a backend's table: a figure where it is a series, else rows, cut where it is long."""
+    """Return a backend's table as a figure where it is a time series, else as rows, cut if long."""
     if not table.rows:
-        return (Words("none"),)
+        return (Paragraph("none"),)
     figure = table_figure(table)
     if table.path() is not None:
         return ()
     left_out = len(table.rows) - _MAX_TABLE_ROWS
-    more = (Words(f"{count_of(left_out, 'more row')} in {table.name}.csv"),) if left_out > 0 else ()
+    more = (
+        (Paragraph(f"{count_of(left_out, 'more row')} in {table.name}.csv"),)
+        if left_out > 0
+        else ()
+    )
     keep = [i for i, name in enumerate(table.columns) if name != "stamp_ns"]
     columns = [table.columns[i].replace("_", " ") for i in keep]
     rows = PageTable(columns, [[row[i] for i in keep] for row in table.rows[:_MAX_TABLE_ROWS]])
-    shown = Folded(count_of(len(table.rows), "row"), (rows, *more))
+    shown = Details(count_of(len(table.rows), "row"), (rows, *more))
     return (figure, shown) if figure else (shown,)
 
 
@@ -167,7 +171,7 @@ def _error_part(content: ReportContent) -> tuple[Block, ...]:
         return ()
     estimates = {n: t for n, t in content.trajectories.items() if n != GROUND_TRUTH}
     figure = error_figure({name: (truth, estimate) for name, estimate in estimates.items()})
-    words = Words("Each trajectory is laid onto the truth by SE(2), without scale.")
+    words = Paragraph("Each trajectory is laid onto the truth by SE(2), without scale.")
     return (figure, words) if figure else ()
 
 
@@ -197,12 +201,12 @@ def _geographic_part(geographic: GeographicMap) -> tuple[Block, ...]:
         )
     elif geographic.solids:
         words += f" {HEIGHT_WORDS}"
-    return geographic_figure(geographic), Words(words)
+    return geographic_figure(geographic), Paragraph(words)
 
 
 def _radio_part(radio: RadioMap | None) -> tuple[Block, ...]:
     if radio is None:
-        return (Words("No access point was given; add --ap X Y Z."),)
+        return (Paragraph("No access point was given; add --ap X Y Z."),)
     frequencies = ", ".join(sorted({f"{ap.frequency_hz * 1e-9:g}" for ap in radio.access_points}))
     words = (
         f"{radio.scenario} at {frequencies} GHz, antenna {radio.antenna_height_m:g} m above the"
@@ -210,11 +214,11 @@ def _radio_part(radio: RadioMap | None) -> tuple[Block, ...]:
         f" {radio.height_source}, R_e = {radio.expansion_radius_m:g} m. Expected gain = minus path"
         " loss (3GPP TR 38.901); all access points on one scale."
     )
-    return gain_figure(radio), Words(words), gain_curves(radio)
+    return gain_figure(radio), Paragraph(words), gain_curves(radio)
 
 
 def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
-    """Return the section on what was heard on the way, none where nothing was."""
+    """Return the section on the measured radio map; empty without one."""
     if measured is None:
         return ()
     rows = fitted_rows(measured)
@@ -224,7 +228,7 @@ def _measured_part(measured: MeasuredMap | None) -> tuple[Section, ...]:
         " does not pass walls. The standard deviation is that of the expected level; a new reading"
         " spreads farther (noise and drift in the table)."
     )
-    blocks = (measured_figure(measured), Words(words), Folded("what was fitted", (table,)))
+    blocks = (measured_figure(measured), Paragraph(words), Details("what was fitted", (table,)))
     return (Section("Measured signal strength", blocks),)
 
 
@@ -238,7 +242,7 @@ def _heights_part(heights: Sequence[HeightPosterior]) -> tuple[Section, ...]:
         "Heights that nobody has said, by what was heard behind obstacles: quantiles of the prior,"
         " by class of plan, and of the posterior. Line of sight is that of the posterior."
     )
-    return (Section("Heights of obstacles", (Words(words), table)),)
+    return (Section("Heights of obstacles", (Paragraph(words), table)),)
 
 
 def _metric_table(metrics: Sequence[Metric]) -> tuple[Block, ...]:
@@ -287,20 +291,20 @@ def _stage_bars(record: Mapping[str, object]) -> tuple[Block, ...]:
     for name, seconds in stages.items():
         peak = f", {memory[name]:.0f} MB" if name in memory else ""
         rows.append((str(name), float(seconds), f"{float(seconds):.2f} s{peak}"))
-    words = Words("Memory is the process's peak up to the end of the stage.")
+    words = Paragraph("Memory is the process's peak up to the end of the stage.")
     return (Bars(rows), words) if memory else (Bars(rows),)
 
 
 def _configuration(content: ReportContent) -> tuple[Block, ...]:
     changes = content.config_changes
     rows = [_change(change) for change in changes]
-    table: tuple[Block, ...] = (Words("All settings are the defaults."),)
+    table: tuple[Block, ...] = (Paragraph("All settings are the defaults."),)
     if rows:
         table = (PageTable(("setting", "default", "here"), rows),)
     return (
         *table,
-        Folded("resolved configuration", (Code(content.config_text),)),
-        Folded("run record", (_record_table(content.record),)),
+        Details("resolved configuration", (Code(content.config_text),)),
+        Details("run record", (_record_table(content.record),)),
     )
 
 

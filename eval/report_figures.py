@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The report's maps: the occupancy grid, the recovered geographic map and differences."""
+"""Interactive figures of maps: occupancy grid, geographic map, differences of two maps."""
 
 from __future__ import annotations
 
@@ -24,10 +24,9 @@ _MAX_MAP_PIXELS = 1_500_000
 """Pixels of a map's picture: a page of 1000 pixels can be zoomed into, and walls of one cell
 stay."""
 _SHARP_PIXELS = 1_000
-"""Browsers blur what they enlarge: pictures of few cells are made this wide or high."""
+"""Least width or height of a picture: browsers blur what they enlarge."""
 _FREE, _UNKNOWN, _OCCUPIED = 255, 226, 40
-"""Shades of grey: white, a light and a dark one, far enough apart to be told from each other in
-print."""
+"""Shades of grey: white, a light and a dark one, far enough apart to be distinguished in print."""
 _GROUND = "#e2e2e2"
 _STATES: Mapping[int, tuple[str, str]] = {
     CellState.ACCESSIBLE: ("accessible", "#ffffff"),
@@ -42,22 +41,22 @@ _SOLID = "#b8541a"
 MAP_WORDS = "White is free, black occupied, grey unknown."
 HEIGHT_WORDS = "Heights that are not written show under the pointer."
 _PAGE_PX, _TALL_PX = 1000.0, 760.0
-"""About the width of a page, and the height that the template gives a map at most."""
+"""Approximate width of a page, and the largest height of a map in the template."""
 _LETTER_PX, _LINE_PX = 8.0, 18.0
 """Width of a letter and height of a line at the page's font of 13 px [px]."""
 _MOST_TOLD = 500
-"""Obstacles, the largest, that tell their name and height on hovering: more than anyone points at,
-and 100 bytes of the page for each."""
+"""Number of largest obstacles that show name and height on hovering: more than anyone points
+at, and 100 bytes of the page each."""
 _LEAST_M = 1e-6
-"""Keeps quotients finite where two labels have one place, or an obstacle has no width."""
+"""Keeps quotients finite where two labels coincide, or an obstacle has no width."""
 _ROOM_FOR_LABEL = 1.5
-"""A label is written where an obstacle is so many times as long, or as wide; else on hovering."""
+"""A label is drawn where an obstacle is so many times as long, or as wide; else on hovering."""
 
 
 def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
-    """Return the map as a picture's data address, made coarser where it is large.
+    """Return the map as an image's data URI, downsampled where it is large.
 
-    An occupied cell stays visible however much coarser the picture is.
+    Occupied cells stay visible at any scale.
     """
     g = grid.geometry
     step = max(1, math.ceil(math.sqrt(g.rows * g.cols / _MAX_MAP_PIXELS)))
@@ -74,13 +73,13 @@ def map_picture(grid: OccupancyGrid) -> tuple[str, GridGeometry]:
 
 
 def _coarser(geometry: GridGeometry, step: int, shape: tuple[int, ...]) -> GridGeometry:
-    """Return a lattice of this shape whose cells are so many times as large."""
+    """Return a geometry of this shape with cells `step` times as large."""
     rows, cols = shape
     return replace(geometry, resolution_m=geometry.resolution_m * step, rows=rows, cols=cols)
 
 
 def _darkest(grid: OccupancyGrid, step: int) -> NDArray[np.uint8]:
-    """Return the darkest shade of every block of cells; beyond the grid is unknown."""
+    """Return the darkest shade of every block of cells; outside the grid cells are unknown."""
     rows, cols = (-(-n // step) for n in grid.geometry.shape)
     image = np.full((rows * step, cols * step), _UNKNOWN, dtype=np.uint8)
     inner = image[: grid.geometry.rows, : grid.geometry.cols]
@@ -90,30 +89,30 @@ def _darkest(grid: OccupancyGrid, step: int) -> NDArray[np.uint8]:
 
 
 def _sharp_uri(cells: NDArray[np.uint8]) -> str:
-    """Return cells (rows, cols, ...), the lowest row first, as a picture's data address."""
+    """Return cells (rows, cols, ...), the lowest row first, as an image's data URI."""
     times = math.ceil(_SHARP_PIXELS / max(cells.shape[:2]))
     large = cells[::-1].repeat(times, axis=0).repeat(times, axis=1)
     return png_uri(np.ascontiguousarray(large))
 
 
 def geographic_figure(geographic: GeographicMap) -> Figure:
-    """Return the recovered map by what its cells are, with the obstacles of known height."""
+    """Return a figure of the geographic map: states of cells, obstacles of known height."""
     fig = go.Figure()
     picture, geometry = _class_picture(geographic.states, geographic.geometry, _STATES)
-    put_map_below(fig, picture, geometry)
+    add_background_map(fig, picture, geometry)
     found = _found(geographic)
-    _put_legend(fig, (look for state, look in _STATES.items() if state in found))
+    _add_legend(fig, (look for state, look in _STATES.items() if state in found))
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
     known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
-    _put_outlines(fig, known[:_MOST_TOLD], told=True)
-    _put_outlines(fig, known[_MOST_TOLD:], told=False)
-    _put_heights(fig, known[:_MOST_TOLD], px_per_m(geometry))
+    _add_outlines(fig, known[:_MOST_TOLD], told=True)
+    _add_outlines(fig, known[_MOST_TOLD:], told=False)
+    _add_heights(fig, known[:_MOST_TOLD], px_per_m(geometry))
     metric_axes(fig, geometry)
     return Figure(fig, "Recovered map by the state of its cells", aspect=aspect(geometry))
 
 
 def _found(geographic: GeographicMap) -> set[int]:
-    """Return which states cells have."""
+    """Return which states occur among the cells."""
     found = {int(CellState.UNKNOWN)} if geographic.tiles else set()
     for part in windows(geographic.where):
         here = geographic.states[part.cells]
@@ -124,17 +123,17 @@ def _found(geographic: GeographicMap) -> set[int]:
 def difference_figure(
     classes: NDArray[np.uint8], geometry: GridGeometry, looks: Mapping[int, tuple[str, str]]
 ) -> Figure:
-    """Return where two maps differ, by the class of every cell (rows, cols)."""
+    """Return a figure of the differences of two maps, by the class of every cell (rows, cols)."""
     fig = go.Figure()
     picture, shown = _class_picture(classes, geometry, looks)
-    put_map_below(fig, picture, shown)
-    _put_legend(fig, looks.values())
+    add_background_map(fig, picture, shown)
+    _add_legend(fig, looks.values())
     metric_axes(fig, shown)
     return Figure(fig, "Where two maps differ", aspect=aspect(shown))
 
 
-def _put_legend(fig: go.Figure, looks: Iterable[tuple[str, str]]) -> None:
-    """Tell in the legend what the colours of a picture mean: (words, colour)."""
+def _add_legend(fig: go.Figure, looks: Iterable[tuple[str, str]]) -> None:
+    """Add legend entries for the colours of an image: (label, colour)."""
     for name, color in looks:
         line = {"width": 1, "color": "#888888"}
         marker = {"symbol": "square", "size": 11, "color": color, "line": line}
@@ -144,7 +143,7 @@ def _put_legend(fig: go.Figure, looks: Iterable[tuple[str, str]]) -> None:
 def _class_picture(
     classes: NDArray[np.uint8], geometry: GridGeometry, looks: Mapping[int, tuple[str, str]]
 ) -> tuple[str, GridGeometry]:
-    """Return classes as a picture's data address, every so many cells where there are many."""
+    """Return classes as an image's data URI, every n-th cell where there are many."""
     step = max(1, math.ceil(math.sqrt(classes.size / _MAX_MAP_PIXELS)))
     cells = classes[::step, ::step]
     shown = _coarser(geometry, step, cells.shape)
@@ -154,10 +153,10 @@ def _class_picture(
     return _sharp_uri(palette[cells]), shown
 
 
-def _put_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> None:
-    """Outline obstacles in one line, which takes a thousandth of the time of one for each.
+def _add_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> None:
+    """Draw the outlines of obstacles as one trace, in a thousandth of the time of one for each.
 
-    With `told` their corners and middles tell name and height on hovering.
+    With `told` their corners and centres show name and height on hovering.
     """
     if not solids:
         return
@@ -179,8 +178,8 @@ def _put_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> Non
     )
 
 
-def _put_heights(fig: go.Figure, solids: Sequence[Solid], scale_px_m: float) -> None:
-    """Write heights where there is room for them, those of the first solids before others'.
+def _add_heights(fig: go.Figure, solids: Sequence[Solid], scale_px_m: float) -> None:
+    """Label obstacles with their heights where there is room, the first solids first.
 
     An annotation's name is the least scale [px/m] at which the template shows it: its obstacle is
     large enough, and no label before it is in the way.
@@ -217,8 +216,8 @@ def _height(solid: Solid) -> str:
     return f"{solid.height_m:.3g} m"
 
 
-def put_map_below(fig: go.Figure, picture: str, geometry: GridGeometry) -> None:
-    """Lay a picture of a map below everything else, over the cells it shows."""
+def add_background_map(fig: go.Figure, picture: str, geometry: GridGeometry) -> None:
+    """Add an image of a map as the background, over the cells it shows."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     fig.add_layout_image(
         source=picture,
@@ -240,14 +239,14 @@ def aspect(geometry: GridGeometry) -> float:
 
 
 def px_per_m(geometry: GridGeometry) -> float:
-    """Return how many pixels of the page a metre of a map takes, roughly."""
+    """Return the approximate scale of a map on the page [px/m]."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     tall_px = min(_PAGE_PX * aspect(geometry), _TALL_PX)
     return min(_PAGE_PX / (x_max - x_min), tall_px / (y_max - y_min))
 
 
 def metric_axes(fig: go.Figure, geometry: GridGeometry) -> None:
-    """Show all of a grid and nothing else, a metre as long up as across."""
+    """Set the axes to the extent of a grid, with equal scales."""
     x_min, x_max, y_min, y_max = geometry.extent_m
     looks = {"showgrid": False, "zeroline": False, "constrain": "domain"}
     fig.update_xaxes(title="x [m]", range=[x_min, x_max], **looks)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The page's curves: errors along the way, and what a backend tells of itself over time."""
+"""Interactive curves: errors along the path, and a backend's own figures over time."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ _TITLES = {
     "common_update": "updates since all particles had one ancestor",
 }
 _LEAST_ROWS = 8
-"""Of fewer rows a table says more than a curve."""
+"""Fewest rows that are drawn as a curve instead of a table."""
 _CURVE_PX, _TITLE_PX = 130, 30
-"""Heights of a curve among several, and of the line above it that says what it is."""
+"""Heights of a curve among several, and of the title above it."""
 _AROUND_PX = 120
 """Margins of the page's figures, with the axis of time below."""
 
@@ -118,7 +118,7 @@ def table_figure(table: Table) -> Figure | None:
 def _stacked(titles: Sequence[str]) -> go.Figure:
     """Return axes for curves one above the other, each with its title above it.
 
-    Beside an axis a title of several lines would lie on the numbers.
+    Beside an axis a title of several lines would cover the numbers.
     """
     height_px = (_CURVE_PX + _TITLE_PX) * len(titles)
     names = [plain(title) for title in titles]
@@ -132,7 +132,7 @@ def _stacked(titles: Sequence[str]) -> go.Figure:
 
 
 def _is_series(table: Table, column: str) -> bool:
-    """Whether a column is a measure over time: numbers that change, no pose and no flag."""
+    """Whether a column is a time series: numbers that change, no pose and no flag."""
     if column.startswith(("stamp", "mean_")) or column in ("x_m", "y_m", "theta_rad"):
         return False
     index = table.columns.index(column)

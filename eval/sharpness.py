@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How crisp a map is without any truth: doubled or blurred walls show as spread of its points."""
+"""Sharpness of a map, without ground truth: spread of its points by doubled or blurred walls."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from slarm_graph.mapping import thinned
 from slarm_graph.recovery.returns import cell_keys
 
 _MIN_NEIGHBOURS = 8
-"""A covariance of the plane has three parameters; of fewer points than about twice as many it is
-noise."""
+"""Fewest points of a neighbourhood: a covariance of the plane has three parameters; of fewer than
+about twice as many points it is noise."""
 _LONGER_THAN_WIDE = 2.0
-"""Neighbourhoods that are walls: at 2 the spread across is the wall's, corners and clutter stay
-out."""
+"""Least ratio of length to width of a wall's neighbourhood: at 2 the spread across is the wall's;
+corners and clutter are excluded."""
 _MAX_POINTS = 250_000
 """Neighbourhoods are counted in a tree of so many points; their spread is that of some thousand
 samples, which has the same expectation however many points are left out evenly."""
@@ -28,7 +28,7 @@ samples, which has the same expectation however many points are left out evenly.
 
 @dataclass(frozen=True, slots=True)
 class Sharpness:
-    """Crispness of the end points of a map; smaller is crisper.
+    """Sharpness of a map's end points; smaller is sharper.
 
     Parameters
     ----------
@@ -38,9 +38,9 @@ class Sharpness:
     wall_sigma_m : float
         Median standard deviation of the points across walls [m].
     wall_sigma_95_m : float
-        Its 95th percentile [m], where doubled walls show first.
+        95th percentile of the same [m], where doubled walls show first.
     samples : int
-        Neighbourhoods looked at.
+        Number of neighbourhoods evaluated.
     """
 
     entropy: float
@@ -52,16 +52,16 @@ class Sharpness:
 def sharpness(
     points_m: Floats, *, radius_m: float = 0.3, samples: int = 4000, seed: int = 0
 ) -> Sharpness:
-    """Measure how crisp the walls of a map are.
+    """Measure the sharpness of a map's walls.
 
     Parameters
     ----------
     points_m : (N, 2) float64
         End points of all scans in the map [m].
     radius_m : float
-        Of a neighbourhood [m]; walls doubled by less than this are seen as blurred.
+        Radius of a neighbourhood [m]; walls doubled by less than this appear blurred.
     samples : int
-        Neighbourhoods to look at, drawn evenly over the mapped area.
+        Number of neighbourhoods to evaluate, drawn evenly over the mapped area.
     seed : int
     """
     if not len(points_m):
@@ -84,7 +84,7 @@ def sharpness(
 
 
 def _spread(points_m: Floats, count: int, seed: int) -> Floats:
-    """Pick one point per 5 cm cell, then at random, so that often-seen places count alike."""
+    """Pick points at random, at most one per 5 cm cell, so that often-seen places count alike."""
     _, first = np.unique(cell_keys(points_m, 0.05), return_index=True)
     rng = np.random.default_rng(seed)
     picked: Floats = points_m[rng.permutation(first)[:count]]
@@ -92,7 +92,7 @@ def _spread(points_m: Floats, count: int, seed: int) -> Floats:
 
 
 def sharpness_metrics(result: Sharpness) -> tuple[Metric, ...]:
-    """Return the figures as metrics."""
+    """Return the sharpness as metrics."""
     note = f"over {result.samples} neighbourhoods of the scans' end points"
     return (
         Metric("map_entropy_nat", result.entropy, note=note),

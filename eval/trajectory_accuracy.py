@@ -25,9 +25,9 @@ from slarm_graph.geometry import Floats
 StretchUnit = Literal["frames", "m", "s"]
 
 _DRIFT_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5)
-"""Lengths over which drift is looked at, as shares of the path (Zhang and Scaramuzza 2018)."""
+"""Lengths over which drift is measured, as shares of the path (Zhang and Scaramuzza 2018)."""
 _MAX_STARTS = 2_000
-"""Stretches of a length begin at so many poses at most; more change no third digit."""
+"""Most stretches of a length; more change no third digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +101,7 @@ def relative_errors(
         Length of a stretch: poses, metres along the reference, or seconds.
     unit : {"frames", "m", "s"}
     scale : float
-        Of the estimate, where it is fitted.
+        Scale of the estimate, where it is fitted.
 
     Raises
     ------
@@ -137,7 +137,7 @@ def _motion_errors(
 
 
 def _every(steps: Floats, length: float) -> NDArray[np.int64]:
-    """Indices at which a further length has been covered, starting anew each time."""
+    """Return the indices at which a further length has been covered, starting anew each time."""
     ends, covered = [0], 0.0
     # Stamps are whole nanoseconds: ten steps of 0.1 s are a second.
     enough = length * (1.0 - 1e-9)
@@ -168,7 +168,7 @@ class Drift:
 
 
 def drift(pairs: Pairs, lengths_m: tuple[float, ...] = (), scale: float = 1.0) -> tuple[Drift, ...]:
-    """Measure how far off an estimate is after given distances (Geiger et al. 2012).
+    """Measure the errors of an estimate over given path lengths (Geiger et al. 2012).
 
     Parameters
     ----------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Trajectories over the occupancy grid, with what belongs to their poses."""
+"""Interactive figures of trajectories over the occupancy grid, with marks at poses."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slarm_graph.eval.page import COLORS, Figure, plain, single
-from slarm_graph.eval.report_figures import aspect, map_picture, metric_axes, put_map_below
+from slarm_graph.eval.report_figures import add_background_map, aspect, map_picture, metric_axes
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.trajectory import Trajectory
@@ -25,27 +25,27 @@ _STYLES = {
     RAW_ODOMETRY: {"color": "#c26a1b", "width": 1, "dash": "dot"},
     GROUND_TRUTH: {"color": "#a0a0a0", "width": 5},
 }
-"""Truth lies wide beneath, so that the estimate is seen on it; grey, as in print, because every
-other colour is an estimate's. Widths in pixels."""
+"""The ground truth is a wide grey line beneath the estimates, which have all other colours. Widths
+in pixels."""
 
 _ELLIPSES = 30
-"""More would cover the path."""
+"""Number of confidence ellipses; more would cover the path."""
 CHI_95 = math.sqrt(5.991)
-"""95 % of a normal distribution in the plane lie within so many standard deviations."""
+"""Radius in standard deviations that holds 95 % of a normal distribution in the plane."""
 _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 25)) for f in (np.cos, np.sin)])
-"""Of 24 chords, which is round at the size of an ellipse on the page."""
+"""Unit circle of 24 chords, which is round at the size of an ellipse on the page."""
 
 
 @dataclass(frozen=True, slots=True)
 class Marks:
-    """What is shown on the map besides paths.
+    """Marks on the map besides trajectories.
 
     Parameters
     ----------
     closures : (C, 2, 2) float64
         Both ends of every accepted loop closure [m].
     rejected : sequence of (x, y, words)
-        Loop closures that were not, where the robot was [m].
+        Rejected loop closures, where the robot was [m].
     conflicts : sequence of (x, y, words)
         Where the map contradicts itself [m].
     covariances : (N, 3, 3) float64, optional
@@ -61,27 +61,27 @@ class Marks:
 def trajectory_figure(
     grid: OccupancyGrid, trajectories: Mapping[str, Trajectory], marks: Marks | None = None
 ) -> Figure:
-    """Return trajectories by name over the map, the first on top, each to be switched.
+    """Return a figure of trajectories by name over the map, the first on top.
 
-    Raw odometry is there to be switched on in the legend.
+    Raw odometry is hidden until it is switched on in the legend.
     """
     picture, geometry = map_picture(grid)
     fig = go.Figure()
-    put_map_below(fig, picture, geometry)
-    put_trajectories(fig, trajectories)
+    add_background_map(fig, picture, geometry)
+    add_trajectories(fig, trajectories)
     marks = marks or Marks()
     first = next(iter(trajectories.values()))
-    _put_ellipses(fig, first, marks.covariances)
-    _put_closures(fig, marks)
-    _put_points(fig, marks.conflicts, "contradictions", "#d55e00", "diamond-open")
-    _put_ends(fig, first)
+    _add_ellipses(fig, first, marks.covariances)
+    _add_closures(fig, marks)
+    _add_points(fig, marks.conflicts, "contradictions", "#d55e00", "diamond-open")
+    _add_ends(fig, first)
     metric_axes(fig, geometry)
     words = f"Map with the trajectories {', '.join(trajectories)}"
     return Figure(fig, words, aspect=aspect(geometry))
 
 
-def put_trajectories(fig: go.Figure, trajectories: Mapping[str, Trajectory]) -> None:
-    """Draw paths by name, the first last and so on top."""
+def add_trajectories(fig: go.Figure, trajectories: Mapping[str, Trajectory]) -> None:
+    """Draw trajectories by name, the first one on top."""
     ours = [name for name in trajectories if name not in _STYLES]
     for name, trajectory in reversed(list(trajectories.items())):
         style = _STYLES.get(name) or {"color": COLORS[ours.index(name) % len(COLORS)], "width": 2}
@@ -102,15 +102,15 @@ def put_trajectories(fig: go.Figure, trajectories: Mapping[str, Trajectory]) -> 
         )
 
 
-def _put_closures(fig: go.Figure, marks: Marks) -> None:
+def _add_closures(fig: go.Figure, marks: Marks) -> None:
     if len(marks.closures):
         gaps = np.full((len(marks.closures), 1, 2), np.nan)
         line = np.concatenate([marks.closures, gaps], axis=1).reshape(-1, 2)
-        _put_line(fig, line, f"loop closures ({len(marks.closures)})", "#009e73", 200)
-    _put_points(fig, marks.rejected, "rejected closures", "#777777", "x", visible="legendonly")
+        _add_line(fig, line, f"loop closures ({len(marks.closures)})", "#009e73", 200)
+    _add_points(fig, marks.rejected, "rejected closures", "#777777", "x", visible="legendonly")
 
 
-def _put_points(
+def _add_points(
     fig: go.Figure,
     points: Sequence[tuple[float, float, str]],
     name: str,
@@ -134,8 +134,8 @@ def _put_points(
     )
 
 
-def _put_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | None) -> None:
-    """Draw where a pose lies with 95 % confidence, of some poses."""
+def _add_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | None) -> None:
+    """Draw 95 % confidence ellipses of some poses."""
     if covariances is None or not np.isfinite(covariances).any():
         return
     chosen = np.linspace(0, len(trajectory) - 1, min(_ELLIPSES, len(trajectory))).astype(int)
@@ -149,10 +149,10 @@ def _put_ellipses(fig: go.Figure, trajectory: Trajectory, covariances: Floats | 
             ring = axes @ (np.sqrt(values.clip(0.0))[:, None] * _CIRCLE) * CHI_95
             rings.append(np.vstack([ring.T + trajectory.poses[index, :2], [np.nan, np.nan]]))
     line = np.concatenate(rings)
-    _put_line(fig, line, "95 % ellipses", "#cc79a7", 220)
+    _add_line(fig, line, "95 % ellipses", "#cc79a7", 220)
 
 
-def _put_line(fig: go.Figure, line: Floats, name: str, color: str, rank: int) -> None:
+def _add_line(fig: go.Figure, line: Floats, name: str, color: str, rank: int) -> None:
     """Draw a line (N, 2) with gaps of nan, to be switched on in the legend."""
     fig.add_scatter(
         x=single(line[:, 0]),
@@ -166,7 +166,7 @@ def _put_line(fig: go.Figure, line: Floats, name: str, color: str, rank: int) ->
     )
 
 
-def _put_ends(fig: go.Figure, trajectory: Trajectory) -> None:
+def _add_ends(fig: go.Figure, trajectory: Trajectory) -> None:
     for name, pose, symbol in (
         ("start", trajectory.poses[0], "circle"),
         ("end", trajectory.poses[-1], "square"),

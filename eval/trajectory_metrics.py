@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The metrics of a trajectory: ATE, RPE, drift and extent, as rows of the one table."""
+"""The metrics of a trajectory: ATE, RPE, drift, scale and matched share."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from slarm_graph.eval.alignment import (
     positions,
 )
 from slarm_graph.eval.association import Pairs
+from slarm_graph.eval.bootstrap import rms_interval
 from slarm_graph.eval.metrics import Metric
-from slarm_graph.eval.resampling import rms_interval
 from slarm_graph.eval.trajectory_accuracy import (
     Drift,
     StretchUnit,
@@ -39,7 +39,7 @@ def trajectory_metrics(
     unit: StretchUnit = "frames",
     lengths_m: tuple[float, ...] = (),
 ) -> tuple[Metric, ...]:
-    """ATE aligned and not aligned, RPE over every kind of stretch, and drift, as metrics.
+    """Return ATE aligned and not aligned, RPE over every kind of stretch, and drift as metrics.
 
     The paper's eq. (14) calls its error MSE and describes the RMSE of the ATE; both are given.
     """
@@ -116,7 +116,7 @@ def _drift_metrics(drifts: tuple[Drift, ...]) -> tuple[Metric, ...]:
 
 
 def _extent_metrics(pairs: Pairs) -> tuple[Metric, ...]:
-    """Scale and how much was matched."""
+    """Return scale and matched share."""
     reference, estimate = positions(pairs.reference), positions(pairs.estimate)
     matched = len(reference) / pairs.possible
     found = (Metric("matched_share", matched, note=pairs.note),)

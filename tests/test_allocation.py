@@ -51,8 +51,9 @@ def test_libraries_that_have_done_their_work_are_not_kept_in_memory() -> None:
 def test_modules_are_not_gone_over_again_for_cycles() -> None:
     """But what is made afterwards is, and a cycle of it is found."""
     code = (
-        "import gc, weakref, numba; from slarm_graph.app.allocation import spare_collecting;"
-        "spare_collecting(); print(len(gc.get_objects()));"
+        "import gc, weakref, numba;"
+        "from slarm_graph.app.allocation import freeze_garbage_collector;"
+        "freeze_garbage_collector(); print(len(gc.get_objects()));"
         "cycle = type('Cycle', (), {})(); cycle.own = cycle; seen = weakref.ref(cycle); del cycle;"
         "gc.collect(); print(seen())"
     )
@@ -65,7 +66,7 @@ def test_modules_are_not_gone_over_again_for_cycles() -> None:
 def test_numba_does_not_colour_what_it_tries_on() -> None:
     code = (
         "import sys; import slarm_graph.app.cli as cli; assert 'numba' not in sys.modules;"
-        "cli.spare_compiling(); from numba.core.errors import termcolor;"
+        "cli.disable_error_highlighting(); from numba.core.errors import termcolor;"
         "print(type(termcolor()).__name__)"
     )
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -20,8 +20,8 @@ from slarm_graph.eval.clocks import (
     _motion,
     _overlap,
     _thinned,
-    better_offset,
     find_offset,
+    offset_advice,
 )
 from slarm_graph.eval.trajectory_accuracy import aligned_rmse_m
 from slarm_graph.trajectory import Trajectory
@@ -148,11 +148,11 @@ def test_paths_that_share_too_little_have_no_offset() -> None:
 def test_a_gain_too_small_to_tell_is_not_told() -> None:
     """Both clocks are right, or the error is below half a centimetre anyway."""
     path = room_drive()
-    assert better_offset(path, noisy(path), associate(path, noisy(path))) == ""
+    assert offset_advice(path, noisy(path), associate(path, noisy(path))) == ""
     late = later(path, 0.01)
     assert aligned_rmse_m(associate(path, late)) < 0.005
-    assert better_offset(path, late, associate(path, late)) == ""
-    said = better_offset(path, later(path, 0.6), associate(path, later(path, 0.6)))
+    assert offset_advice(path, late, associate(path, late)) == ""
+    said = offset_advice(path, later(path, 0.6), associate(path, later(path, 0.6)))
     assert "(--t-offset -0.600, or auto)" in said
     assert "with the offset 0 s and 0.000 m with -0.600 s" in said
 
@@ -166,4 +166,4 @@ def test_an_offset_that_helps_little_is_not_told(noise_m: float, told: bool) -> 
     found_m, now_m = find_offset(path, estimate).ate_rmse_m, aligned_rmse_m(pairs)
     assert now_m - found_m > 0.005
     assert (found_m < 0.6 * now_m) == told
-    assert bool(better_offset(path, estimate, pairs)) == told
+    assert bool(offset_advice(path, estimate, pairs)) == told

@@ -23,8 +23,8 @@ from slarm_graph.app import compare as compare_module
 from slarm_graph.app import comparison_folder
 from slarm_graph.app.compare import compare
 from slarm_graph.app.comparison_plan import ComparisonPlan, find_sources
+from slarm_graph.app.fork_server import PROGRAM, ForkServer
 from slarm_graph.app.outcomes import Process, carry_out
-from slarm_graph.app.template import PROGRAM, Template
 from slarm_graph.app.trials import KEYS, Trial, TrialSource
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.agreement import Estimate
@@ -43,7 +43,7 @@ class Crashing(Trial):
 
 def test_a_crash_is_one_failed_run(tmp_path: Path) -> None:
     crash = Crashing(TrialSource("x.bag", False), "odometry", 0, tmp_path / "x")
-    outcome = carry_out(crash, Template())
+    outcome = carry_out(crash, ForkServer())
     assert outcome.status == "failed"
     assert outcome.problem
 
@@ -62,16 +62,16 @@ def test_an_interrupt_stops_what_runs(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, late: bool
 ) -> None:
     """Also what is just being started, whose process is there before anybody knows of it."""
-    interrupted, start = threading.Event(), compare_module.started
+    interrupted, start = threading.Event(), compare_module.start_trial
 
-    def started(trial: Trial, template: Template) -> Process:
+    def started(trial: Trial, template: ForkServer) -> Process:
         process = start(trial, template)
         if late and isinstance(trial, Waiting):
             interrupted.wait()
             time.sleep(0.3)
         return process
 
-    monkeypatch.setattr(compare_module, "started", started)
+    monkeypatch.setattr(compare_module, "start_trial", started)
     source = TrialSource("x.bag", False)
     waiting = Waiting(source, "odometry", 1, tmp_path / "waiting")
     begun, ended = (tmp_path / f"waiting.{how}" for how in ("begun", "ended"))
@@ -114,8 +114,10 @@ def test_the_same_command_again_finishes_only_what_is_missing(
     assert run("compare", bag, *words) == 0
     assert run("eval", "trajectory", tmp_path / "c" / "good_odometry_0", bag) == 2
     started = []
-    start = compare_module.started
-    monkeypatch.setattr(compare_module, "started", lambda t, by: started.append(t) or start(t, by))
+    start = compare_module.start_trial
+    monkeypatch.setattr(
+        compare_module, "start_trial", lambda t, by: started.append(t) or start(t, by)
+    )
     truth = tmp_path / "c" / "good_odometry_0" / "trajectory.tum"
     external = f"theirs={truth},{truth.with_name('map.yaml')}"
     assert run("compare", bag, *words, "--seeds", 2, "--external", external) == 0
@@ -247,13 +249,13 @@ def test_the_map_below_all_paths_is_the_one_least_in_doubt() -> None:
 def test_a_process_dies_with_the_one_that_started_it(tmp_path: Path) -> None:
     mark = tmp_path / "alive"
     child = (
-        "from slarm_graph.app.tied import die_with_starter; die_with_starter()\n"
+        "from slarm_graph.app.child_process import exit_with_parent; exit_with_parent()\n"
         "import time, pathlib\n"
         f"while True: pathlib.Path({str(mark)!r}).write_text(str(time.time())); time.sleep(0.02)"
     )
     parent = (
-        "import sys, time; from slarm_graph.app.tied import started_tied\n"
-        f"started_tied([sys.executable, '-c', {child!r}]); time.sleep(60)"
+        "import sys, time; from slarm_graph.app.child_process import start_child\n"
+        f"start_child([sys.executable, '-c', {child!r}]); time.sleep(60)"
     )
     process = subprocess.Popen([sys.executable, "-c", parent])
     while not mark.exists():

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
+from slarm_graph.eval.agreement import Estimate, agreements, aligned_to
 from slarm_graph.eval.comparison import Outcome, differences, groups, spread
 from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -304,7 +304,7 @@ def test_another_systems_result_is_compared_where_it_belongs() -> None:
     (apart,) = agreements({("a", "x", 0): ours, ("a", "y", 0): theirs})
     assert apart.end_spread_m > 1.0
     assert apart.walls_iou < 0.3
-    laid = laid_onto(ours, theirs)
+    laid = aligned_to(ours, theirs)
     np.testing.assert_allclose(laid.trajectory.poses, line, atol=1e-9)
     for runs in ((ours, laid), (laid, ours)):
         found = agreements({("a", str(n), 0): run for n, run in enumerate(runs)})

@@ -38,7 +38,7 @@ def test_overrides_beat_the_file_and_the_file_beats_defaults(tmp_path: Path) -> 
 
 def test_every_key_is_explained_or_plain() -> None:
     text = config_yaml(RunConfig(), comments=True)
-    assert "# Beams are cut here; what lies behind stays unseen.\n  max_range_m: 30.0" in text
+    assert "# Range at which beams are cut; cells beyond stay unseen.\n  max_range_m: 30.0" in text
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from scanned_rooms import WORLD, scanned_room
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.explore import with_prior
-from slarm_graph.app.truth import sizes_metrics
+from slarm_graph.app.world_accuracy import sizes_metrics
 from slarm_graph.config import ExploreConfig, MappingConfig, RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.grid import GridGeometry

@@ -12,7 +12,7 @@ import pytest
 from pydantic import ValidationError
 from scanned_rooms import WORLD, scanned_room, toured
 
-from slarm_graph.app.truth import accuracy_on
+from slarm_graph.app.world_accuracy import accuracy_on
 from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geometry import Pose2

@@ -16,9 +16,9 @@ from slarm_graph.errors import BadInput
 from slarm_graph.eval.map_accuracy import distance_to_m, map_accuracy, map_metrics
 from slarm_graph.eval.map_alignment import align_maps
 from slarm_graph.eval.map_difference import (
+    densest_difference,
     difference_classes,
     save_difference,
-    where_it_differs,
 )
 from slarm_graph.eval.sharpness import sharpness
 from slarm_graph.geometry import Pose2
@@ -111,11 +111,11 @@ def test_the_closer_look_is_at_what_differs_and_else_at_walls(tmp_path: Path) ->
     row, col = np.argwhere(one.free)[77]
     other.probability[row, col] = 1.0
     x, y = one.geometry.center_of(np.array([[row, col]]))[0]
-    x_m, y_m, side_m = where_it_differs(difference_classes(one, other), one.geometry)
+    x_m, y_m, side_m = densest_difference(difference_classes(one, other), one.geometry)
     assert x_m < x < x_m + side_m
     assert y_m < y < y_m + side_m
     same = difference_classes(one, one)
-    x_m, y_m, side_m = where_it_differs(same, one.geometry)
+    x_m, y_m, side_m = densest_difference(same, one.geometry)
     walls = one.geometry.center_of(np.argwhere(one.occupied))
     inside = (np.abs(walls - [x_m + side_m / 2, y_m + side_m / 2]) < side_m / 2).all(axis=1)
     assert inside.any()

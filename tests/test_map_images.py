@@ -90,10 +90,10 @@ def test_a_mask_takes_memory_where_it_is_true() -> None:
     """Cells at both ends of every row of 256 pages: those between them are not written."""
     code = (
         "import numpy as np\n"
-        "from slarm_graph.app.allocation import spare_memory\n"
+        "from slarm_graph.app.allocation import configure_allocator\n"
         "from slarm_graph.app.ending import memory_mb\n"
         "from slarm_graph.raster import bands\n"
-        "spare_memory()\n"
+        "configure_allocator()\n"
         "row = np.zeros((1, 2**20), dtype=np.bool_)\n"
         "row[0, 0] = row[0, -1] = True\n"
         "before = memory_mb()\n"

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from test_evaluation import START_NS, as_camera, room_drive
 
 from slarm_graph.eval.evaluation import EvaluationOptions, evaluate
-from slarm_graph.eval.plane_of_motion import Plane, level, plane_of, planes_of, seen_in
+from slarm_graph.eval.plane_of_motion import Plane, level, plane_of, planes_of, projected
 from slarm_graph.geometry import Floats, wrap_angles
 from slarm_graph.spatial import SpatialTrajectory, in_space
 
@@ -83,7 +83,7 @@ def test_a_path_is_the_same_in_whatever_plane_it_lies(seed: int) -> None:
     """Up to a motion in the plane, and seen from below its mirror: distances and turns tell."""
     path = room_drive()
     lain = turned(in_space(path), Rotation.random(rng=seed))
-    found = seen_in(lain, plane_of(lain))
+    found = projected(lain, plane_of(lain))
     for gap in (1, 50):
         expected = np.linalg.norm(path.poses[gap:, :2] - path.poses[:-gap, :2], axis=1)
         steps = np.linalg.norm(found.poses[gap:, :2] - found.poses[:-gap, :2], axis=1)
@@ -123,7 +123,7 @@ def test_two_bodies_that_tilt_are_not_taken_to_look_a_right_angle_apart(
     found = evaluate(tilting(whole, seed), tilting(whole, seed + 50), EvaluationOptions())
     errors = {metric.name: metric.value for metric in found.metrics}
     assert errors["ate_rotation_rmse_deg"] < 4.0
-    seen = seen_in(tilting(whole, seed), plane_of(whole))
+    seen = projected(tilting(whole, seed), plane_of(whole))
     ahead = np.diff(seen.poses[:, :2], axis=0)
     heading = np.arctan2(ahead[:, 1], ahead[:, 0])
     assert np.abs(wrap_angles(seen.poses[1:, 2] - heading)).mean() < math.radians(4.0)

@@ -19,7 +19,7 @@ def findings(path: Path, config: SourceConfig | None = None) -> str:
     return "; ".join(f.what for f in check(path, config).findings if f.severity != "note")
 
 
-def fates(path: Path) -> list[str]:
+def drop_reasons(path: Path) -> list[str]:
     return [status.reason for status in opened(path).scan_statuses() if status.reason]
 
 
@@ -82,13 +82,13 @@ def _stuck(rows: range, *, moving: bool = True) -> list[Recorded]:
 
 def test_frozen_scans_are_dropped_while_the_robot_moves(tmp_path: Path) -> None:
     path = write_recording(tmp_path / "a.bag", _stuck(range(10, 20)))
-    assert fates(path) == ["repeats an earlier scan to the bit although the robot moves"] * 9
+    assert drop_reasons(path) == ["repeats an earlier scan to the bit although the robot moves"] * 9
     assert len(readings(path)) == 31
     assert "9 of 40 scans not used: 9 repeats an earlier scan" in findings(path)
     many = write_recording(tmp_path / "b.bag", _stuck(range(5, 35)))
     assert len(readings(many)) == 11
     still = write_recording(tmp_path / "c.bag", _stuck(range(12, 30), moving=False))
-    assert fates(still) == []
+    assert drop_reasons(still) == []
 
 
 def test_few_beams_are_warned_of(tmp_path: Path) -> None:
@@ -149,7 +149,7 @@ def test_one_stamp_a_century_off_is_not_two_recordings(tmp_path: Path) -> None:
     row = next(n for n, (t, s, _) in enumerate(messages) if t == "/scan" and s > T0 + 2)
     messages[row] = ("/scan", messages[row][1], make.laser_scan(2e9, np.arange(1, 9.0)))
     path = write_recording(tmp_path / "a.bag", messages)
-    assert fates(path) == ["stamp is more than a week off"]
+    assert drop_reasons(path) == ["stamp is more than a week off"]
     assert len(readings(path)) == 39
 
 

@@ -14,7 +14,7 @@ import yaml
 from benchmark_scripts import script
 from scanned_rooms import PAPER_LOOP, scanned_room
 
-from slarm_graph.app.truth import accuracy_metrics, accuracy_on
+from slarm_graph.app.world_accuracy import accuracy_metrics, accuracy_on
 from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
 from slarm_graph.eval.metrics import metrics_json
 from slarm_graph.eval.radio_accuracy import radio_accuracy

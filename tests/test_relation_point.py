@@ -10,7 +10,7 @@ import re
 import numpy as np
 import pytest
 
-from slarm_graph.eval.relation_point import better_point
+from slarm_graph.eval.relation_point import point_advice
 from slarm_graph.geometry import Floats, Pose2
 
 
@@ -35,7 +35,7 @@ def noisy(relations: Floats, seed: int) -> Floats:
 @pytest.mark.parametrize("x, y", [(0.44, 0.0), (-0.2, 0.3), (0.0, -0.15)])
 def test_the_point_that_relations_are_about_is_found(x: float, y: float) -> None:
     robot = drive(1)
-    advice = better_point(noisy(robot, 2), at(Pose2(x, y, 0.0), robot))
+    advice = point_advice(noisy(robot, 2), at(Pose2(x, y, 0.0), robot))
     told = re.search(r"point \((.*), (.*)\) m", advice)
     assert told is not None
     np.testing.assert_allclose([float(v) for v in told.groups()], [x, y], atol=0.012)
@@ -44,14 +44,14 @@ def test_the_point_that_relations_are_about_is_found(x: float, y: float) -> None
 def test_relations_of_the_point_itself_get_no_advice() -> None:
     """One in a thousand may: of forty drives none."""
     robots = [drive(seed) for seed in range(40)]
-    assert not any(better_point(noisy(r, 100 + k), r) for k, r in enumerate(robots))
+    assert not any(point_advice(noisy(r, 100 + k), r) for k, r in enumerate(robots))
 
 
 def test_a_robot_that_never_turned_says_nothing_of_the_point() -> None:
     robot = drive(1) * [1.0, 1.0, 0.0]
-    assert better_point(noisy(robot, 2) * [1.0, 1.0, 0.0], robot) == ""
+    assert point_advice(noisy(robot, 2) * [1.0, 1.0, 0.0], robot) == ""
 
 
 def test_a_wrong_scale_is_not_taken_for_another_point() -> None:
     robot = drive(3)
-    assert better_point(robot * [1.05, 1.05, 1.0], robot) == ""
+    assert point_advice(robot * [1.05, 1.05, 1.0], robot) == ""

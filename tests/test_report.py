@@ -24,13 +24,13 @@ from slarm_graph.eval.metric_table import kinds
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.page import (
     COLORS,
+    Details,
     Facts,
     Figure,
-    Folded,
     Notices,
     PageTable,
+    Paragraph,
     Section,
-    Words,
     page,
     plain,
     shown,
@@ -86,9 +86,9 @@ def test_statuses_add_up_with_the_used_first() -> None:
 def test_long_tables_tell_what_is_left_out() -> None:
     table = BackendTable("loop_closures", ("a", "b"), tuple((i, "x") for i in range(350)))
     (folded,) = table_blocks(table)
-    assert isinstance(folded, Folded)
-    assert folded.blocks[1] == Words("50 more rows in loop_closures.csv")
-    assert table_blocks(BackendTable("t", ("a",), ())) == (Words("none"),)
+    assert isinstance(folded, Details)
+    assert folded.blocks[1] == Paragraph("50 more rows in loop_closures.csv")
+    assert table_blocks(BackendTable("t", ("a",), ())) == (Paragraph("none"),)
 
 
 def test_series_become_curves_and_paths_go_to_the_map() -> None:
@@ -130,7 +130,7 @@ def test_text_is_escaped_wherever_it_stands() -> None:
         Facts([(evil, evil)]),
         Notices([evil]),
         PageTable((evil,), [(evil,)]),
-        Folded(evil, (Words(evil),)),
+        Details(evil, (Paragraph(evil),)),
         Figure(figure, evil),
     ]
     whole = page(evil, evil, blocks, [Section(evil, blocks)])
@@ -192,7 +192,7 @@ def test_written_heights_lie_on_their_obstacles_and_never_on_each_other(scale_px
         corners = ((x, y), (x + wide, y), (x + wide, y + deep), (x, y + deep))
         solids.append(Solid("wall", np.array(corners), round(float(rng.uniform(0.5, 3.0)), 2)))
     fig = go.Figure()
-    report_figures._put_heights(fig, solids, 20.0)
+    report_figures._add_heights(fig, solids, 20.0)
     shown = [a for a in fig.layout.annotations if scale_px_m >= float(a.name)]
     assert 2 < len(shown) < len(solids)
     for one, other in itertools.combinations(shown, 2):
@@ -204,7 +204,7 @@ def test_written_heights_lie_on_their_obstacles_and_never_on_each_other(scale_px
 def test_obstacles_tell_their_heights_in_one_line() -> None:
     ring = np.array([(0.0, 0.0), (2.0, 0.0), (1.0, 2.0)])
     fig = go.Figure()
-    report_figures._put_outlines(
+    report_figures._add_outlines(
         fig, [Solid("a <b>", ring, 2.5), Solid("c", ring + 3.0, 1.0)], told=True
     )
     (trace,) = fig.data

@@ -100,11 +100,11 @@ def test_drives_go_on_from_any_step(explorer: str, room: WorldMap) -> None:
 def stopped_after(readings: int, monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
 
-    def why(_self: Stop) -> str:
+    def reason(_self: Stop) -> str:
         asked.append(1)
         return "stopped by the test" if len(asked) == readings else ""
 
-    monkeypatch.setattr(Stop, "why", why)
+    monkeypatch.setattr(Stop, "reason", reason)
 
 
 @pytest.mark.parametrize("backend", BACKENDS)

@@ -30,17 +30,17 @@ from slarm_graph.geometry import Floats, between
 GZIP_MAGIC = b"\x1f\x8b"
 CARMEN_ENDINGS = (".clf", ".log", ".carmen", ".clf.gz", ".log.gz", ".carmen.gz")
 MAX_RATIO = 200
-"""Bytes that a byte of a gzipped log may stand for; digits are packed to a fifth or so."""
+"""Largest compression ratio of a gzipped log; digits are packed to a fifth or so."""
 MAX_LINE = 1 << 21
-"""Characters of a line: 100,000 beams of some 20; what is longer is no log, and comes in parts."""
+"""Most characters of a line: 100,000 beams of some 20; longer ones are split and are no log."""
 _FIRST_LINES = 200
-"""Lines that are looked at to tell a log from other texts; headers have some dozens of comments."""
+"""Lines by which a log is recognised; headers have some dozens of comments."""
 _DAMAGE = (EOFError, zlib.error, OSError, BadInput)
 
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """What a log holds.
+    """The content of a log.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class CarmenLog:
 
 
 def looks_like_carmen(path: Path) -> bool:
-    """Whether the first lines are those of a CARMEN log; a damaged gzip file is by its name."""
+    """Whether the first lines are those of a CARMEN log; for a damaged gzip file, by its name."""
     try:
         for _, line in zip(range(_FIRST_LINES), _lines(path), strict=False):
             word = line.split(" ", 1)[0].strip()

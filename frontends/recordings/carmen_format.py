@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording format `carmen`: CARMEN logs opened, looked into and written."""
+"""The recording format `carmen`: opening, checking and writing CARMEN logs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from slarm_graph.frontends.recordings.findings import Finding, Look, TopicFacts,
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import sorted_path
 from slarm_graph.frontends.recordings.packed import Ints
-from slarm_graph.frontends.recordings.readings_from import RecordedSource, fixed
+from slarm_graph.frontends.recordings.recorded_source import RecordedSource, fixed
 from slarm_graph.frontends.recordings.recordings import Topic, rate_hz
 from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Pose2
@@ -52,7 +52,7 @@ class Carmen:
         return open_carmen(paths[0], config)
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Look:
-        """Look into the scans and count the lines."""
+        """Check the scans and count the lines."""
         log = read_carmen(paths[0])
         findings = [Finding("warning", "file", notice) for notice in log.notices]
         for name, blocks in log.scans.items():

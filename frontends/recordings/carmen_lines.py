@@ -21,24 +21,24 @@ from slarm_graph.stamps import seconds_to_ns
 
 _OLD_LASERS = ("FLASER", "RLASER")
 _NEW_LASERS = tuple(f"ROBOTLASER{k}" for k in range(1, 6))
-"""CARMEN numbers up to five lasers."""
+"""Message names of up to five lasers."""
 _RAW_LASERS = tuple(f"RAWLASER{k}" for k in range(1, 6))
-"""The same five, as their own message without the robot's pose."""
+"""The same, as messages without the robot's pose."""
 LASERS = (*_OLD_LASERS, *_NEW_LASERS, *_RAW_LASERS)
 """Message names with scans, the one to prefer first."""
 
 WORDS = frozenset((*LASERS, "ODOM", "PARAM", "SYNC", "TRUEPOS", "NMEA-GGA", "IMU", "MARKER"))
 
 _NO_RETURN_M = 80.0
-"""Old logs write 81.83 or 81.91 m where nothing came back."""
+"""Least range that means no return: old logs write 81.83 or 81.91 m."""
 _NEAREST_M = 0.1
-"""Such lines tell no least range; a choice, within the outline of any robot that carries a SICK."""
+"""Least range of old lines, which state none; a choice, within any robot that carries a SICK."""
 _TAIL = 3
 """Every line ends with the logger's stamp, host and time (CARMEN's log format)."""
 _POSE_WORDS = 11
 """Laser and robot pose, two speeds, three distances."""
 _LATEST_S = 9e9
-"""What fits into 64-bit nanoseconds."""
+"""Latest stamp that fits into 64-bit nanoseconds."""
 
 
 @dataclass(slots=True)

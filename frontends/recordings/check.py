@@ -21,7 +21,7 @@ from slarm_graph.frontends.recordings.formats import Sections, format_of
 from slarm_graph.frontends.recordings.sources import existing_paths, open_source
 
 _ORDER = {"error": 0, "warning": 1, "note": 2}
-"""The worst is told first."""
+"""Order of the findings: the worst first."""
 
 
 def check(
@@ -35,7 +35,7 @@ def check(
     ----------
     paths : path or sequence of paths
     config : SourceConfig, optional
-        As the run would use it.
+        As for the run.
     section : callable, optional
         As for `open_source`.
 
@@ -70,7 +70,7 @@ def check(
 
 
 def _as_used(notices: Sequence[str], findings: Sequence[Finding]) -> list[Finding]:
-    """What a run would be told besides what was found; a warning there is one here."""
+    """Return the notices of a run that are not among the findings yet, with their severity."""
     known = {finding.what for finding in findings}
     used = []
     for notice in notices:

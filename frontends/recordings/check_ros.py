@@ -23,7 +23,7 @@ from slarm_graph.frontends.recordings.findings import (
     counted,
     topic_facts,
 )
-from slarm_graph.frontends.recordings.frames import only_segment, usual_frame
+from slarm_graph.frontends.recordings.frames import most_common_frame, only_segment
 from slarm_graph.frontends.recordings.messages import (
     ODOMETRY,
     SCAN_TYPES,
@@ -45,13 +45,13 @@ from slarm_graph.geometry import Floats, between
 _IMU = "sensor_msgs/msg/Imu"
 
 _FASTEST_M_S, _FASTEST_RAD_S = 5.0, 10.0
-"""A choice, several times what robots indoors do; only a warning depends on it."""
+"""Fastest plausible motion: a choice, several times that of indoor robots; only for a warning."""
 _LEAST_STEP_S = 0.1
-"""Steps are taken to last so long: messages stamped in bunches are no leaps."""
+"""Least duration of a step for its speed: messages stamped in bunches are no leaps."""
 
 
-def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
-    """Read every topic that matters and tell what is wrong with it."""
+def check_topics(paths: Sequence[Path], config: SourceConfig) -> Look:
+    """Read every relevant topic and return its findings."""
     recording = open_recording(paths)
     kinds = (*SCAN_TYPES, *TF_TYPES, ODOMETRY)
     looked_at = [topic for topic in recording.topics if topic.msgtype in kinds]
@@ -78,7 +78,7 @@ def look_into(paths: Sequence[Path], config: SourceConfig) -> Look:
 
 
 def _jumps(messages: RosMessages, config: SourceConfig) -> Jumps:
-    """Where the clock of the scans jumps: of the topic that is chosen, else of the first."""
+    """Return the clock jumps of the scans: of the chosen topic, else of the first."""
     wanted = f"/{(config.scan_topic or '').lstrip('/')}"
     blocks = messages.scans.get(wanted) or next(filter(None, messages.scans.values()), None)
     stamps = ScanTable(blocks).stamp_ns if blocks else np.zeros(0, np.int64)
@@ -95,7 +95,7 @@ def _facts(topic: Topic, messages: RosMessages) -> TopicFacts:
     if topic.msgtype in SCAN_TYPES and messages.scans.get(topic.name):
         blocks = messages.scans[topic.name]
         stamps = np.concatenate([block.stamp_ns for block in blocks])
-        frame = usual_frame(blocks)
+        frame = most_common_frame(blocks)
     elif topic.msgtype == ODOMETRY and len(messages.odometry[topic.name]):
         odometry = messages.odometry[topic.name]
         stamps, frame = odometry.stamp_ns, " -> ".join(odometry.edges[0])
@@ -103,7 +103,7 @@ def _facts(topic: Topic, messages: RosMessages) -> TopicFacts:
 
 
 def _check_shared_frames(messages: RosMessages) -> list[Finding]:
-    frames = Counter(usual_frame(blocks) for blocks in messages.scans.values() if blocks)
+    frames = Counter(most_common_frame(blocks) for blocks in messages.scans.values() if blocks)
     return [
         Finding("warning", frame, f"{count} scan topics are in this frame", "one laser, two names?")
         for frame, count in frames.items()
@@ -112,7 +112,7 @@ def _check_shared_frames(messages: RosMessages) -> list[Finding]:
 
 
 def _check_signals(paths: Sequence[Path], config: SourceConfig) -> list[Finding]:
-    """Tell of signal strength, which a run uses or may be told to use."""
+    """Return notes on signal strength that a run uses, or could use."""
     from slarm_graph.frontends.signals.rss_found import found_rss
 
     return [
@@ -134,7 +134,7 @@ def _check_imu_topic(recording: Recording, topic: Topic) -> list[Finding]:
 
 
 def _check_odometry(where: str, messages: StampedTransforms, jumps: Jumps) -> list[Finding]:
-    """Look at an odometry topic; at its poses only where they are of one recording."""
+    """Check an odometry topic; its poses only where they are of one recording."""
     if len(messages) == 0:
         return [Finding("warning", where, "has no messages")]
     found = check_stamps(where, messages.stamp_ns, messages.record_ns, jumps)
@@ -179,7 +179,7 @@ def _told_poses(where: str, messages: StampedTransforms, bad: NDArray[np.bool_])
 def _check_tf(
     where: str, moving: StampedTransforms, fixed: StampedTransforms, jumps: Jumps
 ) -> list[Finding]:
-    """Look at all transforms of one namespace."""
+    """Check all transforms of one namespace."""
     found = _check_poses(where, moving) + _check_poses(f"{where}_static", fixed)
     tree = TransformTree([moving], [fixed])
     found += [Finding("warning", where, told.removeprefix("warning: ")) for told in tree.notices()]

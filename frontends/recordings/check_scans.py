@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with laser scans, beyond their stamps."""
+"""Checks of laser scans, except their stamps."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats
 
 _NOTED_SHARE = 0.2
-"""Of all ranges: a value so common is a code of the driver. A choice; only a note depends on it."""
+"""Share of all ranges: a value so common is a code of the driver. A choice; only for a note."""
 
 
 def check_scans(where: str, recorded: list[ScanBlock], config: SourceConfig) -> list[Finding]:
-    """Look at all scans of a topic, with the limits and the segment that a run would use."""
+    """Check all scans of a topic, with the limits and the segment that a run would use."""
     blocks = [
         replace(block, limits=stated_limits(block.limits, config, columns=(5, 6)))
         for block in recorded

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What may be wrong with the stamps of a topic."""
+"""Checks of the stamps of a topic."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ _SKEW_WARNING_S = 0.1
 _OTHER_CLOCK_S = 0.5
 """Clocks that NTP keeps agree far better. A choice; only a note depends on it."""
 _LEAST_GAP_NS = 100_000_000
-"""Fast topics may miss some messages on end: shorter silences are never told as gaps."""
+"""Shortest reported gap: fast topics may miss some messages in a row."""
 
 
 @dataclass(frozen=True, slots=True)
 class Jumps:
-    """Where the clock of the scans jumps back, and what of that was chosen.
+    """Clock jumps of the scans: number of segments, and the chosen one.
 
     Parameters
     ----------
@@ -49,14 +49,14 @@ class Jumps:
         return cls(parts, chosen if chosen is None or chosen <= parts else None)
 
     def rows(self, stamps: Ints) -> Ints:
-        """Which rows of the scans, or of what jumps as they do, belong to the chosen segment."""
+        """Return the rows of the chosen segment, of scans or of a stream that jumps as they do."""
         return segment_rows(stamps, self.chosen or self.parts + 1, self.parts)
 
 
 def check_stamps(
     where: str, stamps: Ints, record_ns: Ints, jumps: Jumps, what: str = "message"
 ) -> list[Finding]:
-    """Look at header stamps (N,) [ns] in recorded order, and at the times of recording (N,)."""
+    """Check header stamps (N,) [ns] in recorded order against the times of recording (N,)."""
     if not stamps.any():
         advice = "the time of recording is used; better let the driver set header.stamp"
         return [Finding("warning", where, "all stamps are 0", advice, len(stamps))]
@@ -79,7 +79,7 @@ def check_stamps(
 
 
 def check_order(where: str, stamps: Ints, jumps: Jumps, what: str = "message") -> list[Finding]:
-    """Look for clocks that jump back, late messages and repeated stamps.
+    """Check for clocks that jump back, late messages and repeated stamps.
 
     A clock that jumps back is an error where a segment has to be chosen; a stream that jumps where
     the scans do not is used whole.

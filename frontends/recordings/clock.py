@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Order in time: zero stamps, clocks that jump back, late and equal stamps."""
+"""Order of stamps: clocks that jump back, late and equal stamps, gaps."""
 
 from __future__ import annotations
 
@@ -13,20 +13,21 @@ from slarm_graph.errors import BadInput
 from slarm_graph.frontends.recordings.packed import Ints
 
 JUMP_NS = 1_000_000_000
-"""Back by less is late delivery: drivers hold messages for a sweep or two (LONGEST_SWEEP_S)."""
+"""Least step back of a clock jump: less is late delivery; drivers hold messages for a sweep or two
+(LONGEST_SWEEP_S)."""
 _CONFIRMING = 3
-"""Messages on end that stay behind; one or two may be late ones."""
+"""Consecutive messages behind that confirm a jump; one or two may be late ones."""
 GAP_PERIODS = 3.0
-"""Two scans lost on end are a gap, one is not. A choice; only what is told depends on it."""
+"""Two scans lost in a row are a gap, one is not. A choice; only notices depend on it."""
 _BACKWARDS_SHARE = 0.9
 """Share of steps back; late messages and repeated loops have at most one step back in two."""
 _MOST_LISTED = 6
-"""Segments that are told one by one: more do not fit the lines of a terminal."""
+"""Most segments that are listed: more do not fit the lines of a terminal."""
 
 
 @dataclass(frozen=True, slots=True)
 class Disorder:
-    """How far stamps stray from increasing.
+    """Violations of increasing stamps.
 
     Parameters
     ----------
@@ -35,7 +36,7 @@ class Disorder:
     worst_ns : int
         Largest step back behind the latest stamp so far.
     backwards : bool
-        Whether nearly all are late: written backwards.
+        Whether nearly all are late: the recording was written backwards.
     """
 
     late: int
@@ -43,7 +44,7 @@ class Disorder:
     backwards: bool = False
 
     def describe(self, what: str) -> list[str]:
-        """One notice, or none."""
+        """Return one notice, or none."""
         if not self.late:
             return []
         if self.backwards:
@@ -114,7 +115,7 @@ def choose_segment(stamps_ns: Ints, wanted: int | None, what: str) -> tuple[int,
 
 
 def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
-    """Rows of another stream that belong to one of the scans' segments.
+    """Return the rows of another stream that belong to one of the scans' segments.
 
     Parameters
     ----------
@@ -123,7 +124,7 @@ def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
     wanted : int
         Segment number, counted from 1.
     count : int
-        How many segments the scans have. A stream with another number of jumps is kept whole.
+        Number of segments of the scans. A stream with another number is used whole.
     """
     parts = segments(stamps_ns)
     fits = len(parts) == count >= wanted
@@ -132,7 +133,7 @@ def segment_rows(stamps_ns: Ints, wanted: int, count: int) -> Ints:
 
 
 def listed(stamps_ns: Ints, what: str = "scan") -> str:
-    """Tell the segments: number, how many scans or what it is, first and last stamp."""
+    """Format the segments: number, how many scans (or other messages), first and last stamp."""
     parts = segments(stamps_ns)
     told = [
         f"{number}: {count_of(stop - start, what)}, {seconds(stamps_ns[start:stop].min())} to "
@@ -143,8 +144,8 @@ def listed(stamps_ns: Ints, what: str = "scan") -> str:
     return "; ".join([*told, *more])
 
 
-def silences(stamps: Ints, steps: Ints) -> list[str]:
-    """One notice about long gaps between scans, or none."""
+def gap_notice(stamps: Ints, steps: Ints) -> list[str]:
+    """Return one notice about long gaps between scans, or none."""
     if len(steps) == 0:
         return []
     usual = np.median(steps)
@@ -159,6 +160,6 @@ def silences(stamps: Ints, steps: Ints) -> list[str]:
 
 
 def seconds(stamp_ns: int | np.integer) -> str:
-    """Write a stamp for people [s]."""
+    """Format a stamp in seconds."""
     whole, part = divmod(int(stamp_ns), 1_000_000_000)
     return f"{whole}.{part // 1_000_000:03d} s"

@@ -26,7 +26,7 @@ def convert(
     section: Sections | None = None,
     simulation: SimulationConfig | None = None,
 ) -> str:
-    """Convert a recording; the destination's ending says into what.
+    """Convert a recording to the format of the destination's extension.
 
     ROS to ROS keeps every topic, message by message. To and from CARMEN, and from a damaged
     recording, goes through readings: scans with the odometry at their stamps. A world file becomes
@@ -39,10 +39,10 @@ def convert(
         `.bag` ROS 1; `.mcap`, `.db3` one ROS 2 file; `.clf`, `.log` (also `.gz`) CARMEN; any other
         name a ROS 2 folder.
     config : SourceConfig, optional
-        Choice of topics, where readings are made.
+        Choice of topics, where the conversion goes through readings.
     overwrite : bool
     compress : bool
-        What is written for ROS; a CARMEN log is compressed where its name ends in `.gz`.
+        Compress ROS bags; a CARMEN log is compressed when its name ends in `.gz`.
     section : callable, optional
         As for `open_source`.
     simulation : SimulationConfig, optional
@@ -51,7 +51,7 @@ def convert(
     Returns
     -------
     str
-        What was done, in a line.
+        What was done, as one line.
 
     Raises
     ------

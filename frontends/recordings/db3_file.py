@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Read rosbag2's SQLite files row by row; a cut or damaged one loses the rows that are damaged.
+"""Read rosbag2's SQLite files row by row; of a damaged file only the damaged rows are lost.
 
 `rosbags` ends at the first damage and does not look at journals. Here an unfinished write is first
 rolled back, in a copy, and of a damaged file the pages that are left are read one by one.
@@ -58,7 +58,7 @@ class Db3File:
         self._losses.note(found, self.counts, self.span_ns)
 
     def notices(self) -> list[str]:
-        """Say how the file is damaged, and what that has cost so far."""
+        """Return notices: how the file is damaged, and which messages are lost so far."""
         return [*self._told, *self._losses.notices(self.path.name)]
 
     def _open(self) -> sqlite3.Connection:
@@ -87,7 +87,7 @@ class Db3File:
         return database
 
     def _whole_pages(self) -> Path:
-        """The file, or a copy without its last page where that is cut: SQLite fills it with 0."""
+        """Return the file, or a copy without a cut last page, which SQLite would fill with 0."""
         with self.path.open("rb") as file:
             size = int.from_bytes(file.read(18)[16:18], "big")
             size = 65536 if size == 1 else size

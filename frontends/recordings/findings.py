@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a diagnosis says: findings with severity, count, first stamp and advice."""
+"""The result of a diagnosis: findings with severity, count, first stamp and advice."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from slarm_graph.frontends.recordings.recordings import Topic
 Severity = Literal["error", "warning", "note"]
 
 WARNING = "warning: "
-"""Begins the notices of a source that are more than notes."""
+"""Prefix of a source's notices that are warnings."""
 _SIGNS: dict[Severity, str] = {"error": "ERROR  ", "warning": "warning", "note": "note   "}
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that is or may be wrong.
+    """A problem, certain or possible.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class Finding:
     count : int
         How often; 0 when it cannot be counted.
     first_stamp_ns : int or None
-        Where it was met first [ns].
+        Stamp of the first occurrence [ns].
     """
 
     severity: Severity
@@ -50,7 +50,7 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class TopicFacts:
-    """A topic in numbers.
+    """Statistics of a topic.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class TopicFacts:
     count : int
     rate_hz : float
     first_stamp_ns, last_stamp_ns : int or None
-        Header stamps, where they were looked at.
+        Header stamps, where they were read.
     step_histogram : tuple of (upper edge [s], count)
         Time between successive messages in ten buckets.
     """
@@ -75,7 +75,7 @@ class TopicFacts:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What a format says of its files, besides what opening them says.
+    """The result of a format's check of its files, besides problems in opening them.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ class Diagnosis:
         return {**asdict(self), "exit_code": self.exit_code}
 
     def text(self) -> str:
-        """Write for people, one finding a paragraph."""
+        """Format as text, one paragraph per finding."""
         lines = [self.description, ""]
         width = max((len(topic.name) for topic in self.topics), default=0)
         for topic in self.topics:
@@ -175,7 +175,7 @@ def counted(
 
 
 def topic_facts(topic: Topic, stamps: Ints | None, frame: str = "") -> TopicFacts:
-    """Put a topic's stamps into numbers, where they are known."""
+    """Return the statistics of a topic, with those of its stamps where they are known."""
     told = topic.name, topic.msgtype, topic.count, topic.rate_hz
     if stamps is None or not len(stamps):
         return TopicFacts(*told)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The seam of recording formats: told by content, opened, looked into and written."""
+"""The interface of recording formats: recognised by content, opened, checked and written."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from slarm_graph.readings import Reading, Source
 _log = logging.getLogger(__name__)
 
 Sections = Callable[[str], Stage]
-"""Gives the settings of a part by its name, as `RunConfig.section` does."""
+"""Returns the settings of a part by its name, as `RunConfig.section` does."""
 
 
 class RecordingFormat(Protocol):
-    """How recordings of one kind are read and written."""
+    """Reader and writer of recordings of one format."""
 
     endings: tuple[str, ...]
-    """Of files that `slarm convert` writes in this format; empty where it cannot write."""
+    """Extensions that `slarm convert` writes in this format; empty when it cannot write."""
 
     def sniff(self, paths: Sequence[Path]) -> bool:
-        """Tell by their content, quickly, whether the files are of this format."""
+        """Return, quickly, whether the files' content is of this format."""
         ...
 
     def open(self, paths: Sequence[Path], config: SourceConfig) -> Source:
@@ -42,7 +42,7 @@ class RecordingFormat(Protocol):
         ...
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Iterable[Finding]:
-        """Tell what is wrong with the files, besides what `open` says; a `Look` tells more."""
+        """Return problems of the files, besides errors of `open`; a `Look` also has facts."""
         ...
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:
@@ -51,18 +51,18 @@ class RecordingFormat(Protocol):
 
 
 def format_of(paths: Sequence[Path], section: Sections | None = None) -> RecordingFormat:
-    """Return the format that files are of, by their content."""
+    """Return the format of files, by their content."""
     return next(f for f in _registered(section) if f.sniff(paths))
 
 
 def format_written_as(destination: Path, section: Sections | None = None) -> RecordingFormat:
-    """Return the format that a file's ending stands for."""
+    """Return the format that a file's extension stands for."""
     name = destination.name
     return next(f for f in _registered(section) if f.endings and name.endswith(f.endings))
 
 
 def _registered(section: Sections | None) -> Iterator[RecordingFormat]:
-    """Build every format that can be used, those of others first; what cannot is told."""
+    """Build every usable format, those of other packages first; log those that are not usable."""
     section = section or RunConfig().section
     names = parts.registered("recording format")
     for name in (*(name for name in names if name not in BUILT_IN), *BUILT_IN):

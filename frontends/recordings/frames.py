@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which frame is the robot, where its lasers sit, and what its odometry is."""
+"""The robot's frame, the poses of its lasers, and its odometry, from tf and topics."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import numpy as np
 from slarm_graph.config import SourceConfig
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.choices import frame_like
 from slarm_graph.frontends.recordings.clock import segment_rows
 from slarm_graph.frontends.recordings.messages import ScanBlock, StampedTransforms
 from slarm_graph.frontends.recordings.mounting import Mounting, mounting_in_plane
@@ -22,14 +21,15 @@ from slarm_graph.frontends.recordings.odometry import (
     path_from_tree,
 )
 from slarm_graph.frontends.recordings.packed import Ints
-from slarm_graph.frontends.recordings.readings_from import MountingAt
+from slarm_graph.frontends.recordings.recorded_source import MountingAt
+from slarm_graph.frontends.recordings.topic_choice import frame_like
 from slarm_graph.frontends.recordings.transforms import TORN, TransformTree, parse_static, torn
 from slarm_graph.geometry import compose
 
 _ROBOT_FRAMES = ("base_footprint", "base_link", "base")
 _ODOM_FRAMES = ("odom", "odom_combined", "odometry")
 _MAX_MOUNTING_GAP_S = 1.0
-"""Where `max_odom_gap_s` is not set: a moving mounting is not bridged over longer silences."""
+"""Without `max_odom_gap_s`: longest gap over which the pose of a moving laser is interpolated."""
 
 Told = list[str]
 
@@ -37,7 +37,7 @@ Told = list[str]
 def build_tree(
     moving: StampedTransforms, fixed: StampedTransforms, config: SourceConfig
 ) -> tuple[TransformTree, Told]:
-    """Index the transforms; what another SLAM published (map -> ...) is left out."""
+    """Build the tf tree, without transforms of another SLAM (map -> ...)."""
     told: Told = []
     extra = parse_static(config.static_tf)
     tree = TransformTree([moving], [fixed, extra] if extra else [fixed])
@@ -60,8 +60,8 @@ def only_segment(part: StampedTransforms, wanted: int, count: int) -> StampedTra
     return part.subset(np.sort(np.concatenate(kept)))
 
 
-def usual_frame(blocks: Sequence[ScanBlock]) -> str:
-    """The frame most scans are in."""
+def most_common_frame(blocks: Sequence[ScanBlock]) -> str:
+    """Return the frame of most scans."""
     counts: Counter[str] = Counter()
     for block in blocks:
         counts[block.frame] += len(block)
@@ -75,17 +75,17 @@ def robot_frame(
     scan_topic: str,
     config: SourceConfig,
 ) -> tuple[str, Told]:
-    """The configured frame, else the odometry's child, else the usual names above the laser."""
+    """Return the configured frame, else the odometry's child, else a usual name above the laser."""
     if config.robot_frame is not None:
         return config.robot_frame.lstrip("/"), []
     told: Told = []
-    named, more = laser_as(tree, laser, scan_topic, config)
+    named, more = laser_in_tree(tree, laser, scan_topic, config)
     told += [] if laser else more
     laser = named
     if odometry is not None and len(odometry):
         child = odometry.edges[odometry.edge[0]][1]
         if child:
-            robot, more = known_as(tree, child, scan_topic)
+            robot, more = frame_in_tree(tree, child, scan_topic)
             return robot, told + more
         told.append("the odometry names no child frame: taken as the robot's")
     above = tree.ancestors(laser)
@@ -100,8 +100,8 @@ def robot_frame(
     return above[-1], told
 
 
-def known_as(tree: TransformTree, frame: str, scan_topic: str) -> tuple[str, Told]:
-    """A frame as tf calls it: by its name, else by one that differs by a prefix or namespace."""
+def frame_in_tree(tree: TransformTree, frame: str, scan_topic: str) -> tuple[str, Told]:
+    """Return a frame's name in tf: the same, else one that differs by a prefix or namespace."""
     known = tree.frames()
     if frame in known or not known:
         return frame, []
@@ -111,20 +111,20 @@ def known_as(tree: TransformTree, frame: str, scan_topic: str) -> tuple[str, Tol
     return like, [f"frame {frame} is taken to be {like} of tf"]
 
 
-def laser_as(
+def laser_in_tree(
     tree: TransformTree, frame: str, scan_topic: str, config: SourceConfig
 ) -> tuple[str, Told]:
-    """A laser's frame as tf calls it; of scans that name none, the one it can only be.
+    """Return a laser's frame in tf; of scans that name none, the only possible one.
 
     That is the child of the one transform given, or the one frame of tf that has no others on it.
 
     Raises
     ------
     BadInput
-        When it can be several.
+        When several are possible.
     """
     if frame:
-        return known_as(tree, frame, scan_topic)
+        return frame_in_tree(tree, frame, scan_topic)
     given = parse_static(config.static_tf)
     pairs = given.edges if given else tree.pairs()
     ends = sorted({child for _, child in pairs} - {parent for parent, _ in pairs})
@@ -139,11 +139,11 @@ def laser_as(
 
 
 def mountings(tree: TransformTree, robot: str, scan_topic: str, config: SourceConfig) -> MountingAt:
-    """Find where lasers sit on the robot: once when fixed, else scan by scan."""
+    """Return the function that gives lasers' poses on the robot: fixed, or scan by scan."""
 
     def at(frame: str, stamps_ns: Ints) -> list[Mounting | None]:
-        """Mounting of a laser at each stamp; None where tf does not know it."""
-        frame, _ = laser_as(tree, frame, scan_topic, config)
+        """Return the mounting of a laser at each stamp; None where tf has none."""
+        frame, _ = laser_in_tree(tree, frame, scan_topic, config)
         if frame == robot:
             return [Mounting()] * len(stamps_ns)
         moving = bool(tree.changing(robot, frame))
@@ -162,7 +162,7 @@ def mountings(tree: TransformTree, robot: str, scan_topic: str, config: SourceCo
 def odometry_of_topic(
     tree: TransformTree, messages: StampedTransforms, topic: str, robot: str
 ) -> tuple[OdometryPath, Told]:
-    """Build the robot's path from an odometry topic, moved onto the robot where tf says how."""
+    """Build the robot's path from an odometry topic, transformed to the robot's frame by tf."""
     told: Told = []
     zero = len(messages) > 0 and not messages.stamp_ns.any()
     if zero:

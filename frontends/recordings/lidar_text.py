@@ -23,7 +23,7 @@ from slarm_graph.frontends.recordings.messages import ScanBlock
 from slarm_graph.frontends.recordings.mounting import Mounting
 from slarm_graph.frontends.recordings.odometry import OdometryPath, sorted_path
 from slarm_graph.frontends.recordings.packed import Ints
-from slarm_graph.frontends.recordings.readings_from import RecordedSource, fixed
+from slarm_graph.frontends.recordings.recorded_source import RecordedSource, fixed
 from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats
 from slarm_graph.readings import Reading
@@ -80,7 +80,7 @@ class LidarText:
         return open_lidar_text(paths[0], config)
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Iterable[Finding]:
-        """Tell nothing besides what `open` says."""
+        """Return no findings besides errors of `open`."""
         return ()
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:

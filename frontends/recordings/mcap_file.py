@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Read MCAP files front to back; a cut or damaged one loses the records that are damaged.
+"""Read MCAP files front to back; of a damaged file only the damaged records are lost.
 
 The `mcap` and `rosbags` readers need the summary at the end of the file, and end at the first
 damage. Format: https://mcap.dev/spec.
@@ -70,7 +70,7 @@ class McapFile:
             self._losses.note(found, self.counts, self.span_ns)
 
     def notices(self) -> list[str]:
-        """Say how the file is damaged, and what that has cost so far."""
+        """Return notices: how the file is damaged, and which messages are lost so far."""
         name = self.path.name
         told = []
         if self._cut:
@@ -87,7 +87,7 @@ class McapFile:
         return told + self._losses.notices(name)
 
     def _read_summary(self) -> bool:
-        """Learn topics and counts from the end of the file; False where it is lost or of no use."""
+        """Read topics and counts from the summary; False where it is missing or unusable."""
         size = len(self._data)
         at = size - len(MAGIC) - _HEAD.size - _FOOTER_DATA.size
         if at < 0 or self._data[size - len(MAGIC) :] != MAGIC or self._data[at] != _FOOTER:
@@ -118,7 +118,7 @@ class McapFile:
         return dict(_COUNT.iter_unpack(pairs[:whole]))
 
     def _count_by_reading(self) -> None:
-        """Walk the file once to learn its topics."""
+        """Read the whole file to find its topics and counts."""
         first, last = 2**63 - 1, 0
         for channel, record_ns, _ in self._walk():
             key = self._channels[channel]
@@ -198,12 +198,12 @@ class McapFile:
 
 
 def _within(time_ns: int) -> int:
-    """Unsigned times beyond the signed range are damage."""
+    """Whether a time fits into the signed range; others are damage."""
     return min(time_ns, 2**63 - 1)
 
 
 def _string(data: bytes, at: int) -> str:
-    """Read a text, its end missing where there is no more."""
+    """Read a string, truncated where the data end."""
     size = min(_STRING.unpack_from(data, at)[0], MAX_TEXT_BYTES)
     text = data[at + _STRING.size : at + _STRING.size + size].decode("utf-8", "replace")
     return brief(text, 200)
@@ -243,7 +243,7 @@ def _next_message(data: bytes, at: int) -> int:
 
 
 def _unpacked(chunk: bytes) -> bytes:
-    """Decompress a chunk as far as it goes; nothing where it cannot be."""
+    """Decompress a chunk as far as it is intact; empty where that is impossible."""
     if len(chunk) < _CHUNK_HEAD.size + 4:
         return b""
     claimed = _CHUNK_HEAD.unpack_from(chunk)[2]

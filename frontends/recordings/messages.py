@@ -116,7 +116,7 @@ def decode(
 
 
 def read_scans(cursor: Cursor) -> list[ScanBlock]:
-    """Decode LaserScan messages; intensities are not looked at."""
+    """Decode LaserScan messages, without intensities."""
     return _read_scans(cursor, lambda some, beams: some.column("f4", beams))
 
 
@@ -150,7 +150,7 @@ def _read_scans(
 
 
 def _groups(beams: Ints, frame: Ints) -> list[Ints]:
-    """Row numbers of the scans that share a beam count and a frame."""
+    """Group the rows of scans by beam count and frame."""
     if len(beams) == 0:
         return []
     if np.all(beams == beams[0]) and np.all(frame == frame[0]):
@@ -162,12 +162,12 @@ def _groups(beams: Ints, frame: Ints) -> list[Ints]:
 
 
 def read_odometry(cursor: Cursor) -> StampedTransforms:
-    """Decode Odometry poses; covariance and twist are not looked at."""
+    """Decode the poses of Odometry messages, without covariance and twist."""
     return _read_transform(cursor)
 
 
 def read_transforms(cursor: Cursor) -> StampedTransforms:
-    """Decode tf messages; those with several transforms are told apart into single ones."""
+    """Decode tf messages into single transforms."""
     counts = cursor.counts()
     active, parts, rows = np.arange(len(counts)), [], []
     for number in range(int(counts.max(initial=0))):
@@ -197,7 +197,7 @@ def _read_transform(cursor: Cursor) -> StampedTransforms:
 
 
 def join_transforms(parts: list[StampedTransforms]) -> StampedTransforms:
-    """Put parts one after the other."""
+    """Concatenate transforms."""
     number: dict[tuple[str, str], int] = {}
     for part in parts:
         for pair in part.edges:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Where the laser sits on the robot, brought from 3D into the plane."""
+"""The pose of the laser on the robot, reduced from 3D to the plane."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan
 
 MAX_TILT_DEG = 5.0
-"""Tilted so, a beam of 10 m ends 0.9 m higher or lower: walls become other things."""
+"""Largest accepted tilt: a beam of 10 m ends 0.9 m higher or lower, and misses walls."""
 _NOTICED_TILT_DEG = 0.1
-"""Below, mountings are level but for rounding: a beam of 10 m ends 2 cm off."""
+"""Least reported tilt; smaller ones are rounding: a beam of 10 m ends 2 cm off."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """A laser's place in the robot's frame.
+    """A laser's pose in the robot's frame.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ class Mounting:
         low_m: float,
         high_m: float,
     ) -> LaserScan:
-        """Put a scan together: ranges (B,), first angle and step of the laser, its limits."""
+        """Build a scan from ranges (B,), the laser's first angle and angle step, and its limits."""
         return LaserScan(
             ranges_m,
             self.angle_sign * start_rad,
@@ -58,7 +58,7 @@ class Mounting:
         )
 
     def describe(self, frame: str) -> list[str]:
-        """What a user should know of it."""
+        """Return notices on the mounting for the user."""
         told = []
         if self.angle_sign < 0:
             told.append(f"laser frame {frame} is mounted upside down (from tf)")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The odometry of a recording as one path, and its value at a scan's stamp."""
+"""The odometry of a recording as a path, interpolated at the scans' stamps."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from slarm_graph.frontends.recordings.transforms import TransformTree
 from slarm_graph.geometry import Floats, between, interpolate_poses
 
 _STILL = 1e-6
-"""Poses that differ by less [m, rad] are equal but for rounding to six decimals."""
+"""Poses that differ by less [m, rad] are equal up to rounding to six decimals."""
 _LEAST_GAP_S = 0.5
-"""Odometry comes at 2 Hz at the very least; shorter silences are never unusual."""
+"""Shorter gaps are always usual: odometry has at least 2 Hz."""
 _ANY_GAP_NS = np.iinfo(np.int64).max
 FARTHEST_M = 1e7
-"""Coordinates beyond those of UTM [m] are no places."""
+"""Limit of plausible coordinates [m], those of UTM."""
 FASTEST_M_S = 50.0
-"""No robot on wheels drives so fast; one that seems to, and is back a moment later, was not there.
-At half as much, cars that carry lidars would lose poses."""
+"""No robot on wheels is faster: poses that imply it, and return a moment later, are outliers. At
+half as much, cars that carry lidars would lose poses."""
 LONGEST_EXCURSION = 10
-"""Poses in a row that may be elsewhere for a moment; a path that stays there was reset."""
+"""Most consecutive outliers; a path that stays away longer was reset."""
 _LEAST_STEP_S = 0.02
-"""Steps are taken to last at least so long, for poses may be stamped in bunches."""
+"""Least duration of a step for its speed, as poses may be stamped in bunches."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,30 +49,30 @@ class OdometryPath:
         return len(self.stamp_ns)
 
     def never_moves(self) -> bool:
-        """Whether all poses are one and the same."""
+        """Whether all poses are equal."""
         return len(self) > 1 and bool(np.all(np.ptp(self.poses, axis=0) == 0.0))
 
     def span(self) -> str:
-        """First and last stamp, for people."""
+        """Format the first and last stamp."""
         if not len(self):
             return "no poses"
         return f"{seconds(self.stamp_ns[0])} to {seconds(self.stamp_ns[-1])}"
 
     def usual_gap_s(self) -> float:
-        """Longest silence that is nothing unusual [s].
+        """Return the longest usual gap between poses [s].
 
-        Five times the spacing that 95 % of the poses keep, and at least half a second: loggers
-        that write two poses at once, then none for long, are not told off.
+        Five times the 95th percentile of the spacing, and at least half a second: some loggers
+        write two poses at once, then none for long.
         """
         if len(self) < 2:
             return _LEAST_GAP_S
         return max(_LEAST_GAP_S, 5e-9 * float(np.quantile(np.diff(self.stamp_ns), 0.95)))
 
     def at(self, stamps_ns: Ints, max_gap_s: float) -> tuple[Floats, NDArray[np.bool_]]:
-        """Interpolate at some stamps.
+        """Interpolate at stamps (M,).
 
-        A silence longer than `max_gap_s` is bridged only when the robot stood still over it;
-        beyond the ends the path is held for as long as poses usually are apart.
+        A gap longer than `max_gap_s` is bridged only when the robot stood still over it;
+        beyond the ends the last pose holds for as long as poses usually are apart.
 
         Returns
         -------
@@ -95,29 +95,28 @@ class OdometryPath:
 def path_from_messages(
     messages: StampedTransforms, *, use_record_time: bool = False
 ) -> tuple[OdometryPath, NDArray[np.bool_]]:
-    """Build the path of an odometry topic; also return which messages (N,) were of no use."""
+    """Build the path of an odometry topic; also return which messages (N,) were not usable."""
     usable, quaternions = usable_quaternions(messages.quaternions)
     usable &= places(messages.translations_m)
     stamps = messages.record_ns if use_record_time else messages.stamp_ns
     rows = np.flatnonzero(usable)
     poses = np.column_stack([messages.translations_m[rows, :2], yaws(quaternions[rows])])
     order = np.argsort(stamps[rows], kind="stable")
-    usable[rows[order[excursions(stamps[rows][order], poses[order])]]] = False
+    usable[rows[order[outliers(stamps[rows][order], poses[order])]]] = False
     kept = usable[rows]
     return sorted_path(stamps[rows][kept], poses[kept]), ~usable
 
 
 def places(translations_m: Floats) -> NDArray[np.bool_]:
-    """Which translations (N, 2 or 3) can be places on earth."""
+    """Return which translations (N, 2 or 3) are finite and within `FARTHEST_M`."""
     with np.errstate(invalid="ignore"):
         return np.asarray((np.abs(translations_m) <= FARTHEST_M).all(axis=1))
 
 
-def excursions(stamps_ns: Ints, poses: Floats) -> NDArray[np.bool_]:
-    """Which poses (N, 3), in order of time, are elsewhere for a moment only.
+def outliers(stamps_ns: Ints, poses: Floats) -> NDArray[np.bool_]:
+    """Return which poses (N, 3), in order of time, are outliers: too far to reach, for a moment.
 
-    Elsewhere is where no robot can get to; a path that does not come back within a few poses was
-    reset, and stays as it is.
+    A path that does not return within a few poses was reset, and is kept as it is.
     """
     away = np.zeros(len(poses), np.bool_)
     if len(poses) < 3 or not _too_fast(stamps_ns[:-1], poses[:-1], stamps_ns[1:], poses[1:]).any():
@@ -162,5 +161,5 @@ def sorted_path(stamps: Ints, poses: Floats) -> OdometryPath:
     sorted_poses = poses[first]
     kept = places(sorted_poses[:, :2])
     unique, sorted_poses = unique[kept], sorted_poses[kept]
-    kept = ~excursions(unique, sorted_poses)
+    kept = ~outliers(unique, sorted_poses)
     return OdometryPath(unique[kept], sorted_poses[kept])

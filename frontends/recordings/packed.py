@@ -58,7 +58,7 @@ def pack(messages: Iterable[tuple[int, bytes]]) -> Packed:
 
 
 def gather(buffer: Bytes, starts: Ints, length: int) -> Bytes:
-    """Copy `length` bytes from each start, as rows of an (N, length) array."""
+    """Copy `length` bytes from each start into the rows of an (N, length) array."""
     if length == 0 or len(starts) == 0:
         return np.zeros((len(starts), length), np.uint8)
     # An overlapping view of `length`-byte items turns the gather into one memcpy per row.
@@ -67,7 +67,7 @@ def gather(buffer: Bytes, starts: Ints, length: int) -> Bytes:
 
 
 class Cursor:
-    """A reading position in every message, moved on field by field.
+    """A read position in every message, which advances field by field.
 
     ROS 1 fields are packed; CDR aligns every primitive to its size, counted from the end of the
     four-byte encapsulation header, which also tells the byte order.

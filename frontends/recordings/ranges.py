@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recorded range means (REP-117), decided once for everybody downstream."""
+"""Meaning of recorded ranges (REP-117): limits, invalid values, no return."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from slarm_graph.geometry import Floats
 Ranges = NDArray[np.float32]
 
 MOST_RANGE_M = 10_000.0
-"""No lidar sees farther; an unlimited range_max would let a damaged range count as a return."""
+"""Largest range of any lidar; an unlimited range_max would accept damaged ranges as returns."""
 
 
 def range_limits(recorded: Floats, config: SourceConfig, topic: str) -> Floats:
@@ -62,7 +62,7 @@ def usable_limits(stated: Floats) -> Floats:
 
 
 def clean_ranges(ranges_m: Ranges, limits_m: Floats, *, clear_on_inf: bool) -> Ranges:
-    """Turn every range that says nothing into nan.
+    """Replace invalid ranges by nan.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def clean_ranges(ranges_m: Ranges, limits_m: Floats, *, clear_on_inf: bool) -> R
     limits_m : (N, 2) float64
         range_min, range_max of each scan.
     clear_on_inf : bool
-        Keep +inf ("nothing within range"); otherwise it says nothing.
+        Keep +inf ("nothing within range"), else replace it, too.
 
     Returns
     -------
@@ -88,12 +88,12 @@ def clean_ranges(ranges_m: Ranges, limits_m: Floats, *, clear_on_inf: bool) -> R
 
 
 def count_returns(ranges_m: Ranges) -> NDArray[np.int64]:
-    """Number of returns of every cleaned scan, (N,)."""
+    """Return the number of returns (N,) of every cleaned scan."""
     return np.asarray(np.count_nonzero(np.isfinite(ranges_m), axis=1))
 
 
 def describe_emptiness(recorded_m: Ranges) -> str:
-    """Say what one scan without a return holds instead, as `1080 inf`."""
+    """Describe the ranges of a scan without a return, as in `1080 inf`."""
     counts = {
         "inf": int(np.count_nonzero(np.isposinf(recorded_m))),
         "-inf": int(np.count_nonzero(np.isneginf(recorded_m))),

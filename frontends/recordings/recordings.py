@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings as topics of serialized messages, of one or several files; ROS 1 bags, no ROS."""
+"""Recordings as topics of serialized messages, in one or several files; ROS 1 bags without ROS."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from slarm_graph.frontends.recordings.packed import Packed
 from slarm_graph.frontends.recordings.ros1_file import Ros1File
 
 LONGEST_PAUSE_S = 3600.0
-"""Between the parts of one recording: rosbag splits without a pause; who stops and goes on later
-than in an hour has moved the robot or its odometry meanwhile."""
+"""Longest pause between the parts of one recording: rosbag splits without a pause; after more than
+an hour the robot or its odometry has moved meanwhile."""
 LONGEST_OVERLAP_S = 1.0
-"""By which parts may overlap: messages are written some moments after they were made."""
+"""Longest overlap of parts: messages are written some moments after they were made."""
 Key = tuple[str, str]
 """Topic and message type."""
 Stored = tuple[Key, int, bytes]
 """Topic and type, record time [ns], serialized message."""
 Part = tuple[int, tuple[int, int]]
-"""How many messages of a topic a file has, and its first and last record time [ns]."""
+"""Number of messages of a topic in a file, and the first and last record time [ns]."""
 _SCAN_TYPES = ("sensor_msgs/msg/LaserScan", "sensor_msgs/msg/MultiEchoLaserScan")
 
 
@@ -49,7 +49,7 @@ class Topic:
 
 
 class Recording(Protocol):
-    """What every kind of ROS recording offers."""
+    """A ROS recording of any kind."""
 
     description: str
     cdr: bool
@@ -57,7 +57,7 @@ class Recording(Protocol):
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What is amiss with its files; complete once what is wanted has been read."""
+        """Return notices on damaged files; complete once the messages have been read."""
         ...
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
@@ -66,14 +66,14 @@ class Recording(Protocol):
 
 
 class Ros1Recording:
-    """One or several ROS 1 bags, put together in the order of their record times."""
+    """One or several ROS 1 bags, joined in the order of their record times."""
 
     cdr = False
 
     def __init__(self, paths: Sequence[Path]) -> None:
         self.description = f"ROS 1 bag {', '.join(path.name for path in paths)}"
         self._files = sorted((_open_ros1(path) for path in paths), key=_first_record_ns)
-        related(
+        check_parts_of_one(
             [
                 (file.path.name, file.span_ns(list(file.connections)) or (0, 0), file.keys())
                 for file in self._files
@@ -83,7 +83,7 @@ class Ros1Recording:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """Say how files are damaged, and what of what was read so far is lost."""
+        """Return notices: how files are damaged, and which messages are lost so far."""
         return tuple(notice for file in self._files for notice in file.notices())
 
     def _merged_topics(self) -> tuple[Topic, ...]:
@@ -110,7 +110,7 @@ class Ros1Recording:
                 yield numbers[number], packed
 
 
-def related(files: Sequence[tuple[str, tuple[int, int], set[Key]]]) -> None:
+def check_parts_of_one(files: Sequence[tuple[str, tuple[int, int], set[Key]]]) -> None:
     """Check that several files are parts of one recording.
 
     Parameters
@@ -121,7 +121,7 @@ def related(files: Sequence[tuple[str, tuple[int, int], set[Key]]]) -> None:
     Raises
     ------
     BadInput
-        When they are far apart in time, or tell the same topics of scans at the same time.
+        When they are far apart in time, or have the same scan topics at the same time.
     """
     for (name, span, topics), (other, later, others) in pairwise(files):
         gap_s = (later[0] - span[1]) * 1e-9
@@ -139,7 +139,7 @@ def related(files: Sequence[tuple[str, tuple[int, int], set[Key]]]) -> None:
 
 
 def topics_of(files: Mapping[Key, Sequence[Part]]) -> tuple[Topic, ...]:
-    """Put the parts of every topic and type together, in the order of their names."""
+    """Join the parts of every topic and type, sorted by name."""
     return tuple(
         Topic(name, msgtype, sum(count for count, _ in parts), rate_hz(parts))
         for (name, msgtype), parts in sorted(files.items())
@@ -147,7 +147,7 @@ def topics_of(files: Mapping[Key, Sequence[Part]]) -> tuple[Topic, ...]:
 
 
 def rate_hz(parts: Sequence[Part]) -> float:
-    """Mean rate over the time from the first message of all parts to the last."""
+    """Return the mean rate from the first message of all parts to the last."""
     if not parts:
         return 0.0
     span_ns = max(last for _, (_, last) in parts) - min(first for _, (first, _) in parts)
@@ -194,7 +194,7 @@ class Storage(Protocol):
         ...
 
     def notices(self) -> list[str]:
-        """Say how the file is damaged, and what that has cost so far."""
+        """Return notices: how the file is damaged, and which messages are lost so far."""
         ...
 
 
@@ -208,7 +208,7 @@ class Losses:
     def note(
         self, found: Mapping[Key, int], counts: Mapping[Key, int], span_ns: tuple[int, int]
     ) -> None:
-        """Compare what was found with what there should be."""
+        """Compare the number of messages found with the number expected."""
         for key, count in found.items():
             expected = counts.get(key, 0)
             self.missing[key] = max(0, expected - count)
@@ -216,7 +216,7 @@ class Losses:
             self.seconds[key] = self.missing[key] * span_s / max(expected, 1)
 
     def notices(self, name: str) -> list[str]:
-        """One warning, or none."""
+        """Return one warning, or none."""
         count = sum(self.missing.values())
         if not count:
             return []

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Chunks of ROS 1 bags: where their data lie, and as much of them as can be decompressed."""
+"""Chunks of ROS 1 bags: their places, and decompression as far as they are intact."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MOST_WORKERS = 4
 
 @dataclass(slots=True)
 class Chunk:
-    """Where a chunk's data lie, and per connection the offsets and record times of its messages.
+    """A chunk: place of its data, and per connection the offsets and record times of messages.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Chunk:
     suspect: bool = False
 
     def problem(self) -> str:
-        """Why it cannot be read at all; nothing when it can."""
+        """Return why it cannot be read; empty when it can."""
         if self.compression not in (b"none", b"bz2", b"lz4"):
             return f"compression {self.compression[:20].decode(errors='replace')!r} is unknown"
         if self.compression != b"none" and self.unpacked > MAX_CHUNK_BYTES:
@@ -57,7 +57,7 @@ class Chunk:
 
 
 def unpacked(data: Data, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Bytes]]:
-    """Decompress chunks in order, a few ahead of the consumer; what is damaged is missing."""
+    """Decompress chunks in order, a few ahead of the consumer; damaged parts are missing."""
     workers = min(_MOST_WORKERS, usable_cores())
     pending: deque[tuple[Chunk, Future[Bytes]]] = deque()
     with ThreadPoolExecutor(workers) as pool:
@@ -73,7 +73,7 @@ def unpacked(data: Data, chunks: Iterable[Chunk]) -> Iterator[tuple[Chunk, Bytes
 
 
 def _decompress(packed: bytes, chunk: Chunk) -> Bytes:
-    """Decompress as much of a chunk as is whole, and no more than it says it holds."""
+    """Decompress a chunk as far as it is intact, and no more than its stated size."""
     if chunk.problem():
         return np.zeros(0, np.uint8)
     kind = chunk.compression.decode("ascii")

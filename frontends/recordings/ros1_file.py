@@ -38,7 +38,7 @@ from slarm_graph.frontends.recordings.ros1_records import (
 MAGIC = b"#ROSBAG V2.0\n"
 
 MAX_CONNECTION_BYTES = 1 << 22
-"""4 MB of a topic's description; the longest message definitions of ROS have some 10 kB."""
+"""Longest description of a topic, 4 MB; the longest message definitions of ROS have some 10 kB."""
 _INDEX_ENTRY = np.dtype([("sec", "<u4"), ("nsec", "<u4"), ("offset", "<u4")])
 
 
@@ -58,7 +58,7 @@ class Loss:
     ----------
     messages : int
     seconds : float
-        Of recording that they stand for, by the usual time between the topic's messages.
+        Recording time that they represent, by the usual time between the topic's messages.
     """
 
     messages: int
@@ -128,7 +128,7 @@ class Ros1File:
                     yield number, some
 
     def loss(self) -> Loss:
-        """What of the messages that were read so far, and should be there, could not be read."""
+        """Return how many of the messages expected so far could not be read."""
         missing: dict[int, int] = {}
         for (_, number), count in self._lost.items():
             missing[number] = missing.get(number, 0) + count
@@ -141,7 +141,7 @@ class Ros1File:
         return Loss(sum(missing.values()), seconds)
 
     def notices(self) -> list[str]:
-        """Say how the file is damaged, and what that has cost so far."""
+        """Return notices: how the file is damaged, and which messages are lost so far."""
         told = []
         if self.cut:
             told.append(f"warning: {self.path.name} {self.cut}{self._missing_tail()}")
@@ -160,7 +160,7 @@ class Ros1File:
         return told + [f"warning: {self.path.name}: {problem}; not read" for problem in problems]
 
     def _missing_tail(self) -> str:
-        """How much recording a cut has cost, by the number of chunks that the file should have.
+        """Estimate the recording time lost by truncation, by the number of chunks expected.
 
         Chunks are of one size before they are compressed, hence take about the same time each.
         """
@@ -176,7 +176,7 @@ class Ros1File:
         )
 
     def _scan(self) -> None:
-        """Walk the records of the file; after damage go on with the next one that is whole."""
+        """Read the records of the file; after damage continue with the next intact one."""
         at, end = len(MAGIC), len(self._data)
         while at < end:
             record = record_at(self._data, at)
@@ -201,7 +201,7 @@ class Ros1File:
             at = record.end
 
     def _mistrust(self, at: int, after: int) -> None:
-        """Doubt the index and the size of the chunk before damage from `at` to `after`."""
+        """Mark index and size of the chunk before damage (from `at` to `after`) as unreliable."""
         if self._chunks:
             chunk = self._chunks[-1]
             chunk.suspect = True
@@ -247,7 +247,7 @@ class Ros1File:
         self.connections[number] = Connection1(brief(topic, 200), brief(msgtype, 200))
 
     def _index_by_reading(self) -> None:
-        """Walk the records of chunks that have no index, or one with a hole."""
+        """Index chunks without a complete index by reading their records."""
         chunks = [chunk for chunk in self._chunks if not chunk.index or chunk.suspect]
         for chunk, buffer in unpacked(self._data, chunks):
             found: dict[int, list[tuple[int, int]]] = {}
@@ -260,7 +260,7 @@ class Ros1File:
             chunk.index = {n: _columns(some) for n, some in found.items()} | chunk.index
 
     def _find_connections(self) -> None:
-        """Look into chunks for the connections that the file's end should have listed."""
+        """Search the chunks for connections that are missing at the file's end."""
         unknown = [c for c in self._chunks if not set(c.index) <= set(self.connections)]
         for chunk, buffer in unpacked(self._data, unknown):
             if not set(chunk.index) <= set(self.connections):

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records of the ROS 1 bag format 2.0: a header of `name=value` fields, then data.
 
-Nothing that a file says of a length is believed before it was compared with what is there.
+Every length in a file is checked against the bytes that there are before it is used.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ MESSAGE, FILE, INDEX, CHUNK, CHUNK_INFO, CONNECTION = b"\2", b"\3", b"\4", b"\5"
 KINDS = (MESSAGE, FILE, INDEX, CHUNK, CHUNK_INFO, CONNECTION)
 WORD = struct.Struct("<I")
 MAX_HEADER_BYTES = 4096
-"""Headers hold a few numbers and a topic's name, some hundred bytes."""
+"""Longest header: it holds a few numbers and a topic's name, some hundred bytes."""
 _OP = re.compile(rb"\x04\0\0\0op=([\2-\7])", re.DOTALL)
 _LONGEST_BEFORE_OP = 1024
 """How far before its `op` field a header may begin; the field comes among the first few."""
@@ -100,7 +100,7 @@ def number_of(fields: Fields, name: bytes) -> int | None:
 
 
 def next_record(data: Data, start: int, kinds: bytes) -> Record | None:
-    """Find the first record of some kinds that begins at an offset or later, after damage."""
+    """Find the first record of some kinds at an offset or later, to continue after damage."""
     for found in _OP.finditer(data, start):  # type: ignore[call-overload]
         if found[1] not in kinds:
             continue
@@ -114,7 +114,7 @@ def next_record(data: Data, start: int, kinds: bytes) -> Record | None:
 
 
 def walk(data: bytes) -> Iterator[tuple[Record, bytes]]:
-    """Yield every whole record of a decompressed chunk with its data; damaged ones are passed."""
+    """Yield every intact record of a decompressed chunk with its data; skip damaged ones."""
     at = 0
     while at + 8 <= len(data):
         record = record_at(data, at)
@@ -166,7 +166,7 @@ def message_spans(
 
 
 def _alike(buffer: Bytes, offsets: Ints, connection: int) -> NDArray[np.bool_] | None:
-    """Which messages have headers of the layout that the first one has; None without a first."""
+    """Return which messages have headers of the first one's layout; None without a first."""
     first = record_at(_Window(buffer), int(offsets[0])) if len(offsets) else None
     if first is None or first.kind != MESSAGE:
         return None

@@ -19,8 +19,8 @@ from slarm_graph.frontends.recordings.recordings import (
     Part,
     Storage,
     Topic,
+    check_parts_of_one,
     first_bytes,
-    related,
     topics_of,
 )
 from slarm_graph.frontends.recordings.unpacking import (
@@ -31,7 +31,7 @@ from slarm_graph.frontends.recordings.unpacking import (
 )
 
 _BATCH = 4096
-"""Messages of a topic that are decoded at once: some megabytes of scans."""
+"""Messages of a topic decoded at once: some megabytes of scans."""
 METADATA = "metadata.yaml"
 _INFORMATION = "rosbag2_bagfile_information"
 
@@ -43,9 +43,9 @@ class Ros2Recording:
     ----------
     paths : sequence of Path
     label : str
-        What was given, for people.
+        Name of the recording, for messages.
     notices : iterable of str
-        What is already known.
+        Notices so far.
     """
 
     cdr = True
@@ -55,7 +55,7 @@ class Ros2Recording:
         self._told = tuple(notices)
         self._files = [self._opened(path) for path in paths]
         self._files.sort(key=lambda file: file.span_ns)
-        related([(f.path.name, f.span_ns, set(f.counts)) for f in self._files])
+        check_parts_of_one([(f.path.name, f.span_ns, set(f.counts)) for f in self._files])
         found: dict[Key, list[Part]] = {}
         for file in self._files:
             for key, count in file.counts.items():
@@ -69,7 +69,7 @@ class Ros2Recording:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What is amiss with its files; complete once what is wanted has been read."""
+        """Return notices on damaged files; complete once the messages have been read."""
         return (*self._told, *(notice for file in self._files for notice in file.notices()))
 
     def read(self, topics: Iterable[Topic]) -> Iterator[tuple[Topic, Packed]]:
@@ -87,7 +87,7 @@ class Ros2Recording:
                     yield wanted[key], pack(batch)
 
     def _opened(self, path: Path) -> Storage:
-        """Open a storage file by its content, a compressed one unpacked into a folder of ours."""
+        """Open a storage file by its content; a compressed one in a temporary folder."""
         start = first_bytes(path)
         if start.startswith(ZSTD_MAGIC):
             plain = scratch_folder(self) / path.name.removesuffix(".zstd")
@@ -101,7 +101,7 @@ class Ros2Recording:
 
 
 def listed_files(folder: Path) -> list[Path]:
-    """The storage files that a folder's metadata.yaml names; nothing where it is of no use.
+    """Return the storage files that a folder's metadata.yaml names; empty where it is unusable.
 
     (`ros2 bag reindex` may leave it incomplete, and files are renamed without it.)
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording format `ros`: bags of ROS 1 and 2 opened, looked into, written and copied."""
+"""The recording format `ros`: opening, checking, writing and copying ROS 1 and ROS 2 bags."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import ClassVar
 
 from slarm_graph.config import SourceConfig, Stage
-from slarm_graph.frontends.recordings.check_ros import look_into
+from slarm_graph.frontends.recordings.check_ros import check_topics
 from slarm_graph.frontends.recordings.findings import Look
-from slarm_graph.frontends.recordings.readings_from import RecordedSource
+from slarm_graph.frontends.recordings.recorded_source import RecordedSource
 from slarm_graph.frontends.recordings.ros_source import open_ros
 from slarm_graph.frontends.recordings.ros_writing import remove, typestore_of, write_readings
 from slarm_graph.frontends.recordings.rosbag import open_recording, storage_files
@@ -24,7 +24,7 @@ from slarm_graph.readings import Reading
 
 
 class Ros:
-    """Bags of ROS 1 and 2; what no other format knows is taken for one, and told what it is not."""
+    """Bags of ROS 1 and 2; also takes files of no other format, to report what they are not."""
 
     settings: ClassVar[type[Stage]] = Stage
     endings = ("",)
@@ -34,7 +34,7 @@ class Ros:
         del settings
 
     def sniff(self, paths: Sequence[Path]) -> bool:
-        """Take everything: opening tells what it is."""
+        """Accept everything: opening tells what it is."""
         return True
 
     def open(self, paths: Sequence[Path], config: SourceConfig) -> RecordedSource:
@@ -42,8 +42,8 @@ class Ros:
         return open_ros(paths, config)
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Look:
-        """Look into every topic that matters."""
-        return look_into(paths, config)
+        """Check every relevant topic."""
+        return check_topics(paths, config)
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:
         """Write /scan, /odom, /tf and /tf_static, and the true poses that a source knows."""
@@ -51,14 +51,14 @@ class Ros:
 
 
 def _truth(readings: Iterable[Reading]) -> Iterator[tuple[int, Pose2]]:
-    """Stamped true poses of a source that knows them, once it is over."""
+    """Yield the stamped true poses of a source that knows them, after it was read."""
     path = readings.info().truth if hasattr(readings, "info") else None
     for stamp_ns, pose in zip(path.stamps_ns.tolist(), path.poses, strict=True) if path else ():
         yield stamp_ns, Pose2.from_array(pose)
 
 
 def _packing(destination: Path) -> tuple[str, str]:
-    """Compression that other tools read, and whether it is of files' blocks or of messages."""
+    """Return a compression that other tools read, and whether it is of chunks or of messages."""
     if destination.suffix == ".bag":
         return "lz4", "none"
     return "zstd", "message" if destination.suffix == ".db3" else "storage"
@@ -78,7 +78,7 @@ def copy_messages(
     paths : sequence of Path
     destination : Path
     distro : str, optional
-        Release whose types hold where there are no definitions.
+        ROS 2 release whose message definitions to use where the bag has none.
     compress : bool
         lz4 in ROS 1 bags, zstd in ROS 2 bags.
 

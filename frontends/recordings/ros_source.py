@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Choose topics and frames of a ROS recording and make readings of it."""
+"""Choice of topics and frames of a ROS recording, and its source of readings."""
 
 from __future__ import annotations
 
@@ -14,22 +14,16 @@ import numpy as np
 
 from slarm_graph.config import SourceConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.choices import (
-    choose_odom_topic,
-    choose_scan_topic,
-    choose_tf_topics,
-    namespace,
-)
 from slarm_graph.frontends.recordings.clock import segments
 from slarm_graph.frontends.recordings.frames import (
     build_tree,
+    most_common_frame,
     mountings,
     odometry_of_topic,
     odometry_of_tree,
     only_segment,
     robot_frame,
     scans_change,
-    usual_frame,
 )
 from slarm_graph.frontends.recordings.messages import (
     MULTI_ECHO,
@@ -47,10 +41,16 @@ from slarm_graph.frontends.recordings.messages import (
 )
 from slarm_graph.frontends.recordings.odometry import OdometryPath
 from slarm_graph.frontends.recordings.packed import Cursor, Malformed, Packed
-from slarm_graph.frontends.recordings.readings_from import RecordedSource
+from slarm_graph.frontends.recordings.recorded_source import RecordedSource
 from slarm_graph.frontends.recordings.recordings import Recording, Topic
 from slarm_graph.frontends.recordings.rosbag import open_recording
 from slarm_graph.frontends.recordings.scan_table import ScanTable
+from slarm_graph.frontends.recordings.topic_choice import (
+    choose_odom_topic,
+    choose_scan_topic,
+    choose_tf_topics,
+    namespace,
+)
 from slarm_graph.frontends.recordings.transforms import TransformTree
 
 _STATIC_TOPIC = "/tf_static"
@@ -70,7 +70,7 @@ class RosMessages:
         From /tf and /tf_static.
     notices : list of str
     tf_of : dict of namespace to (moving, fixed)
-        The same, told apart by where they were published.
+        The same, by the namespace of the tf topic.
     """
 
     scans: dict[str, list[ScanBlock]]
@@ -144,7 +144,7 @@ def read_messages(
 def _moving_and_fixed(
     tf: dict[Topic, list[StampedTransforms]],
 ) -> tuple[StampedTransforms, StampedTransforms]:
-    """Join the transforms of topics, those for all time apart."""
+    """Join the transforms of topics: moving and static ones."""
     return (
         join_transforms([p for t, parts in tf.items() if not _is_static(t) for p in parts]),
         join_transforms([p for t, parts in tf.items() if _is_static(t) for p in parts]),
@@ -154,7 +154,7 @@ def _moving_and_fixed(
 def _tolerant(
     packed: Packed, read: Callable[[Packed], list[Columns]]
 ) -> tuple[list[tuple[int, Columns]], int]:
-    """Decode a batch; if that fails, message by message, leaving out those that fail.
+    """Decode a batch; if that fails, message by message, without those that fail.
 
     Returns
     -------
@@ -209,7 +209,7 @@ def _assemble(
         moving = only_segment(moving, config.segment, count)
         odometry = only_segment(odometry, config.segment, count) if odometry else None
     tree, told = build_tree(moving, messages.fixed, config)
-    laser = usual_frame(blocks)
+    laser = most_common_frame(blocks)
     robot, more = robot_frame(tree, odometry, laser, scan_topic.name, config)
     path, still_more = _odometry(tree, odometry, odom_topic, robot, config)
     told += [*more, *still_more, *tree.notices()]

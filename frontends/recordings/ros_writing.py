@@ -31,12 +31,12 @@ _POSE = "geometry_msgs/msg/PoseStamped"
 _SCAN = "sensor_msgs/msg/LaserScan"
 _SIGNAL = "slarm_msgs/msg/SignalStrength"
 _SIGNAL_FIELDS = "std_msgs/Header header\nstring access_point\nfloat32 rss_dbm\n"
-"""ROS has no message for it. nan: listened for and not heard."""
+"""ROS has no message for signal strength. nan: listened for and not heard."""
 
 GROUND_TRUTH_TOPIC = "/ground_truth"
 SIGNAL_TOPIC = "/rss"
 SIGNAL_OPTION = f"{SIGNAL_TOPIC}:rss_dbm,access_point"
-"""What `--rss` is to say of it."""
+"""The value of `--rss` that reads it."""
 
 
 def write_readings(
@@ -74,7 +74,7 @@ def write_readings(
     BadInput
         When the destination exists or cannot be written, or the laser moves on the robot.
     """
-    with bag_at(destination, overwrite=overwrite) as bag:
+    with open_new_bag(destination, overwrite=overwrite) as bag:
         count, mounting = 0, None
         for reading in readings:
             if mounting is None:
@@ -97,8 +97,8 @@ def write_readings(
 
 
 @contextmanager
-def bag_at(destination: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
-    """Open a new recording; it appears at its place only when it is complete."""
+def open_new_bag(destination: Path, *, overwrite: bool = False) -> Iterator[BagWriter]:
+    """Open a new recording for writing; it is renamed to its path when complete."""
     prepare_destination(destination, overwrite=overwrite)
     with tempfile.TemporaryDirectory(dir=destination.parent, prefix=".writing-") as folder:
         made = Path(folder) / destination.name
@@ -144,7 +144,7 @@ def remove(path: Path) -> None:
 
 
 class BagWriter:
-    """Typed messages into a ROS 1 or ROS 2 recording."""
+    """Writes typed messages into a ROS 1 or ROS 2 recording."""
 
     def __init__(self, path: Path, suffix: str) -> None:
         self._ros1 = suffix == ".bag"
@@ -196,7 +196,7 @@ class BagWriter:
             _ODOMETRY,
             self.header(stamp_ns, "odom"),
             "base_link",
-            self.make(g + "PoseWithCovariance", self.placed(odom_from_robot), none),
+            self.make(g + "PoseWithCovariance", self.pose_message(odom_from_robot), none),
             self.make(g + "TwistWithCovariance", self.make(g + "Twist", zero, zero), none),
         )
         self.send("/odom", stamp_ns, message, _ODOMETRY)
@@ -204,7 +204,7 @@ class BagWriter:
 
     def pose(self, topic: str, stamp_ns: int, map_from_robot: Pose2) -> None:
         """Write a pose in the map as geometry_msgs/PoseStamped."""
-        message = self.make(_POSE, self.header(stamp_ns, "map"), self.placed(map_from_robot))
+        message = self.make(_POSE, self.header(stamp_ns, "map"), self.pose_message(map_from_robot))
         self.send(topic, stamp_ns, message, _POSE)
 
     def signal(self, stamp_ns: int, signal: Signal) -> None:
@@ -226,7 +226,7 @@ class BagWriter:
         """Write `parent_from_child`."""
         g = "geometry_msgs/msg/"
         place = self.make(g + "Vector3", pose.x, pose.y, 0.0)
-        moved = self.make(g + "Transform", place, self.turned(pose.theta, roll_rad))
+        moved = self.make(g + "Transform", place, self.quaternion_message(pose.theta, roll_rad))
         stamped = self.make(g + "TransformStamped", self.header(stamp_ns, parent), child, moved)
         self.send(topic, stamp_ns, self.make(_TF, [stamped]), _TF)
 
@@ -254,7 +254,7 @@ class BagWriter:
         )
 
     def make(self, msgtype: str, *fields: object, **named: object) -> Any:
-        """Build a message of its fields."""
+        """Build a message from its fields."""
         return self._store.types[msgtype](*fields, **named)  # type: ignore[arg-type]
 
     def header(self, stamp_ns: int, frame: str) -> Any:
@@ -263,13 +263,13 @@ class BagWriter:
         sequence = (0,) if self._ros1 else ()
         return self.make("std_msgs/msg/Header", *sequence, time, frame)
 
-    def placed(self, pose: Pose2) -> object:
-        """Build a pose on the floor."""
+    def pose_message(self, pose: Pose2) -> object:
+        """Build a geometry_msgs/Pose on the floor."""
         g = "geometry_msgs/msg/"
         point = self.make(g + "Point", pose.x, pose.y, 0.0)
-        return self.make(g + "Pose", point, self.turned(pose.theta))
+        return self.make(g + "Pose", point, self.quaternion_message(pose.theta))
 
-    def turned(self, heading_rad: float, roll_rad: float = 0.0) -> object:
-        """Build the quaternion of a heading."""
+    def quaternion_message(self, heading_rad: float, roll_rad: float = 0.0) -> object:
+        """Build a geometry_msgs/Quaternion of heading and roll."""
         quaternion = quaternion_of(heading_rad, 0.0, roll_rad)
         return self.make("geometry_msgs/msg/Quaternion", *quaternion.tolist())

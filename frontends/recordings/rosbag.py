@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Open ROS recordings of every kind, told apart by their content and not by their names."""
+"""Opening of ROS recordings of every kind, recognised by their content."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _ENDINGS = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")
 
 
 def open_recording(paths: Sequence[Path]) -> Recording:
-    """Open ROS 1 bags, or one ROS 2 recording, told apart by their content.
+    """Open ROS 1 bags, or one ROS 2 recording, recognised by their content.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def _given_name(path: Path) -> str:
 
 
 def _kind(path: Path) -> str:
-    """Tell a file's kind from its first bytes."""
+    """Return a file's kind by its first bytes."""
     start = first_bytes(path)
     if start.startswith(ROS1_MAGIC):
         return "ROS 1"
@@ -84,7 +84,7 @@ def storage_files(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
 
 
 def _inside(folder: Path) -> tuple[list[Path], list[str]]:
-    """The files of a recording in a folder, by its metadata.yaml where that is of use."""
+    """Return the files of a recording in a folder, by its metadata.yaml where that is usable."""
     if (folder / METADATA).is_file() and (listed := listed_files(folder)):
         return listed, []
     found = sorted(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Many rotations at once: quaternions (N, 4) in the order x y z w, matrices (N, 3, 3)."""
+"""Vectorised rotations: quaternions (N, 4) in the order x y z w, matrices (N, 3, 3)."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.geometry import Floats
 
 _UNIT_TOLERANCE = 1e-3
-"""Four components of three decimals are off by half a thousandth each, by one together."""
+"""Largest error of the norm: four components of three decimals are off by 0.0005 each, by 0.001
+together."""
 
 
 def usable_quaternions(quaternions: Floats) -> tuple[NDArray[np.bool_], Floats]:
-    """Tell which quaternions are unit within 1e-3, and normalise those."""
+    """Return which quaternions are unit within 1e-3, and those normalised."""
     norms = np.linalg.norm(quaternions, axis=1)
     with np.errstate(invalid="ignore"):
         usable = np.abs(norms - 1.0) < _UNIT_TOLERANCE
@@ -55,15 +56,15 @@ def slerp(start: Floats, end: Floats, share: Floats) -> Floats:
 def bracket(
     stamps: Ints, at_ns: Ints, max_gap_ns: int
 ) -> tuple[Ints, Ints, Floats, NDArray[np.bool_]]:
-    """Find each instant's neighbours among stamps.
+    """Find the neighbours of each instant among stamps.
 
     Parameters
     ----------
     stamps : (N,) int64, strictly increasing
     at_ns : (M,) int64
     max_gap_ns : int
-        A longer silence between neighbours is not bridged. Beyond the ends the last value holds for
-        as long as updates usually are apart (95 % of them).
+        Longest gap between neighbours that is bridged. Beyond the ends the last value holds for as
+        long as updates usually are apart (95 % of them).
 
     Returns
     -------

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is believed of recorded scans, decided once for the run and for the diagnosis."""
+"""Plausibility rules for recorded scans, shared by the run and the diagnosis."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from slarm_graph.frontends.recordings.scan_table import ScanTable, recorded_beam
 from slarm_graph.geometry import Floats, between
 
 LONGEST_SWEEP_PERIODS = 1.5
-"""A sweep cannot last longer than the time until the next one; the half more allows for scans that
-were lost or stamped late. Units taken for others are wrong a thousandfold and more."""
+"""Longest plausible sweep, in periods: it ends before the next one; the half more allows for scans
+that were lost or stamped late. Mistaken units are wrong a thousandfold and more."""
 LONGEST_SWEEP_S = 1.0
-"""Where single scans tell no period: no planar lidar turns slower than once a second."""
+"""Longest plausible sweep without a known period: no planar lidar turns slower."""
 MAX_EMPTY_SHARE = 0.9
-"""Without any return in more of the scans the sensor is at fault, not the place."""
+"""Largest share of scans without any return; with more the sensor is at fault, not the place."""
 FEW_BEAMS = 16
-"""With fewer returns in most scans nothing can be matched: three unknowns need some ten lines of
+"""Fewest returns in most scans for matching: three unknowns need some ten lines of
 sight that see different walls; at half as many even a square room leaves matches undetermined."""
 MOVED_M, MOVED_RAD = 0.02, 0.01
 """Motion by which two scans differ in every bit: ranges have noise of a centimetre or so, and a
@@ -42,14 +42,14 @@ FAR_OFF_SHARE = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Sweeps:
-    """The time that scans take.
+    """Recorded sweep times of scans.
 
     Parameters
     ----------
     beam_period_s : (N,) float64
-        Between neighbouring beams; 0 where it is unknown or not believed.
+        Between neighbouring beams; 0 where unknown or implausible.
     ignored : (N,) bool
-        Scans whose recorded time is not believed.
+        Scans whose recorded sweep time is implausible.
     period_s : float
         Usual time between scans; 0 where it is unknown.
     """
@@ -59,7 +59,7 @@ class Sweeps:
     period_s: float
 
     def describe(self) -> str:
-        """What is wrong, and what follows from it; nothing when all is well."""
+        """Return a notice on ignored times, with its consequence; empty without any."""
         count = int(np.count_nonzero(self.ignored))
         if not count:
             return ""
@@ -73,7 +73,7 @@ SWEEPS_IGNORED = "the time is ignored: motion within these scans is not undone"
 
 
 def sweeps(table: ScanTable, *, believed: bool = True) -> Sweeps:
-    """Decide which recorded sweep times are believed: those shorter than the time between scans."""
+    """Return the plausible sweep times: those shorter than the time between scans."""
     if not believed:
         return Sweeps(np.zeros(len(table)), np.zeros(len(table), np.bool_), 0.0)
     recorded = table.flat([recorded_beam_period_s(block) for block in table.blocks])
@@ -87,7 +87,7 @@ def sweeps(table: ScanTable, *, believed: bool = True) -> Sweeps:
 
 
 def far_off(stamps_ns: Ints) -> NDArray[np.bool_]:
-    """Which few stamps (N,) lie so far from the others that they must be damaged."""
+    """Return the few stamps (N,) that are so far from the others that they must be damaged."""
     if not len(stamps_ns):
         return np.zeros(0, np.bool_)
     away = np.abs(stamps_ns - np.median(stamps_ns)) > FAR_OFF_NS
@@ -95,7 +95,7 @@ def far_off(stamps_ns: Ints) -> NDArray[np.bool_]:
 
 
 def repeats(table: ScanTable, rows: Ints) -> Ints:
-    """For scans in time order, the number (M,) of the first of the equal ones each belongs to."""
+    """Return for scans in time order the index (M,) of the first equal scan."""
     first = np.arange(len(rows))
     for number in range(1, len(rows)):
         one, other = table.recorded(int(rows[number - 1])), table.recorded(int(rows[number]))
@@ -105,7 +105,7 @@ def repeats(table: ScanTable, rows: Ints) -> Ints:
 
 
 def frozen(first: Ints, poses: Floats, known: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which scans (M,) repeat an earlier one to the bit although the robot has moved since.
+    """Return which scans (M,) repeat an earlier one bit by bit although the robot has moved.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def frozen(first: Ints, poses: Floats, known: NDArray[np.bool_]) -> NDArray[np.b
 
 
 def too_few_beams(returns: Ints) -> str:
-    """What to say where most scans have hardly any return (N,); nothing otherwise."""
+    """Return a notice where most scans have hardly any return (N,); else empty."""
     usual = float(np.median(returns)) if len(returns) else FEW_BEAMS
     if usual >= FEW_BEAMS:
         return ""
@@ -134,7 +134,7 @@ def too_few_beams(returns: Ints) -> str:
 
 
 def at_the_limit(blocks: Iterable[ScanBlock], ranges: Iterable[Ranges]) -> str:
-    """What to say where many returns are exactly range_max; nothing otherwise.
+    """Return a notice where many returns are exactly range_max; else empty.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ AT_THE_LIMIT = (
     "looks like a code for `no return`: walls appear where there are none; "
     "set --set source.range_max_m slightly lower"
 )
-"""What that means, and what to do about it."""
+"""Notice on such ranges, with advice."""
 
 
 def too_many_beams(block: ScanBlock) -> bool:

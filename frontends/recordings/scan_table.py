@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""All scans of a topic in recorded order, whatever their beam counts, and what became of each."""
+"""All scans of a topic in recorded order, of any beam counts, and which of them are used."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slarm_graph.geometry import Floats
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 MOST_ANGLE_RAD = 100.0
-"""Angles beyond some turns [rad] are no directions but degrees taken for radians, or damage."""
+"""Largest plausible angle [rad]; larger ones are degrees taken for radians, or damage."""
 
 
 class ScanTable:
@@ -49,7 +49,7 @@ class ScanTable:
         return len(self._order)
 
     def flat(self, parts: Sequence[NDArray[Scalar]]) -> NDArray[Scalar]:
-        """Turn one array per block, (B_k, ...), into one over all scans, (N, ...)."""
+        """Join one array per block, (B_k, ...), into one over all scans, (N, ...)."""
         return np.asarray(np.concatenate(parts)[self._order])
 
     def recorded(self, row: int) -> NDArray[np.float32]:
@@ -57,7 +57,7 @@ class ScanTable:
         return np.asarray(self.blocks[self.block[row]].ranges_m[self.line[row]])
 
     def frames(self) -> dict[str, Ints]:
-        """Rows of every laser frame."""
+        """Return the rows of every laser frame."""
         names = [block.frame for block in self.blocks]
         return {
             name: np.flatnonzero(np.array([other == name for other in names])[self.block])
@@ -65,21 +65,21 @@ class ScanTable:
         }
 
 
-class Fates:
-    """Which scans are used, and why the others are not."""
+class ScanSelection:
+    """The status of every scan: used, or the reason why it was dropped."""
 
     def __init__(self, count: int) -> None:
         self.used = np.ones(count, bool)
         self.reasons: dict[int, str] = {}
 
     def drop(self, rows: Iterable[int] | Ints, reason: str) -> None:
-        """Leave scans out; the first reason stays."""
+        """Drop scans; the first reason is kept."""
         for row in np.asarray(rows, np.int64).ravel().tolist():
             self.used[row] = False
             self.reasons.setdefault(row, reason)
 
     def counts(self) -> Counter[str]:
-        """How many scans were left out for each reason, details in brackets aside."""
+        """Return the number of dropped scans per reason, without details in brackets."""
         return Counter(reason.split(" (")[0] for reason in self.reasons.values())
 
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Scans of drivers that have units of their own."""
+"""Conversion of scans in other units to metres and radians."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from slarm_graph.frontends.recordings.scan_table import ScanTable
 from slarm_graph.geometry import Floats
 
 USUAL_MOST_M = 100.0
-"""Half of all returns beyond this [m] are no lidar's in the plane: the longest reach 60 to 80 m
-at all; a room in millimetres or centimetres is beyond it."""
+"""Largest plausible median of returns [m]: planar lidars reach 60 to 80 m at most; a room in
+millimetres or centimetres is beyond it."""
 MOST_SPAN_RAD = 8 * math.pi
-"""A scan is one turn, of some drivers two; 90 degrees taken for radians are fourteen."""
+"""Largest plausible span: a turn, of some drivers two; 90 degrees taken for radians are 14."""
 _FEW_WITHIN = 0.05
 """Share of ranges within the limits below which the limits are in another unit than the ranges:
 where ranges beyond them are a code for `no return`, real returns are more than these few."""
@@ -43,9 +43,9 @@ def measured(table: ScanTable, config: SourceConfig, topic: str) -> ScanTable:
 
 
 def in_si_units(block: ScanBlock, range_unit_m: float, angle_unit_rad: float) -> ScanBlock:
-    """Bring ranges and angles of a driver with units of its own to metres and radians.
+    """Convert recorded ranges and angles to metres and radians.
 
-    Limits that are no lidar's in metres are in the unit of the ranges.
+    Range limits that are implausible in metres are in the unit of the ranges.
     """
     if range_unit_m == 1.0 and angle_unit_rad == 1.0:
         return block
@@ -57,7 +57,7 @@ def in_si_units(block: ScanBlock, range_unit_m: float, angle_unit_rad: float) ->
 
 
 def other_units(blocks: Sequence[ScanBlock]) -> str:
-    """What to say where ranges or angles cannot be metres and radians; nothing otherwise."""
+    """Return a notice where ranges or angles cannot be metres and radians; else empty."""
     if not blocks:
         return ""
     limits = np.concatenate([block.limits for block in blocks])

@@ -26,20 +26,20 @@ def open_source(
     seed: int = 0,
     section: Sections | None = None,
 ) -> Source:
-    """Open one recording; its kind is told from its content.
+    """Open one recording of any format, recognised by its content.
 
     Parameters
     ----------
     paths : path or sequence of paths
         A ROS 1 bag (or several), a ROS 2 folder, metadata.yaml, .mcap or .db3 file, a CARMEN
-        log, plain or gzipped, or the YAML file of a world, through which a robot is then driven.
+        log, plain or gzipped, or the YAML file of a world, for a simulated drive through it.
     config : SourceConfig, optional
     simulation : SimulationConfig, optional
-        The robot that is driven through a world.
+        Of the robot that drives through a world.
     seed : int
-        Of its noise.
+        Seed of its noise.
     section : callable, optional
-        Gives the settings of a format by its name, as `RunConfig.section` does.
+        Returns the settings of a format by its name, as `RunConfig.section` does.
 
     Raises
     ------
@@ -54,7 +54,7 @@ def open_source(
 
 
 def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
-    """Check that every path leads to something readable."""
+    """Return the paths, or raise BadInput for one that is missing or unreadable."""
     given = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not given:
         raise BadInput("no recording given")
@@ -74,7 +74,7 @@ def existing_paths(paths: Sequence[Path | str] | Path | str) -> list[Path]:
 
 
 def _world_or_path(given: Path | str) -> Path:
-    """Return a path, or the file of the world that comes along by that name."""
+    """Return a path, or the file of the shipped world of that name."""
     from slarm_graph.files.worlds import shipped_worlds, world_path
 
     path = Path(given)

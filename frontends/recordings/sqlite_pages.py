@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows out of the pages of a damaged SQLite file, without the tree that leads to them.
+"""Salvage of rows from the pages of a damaged SQLite file, without its B-tree.
 
-Where an inner page is lost, SQLite reaches none of the leaves below it, whole as they are.
+Where an inner page is lost, SQLite reaches none of the leaves below it, though they are intact.
 Format: https://www.sqlite.org/fileformat.html.
 """
 

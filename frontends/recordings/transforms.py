@@ -26,12 +26,12 @@ from slarm_graph.geometry import Floats
 _SAME_M, _SAME_QUATERNION = 1e-6, 1e-7
 """Differences below these are rounding of writers that pass through text or float32."""
 _TORN_M, _TORN_SHARE = 0.3, 0.25
-"""A stream that leaps so far and comes back with the next message, in a quarter of its messages,
-has two sources. Halved, a robot that rocks on the spot would count; doubled, two robots that drive
+"""A stream that jumps so far and returns with the next message, in a quarter of its messages, has
+two sources. Halved, a robot that rocks on the spot would count; doubled, two robots that drive
 side by side would not."""
 TORN = "jumps back and forth between two places: two robots, or two publishers"
 _OTHER_M, _OTHER_TURN = 1e-3, 1e-3
-"""Fixed transforms that differ by more [m, quaternion] are two, not one written twice."""
+"""Static transforms that differ by more [m, quaternion] are two, not one written twice."""
 
 
 _Rows = tuple[Ints, Floats, Floats]
@@ -60,7 +60,7 @@ class Edge:
 
 
 class TransformTree:
-    """Which frame is where, at any time.
+    """All transforms of a recording, looked up at any time.
 
     Parameters
     ----------
@@ -96,14 +96,14 @@ class TransformTree:
                 )
 
     def _count_values(self, pair: tuple[str, str], places: Floats, turns: Floats) -> None:
-        """Note fixed transforms that were published with several values."""
+        """Count the values with which a static transform was published."""
         rounded = np.round(places / _OTHER_M), np.round(np.abs(turns) / _OTHER_TURN)
         count = len(np.unique(np.concatenate(rounded, axis=1), axis=0))
         if count > 1:
             self._twofold[pair] = count
 
     def notices(self) -> list[str]:
-        """Say which fixed transforms were published with several values."""
+        """Return notices on static transforms that were published with several values."""
         return [
             f"warning: tf_static {parent} -> {child} has {count} different values, the last is "
             "used; two robots in one recording?"
@@ -111,15 +111,15 @@ class TransformTree:
         ]
 
     def pairs(self) -> list[tuple[str, str]]:
-        """All (parent, child) there are."""
+        """Return all pairs (parent, child)."""
         return list(self._rows)
 
     def remove(self, pair: tuple[str, str]) -> None:
-        """Forget a transform."""
+        """Remove a transform."""
         del self._rows[pair]
 
     def edge(self, pair: tuple[str, str]) -> Edge:
-        """One transform over time; put in order when it is first asked for."""
+        """Return one transform over time; it is sorted at the first call."""
         if pair not in self._edges:
             if torn(self._rows[pair][1]):
                 raise BadInput(f"tf {pair[0]} -> {pair[1]} {TORN}; choose with --odom")
@@ -127,11 +127,11 @@ class TransformTree:
         return self._edges[pair]
 
     def frames(self) -> set[str]:
-        """All frames there are."""
+        """Return all frames."""
         return {frame for pair in self._rows for frame in pair}
 
     def path(self, target: str, source: str) -> list[tuple[tuple[str, str], bool]] | None:
-        """Edges from `target` down or up to `source`; True where an edge is walked forwards."""
+        """Return the edges from `target` to `source`; True where one is walked forwards."""
         came: dict[str, tuple[str, tuple[str, str], bool]] = {}
         queue, seen = deque([target]), {target}
         while queue and source not in seen:
@@ -151,7 +151,7 @@ class TransformTree:
         return steps[::-1]
 
     def changing(self, target: str, source: str) -> list[Edge]:
-        """Edges between two frames whose value changes over time."""
+        """Return the edges between two frames that change over time."""
         steps = self.path(target, source) or []
         edges = [self.edge(pair) for pair, _ in steps]
         return [edge for edge in edges if not edge.is_static]
@@ -166,7 +166,7 @@ class TransformTree:
         target, source : str
         at_ns : (N,) int64
         max_gap_ns : int
-            Interpolation across longer silences is refused.
+            Longest gap that is interpolated.
 
         Returns
         -------
@@ -197,7 +197,7 @@ class TransformTree:
         return np.asarray(rotation), translation, known
 
     def explain(self, target: str, source: str) -> str:
-        """Say why two frames are not connected, and how to connect them."""
+        """Return why two frames are not connected, and how to connect them."""
         trees = self._trees()
         listed = ", ".join(f"tree {number} = {tree}" for number, tree in enumerate(trees, start=1))
         return (
@@ -206,7 +206,7 @@ class TransformTree:
         )
 
     def ancestors(self, frame: str) -> list[str]:
-        """The frame, its parent, and so on to the top of its tree."""
+        """Return the frame, its parent, and so on to the root of its tree."""
         chain = [frame]
         while True:
             parents = [parent for parent, child in self._rows if child == chain[-1]]
@@ -235,7 +235,7 @@ def torn(places_m: Floats) -> bool:
 
 
 def _edge(stamps: Ints, translations: Floats, quaternions: Floats) -> Edge:
-    """Sort by stamp, keep the first of equal ones, and fold a value that never changes."""
+    """Sort by stamp, keep the first of equal ones, and reduce a constant value to one row."""
     still = np.all(np.abs(translations - translations[0]) <= _SAME_M) and np.all(
         np.abs(quaternions @ quaternions[0]) >= 1.0 - _SAME_QUATERNION**2
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Decompress within bounds, and of damaged data as much as is whole."""
+"""Bounded decompression, also of damaged data as far as they are intact."""
 
 from __future__ import annotations
 
@@ -29,18 +29,18 @@ _SLICE_BYTES = 1 << 16
 """Compressed bytes given to a decompressor at a time: what it made of the earlier ones is kept when
 the next ones are damaged."""
 MAX_RATIO = 200
-"""Bytes that a byte of a compressed file may stand for; scans are packed to a fifth or so, an empty
-costmap to a hundredth."""
+"""Largest compression ratio of a file; scans are packed to a fifth or so, an empty costmap to a
+hundredth."""
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 class _Decompressor(Protocol):
-    """What bz2, lz4 and zstd offer alike."""
+    """The common interface of the bz2, lz4 and zstd decompressors."""
 
     eof: bool
 
     def decompress(self, data: bytes, max_length: int = -1) -> bytes:
-        """Undo the next part, at most so many bytes of it."""
+        """Decompress the next part, to at most `max_length` bytes."""
         ...
 
 
@@ -53,7 +53,7 @@ _FAILURES = (OSError, EOFError, RuntimeError, ValueError, zstd.ZstdError, Memory
 
 
 def unpack_partly(packed: bytes, compression: str, claimed: int) -> bytes:
-    """Decompress as much as is whole, and no more than it is said to hold.
+    """Decompress as far as the data are intact, and no more than the claimed size.
 
     Parameters
     ----------
@@ -83,14 +83,14 @@ def unpack_partly(packed: bytes, compression: str, claimed: int) -> bytes:
 
 
 def scratch_folder(owner: object) -> Path:
-    """Make a folder that goes when its owner does."""
+    """Make a temporary folder that is removed with its owner."""
     folder = tempfile.mkdtemp(prefix="slarm-")
     weakref.finalize(owner, shutil.rmtree, folder, ignore_errors=True)
     return Path(folder)
 
 
 def unpack_message(raw: bytes) -> bytes:
-    """Undo the compression of single messages (rosbag2's mode `message`), told by their start."""
+    """Decompress a single message (rosbag2's mode `message`), recognised by its first bytes."""
     if not raw.startswith(ZSTD_MAGIC):
         return raw
     return unpack_partly(raw, "zstd", min(MAX_RATIO * len(raw) + 4096, MAX_CHUNK_BYTES))

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The recording format `world`: the file of a world, through which a robot is driven."""
+"""The recording format `world`: a simulated drive through the world of a file."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ class WorldFile:
         return len(paths) == 1 and is_world_file(paths[0])
 
     def open(self, paths: Sequence[Path], config: SourceConfig) -> SourceFromWorld:
-        """Let a robot drive."""
+        """Return the source that drives through the world."""
         from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 
         return SourceFromWorld(load_world(paths[0]), self.simulation, seed=self.seed)
 
     def check(self, paths: Sequence[Path], config: SourceConfig) -> Look:
-        """Describe the drive: there are no messages that could be wrong."""
+        """Describe the drive; there are no messages to check."""
         return Look((), self.open(paths, config).info().description)
 
     def write(self, destination: Path, readings: Iterable[Reading]) -> int:

@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Signal strength to readings: CSV files, logs of Bluetooth anchors, topics of bags."""
+"""Readers of signal strength: CSV files, logs of Bluetooth anchors, topics of bags."""

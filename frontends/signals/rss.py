@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Open readings of signal strength, a file or a topic of the recording."""
+"""Opening of signal-strength readings in a file or a topic of the recording."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ def open_rss(given: str, recording: Sequence[Path] = (), distro: str | None = No
         A file: CSV with the columns `stamp, ap, rss_dbm`, or a log of Bluetooth anchors. Or
         `TOPIC:FIELD[,NAME_FIELD...]` of the recording, such as `/wifi:rssi,ssid,bssid`.
     recording : sequence of Path
-        Where topics are looked for.
+        Recording that has the topic.
     distro : str, optional
-        ROS 2 release whose types hold where the recording brings no definitions.
+        ROS 2 release whose message definitions to use where the recording has none.
 
     Raises
     ------
@@ -49,7 +49,7 @@ def open_rss(given: str, recording: Sequence[Path] = (), distro: str | None = No
 
 
 def beside(scans: Path) -> str | None:
-    """Return the anchors' log that lies beside a log of scans, as `NAME_ble.txt`."""
+    """Return the anchors' log `NAME_ble.txt` beside a log of scans, if there is one."""
     if not scans.name.endswith("_scan.txt"):
         return None
     log = scans.with_name(scans.name.removesuffix("_scan.txt") + "_ble.txt")

@@ -21,7 +21,7 @@ from slarm_graph.files.trajectory_columns import stamp_ns
 from slarm_graph.radio.measured.rss_log import RssLog
 
 _STAMPS = {"stamp_ns": "ns", "stamp": "", "stamp_s": "", "time": "", "timestamp": ""}
-"""Names of the column of stamps, and its unit where a name says so; else as large as they are."""
+"""Names of the stamp column, with the unit that a name implies; else the size of stamps decides."""
 _NAMES = ("ap", "access_point", "bssid", "ssid", "name")
 _VALUES = ("rss_dbm", "rssi_dbm", "rssi", "rss")
 _HEAD, _PER_PACKET, _STRENGTH = 7, 8, 3

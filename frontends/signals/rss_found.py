@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Topics of a bag that hold signal strength, found by the names of their fields and their values.
+"""Detection of topics with signal strength, by the names of their fields and by their values.
 
-ROS has no message for signal strength, so that everybody has an own one; what they agree on is to
-call it rssi, rss or dbm. What is so by name and in its values is used; what only may be is told.
+ROS has no message for signal strength; custom ones usually call it rssi, rss or dbm. A topic that
+matches by name and by its values is used; a possible one is only reported.
 """
 
 from __future__ import annotations
@@ -40,35 +40,35 @@ _BESIDE: Final = {
     "ant", "antenna", "ble", "bluetooth", "dbm", "last", "level", "raw", "signal", "strength",
     "uwb", "value", "wifi", "wireless", "wlan",
 }  # fmt: skip
-"""Words that may stand beside one; others make something else of it (rssi_threshold, rssi_sd)."""
+"""Words allowed beside these; others change the meaning (rssi_threshold, rssi_sd)."""
 _NAMES: Final = (
     {"bssid", "mac", "address", "uuid"},
     {"ap", "access", "anchor", "beacon", "tag", "station", "ssid", "essid"},
     {"id", "name", "device", "node", "major", "minor"},
 )
-"""Words in the names of fields that say whose strength it is, the surest kind first."""
+"""Words in names of fields that identify the access point, the most reliable kind first."""
 _COUNTERS: Final = {"seq", "msg", "message", "packet", "frame", "scan", "sample"}
-"""Words beside which `id` numbers messages."""
+"""Words beside which `id` is a message number."""
 _LEAST_DBM, _MOST_DBM = -140.0, 0.0
-"""What receivers report (3GPP TS 36.133, 9.1.4: RSRP from -140 dBm; radios by design below 0 dBm);
+"""Received power (3GPP TS 36.133, 9.1.4: RSRP from -140 dBm; radios by design below 0 dBm);
 shares of 100 % and decibels above noise are positive."""
 _LEAST_PER_NAME: Final = 3.0
-"""Readings per access point, the mean: with fewer its name is that of a message."""
+"""Least mean number of readings per access point; with fewer the name identifies messages."""
 _NUMBERS: Final = re.compile(r"u?int\d+|float\d+")
 
 
 @dataclass(frozen=True, slots=True)
 class FoundRss:
-    """A topic that holds signal strength, or seems to.
+    """A topic with certain or possible signal strength.
 
     Parameters
     ----------
     topic, option : str
-        What `--rss` says of it; empty where it cannot be read so.
+        Value of `--rss` that reads it; empty where none does.
     log : RssLog or None
-        Its readings where it is unmistakable.
+        Its readings, where they certainly are signal strength.
     what : str
-        Why it is not; empty where it is.
+        Why it is not certain; empty where it is.
     """
 
     topic: str
@@ -77,32 +77,32 @@ class FoundRss:
     what: str = ""
 
     def what_it_is(self) -> str:
-        """Say what the topic holds."""
+        """Describe the content of the topic."""
         if self.log is None:
             return f"may hold signal strength, which is not used: {self.what}"
         names = count_of(len(self.log.names), "access point")
         return f"holds signal strength: {count_of(len(self.log), 'reading')}, {names}"
 
     def advice(self) -> str:
-        """Say how it is used, or left out."""
+        """Return how to use it, or how to ignore it."""
         if self.log is not None:
             return f"used as --rss {self.option}; --rss none leaves it out"
         return f"--rss {self.option} uses it" if self.option else ""
 
     def notice(self) -> str:
-        """Say both in a line."""
+        """Return both as one line."""
         told = f"{self.topic} {self.what_it_is()}"
         return f"{told}; {self.advice()}" if self.advice() else told
 
 
 def found_rss(paths: Sequence[Path], distro: str | None = None) -> tuple[FoundRss, ...]:
-    """Find what may be signal strength in a recording; nothing where it is no bag, or gone.
+    """Find topics with possible signal strength; empty where the recording is no bag, or missing.
 
     Parameters
     ----------
     paths : sequence of Path
     distro : str, optional
-        ROS 2 release whose types hold where the bag brings no definitions.
+        ROS 2 release whose message definitions to use where the bag has none.
     """
     try:
         topics = [topic for topic in open_recording(paths).topics if _may_hold(topic)]
@@ -156,7 +156,7 @@ def _fields(types: Typestore, msgtype: str, above: str = "") -> Iterator[tuple[s
 def _found(
     paths: Sequence[Path], topic: Topic, fields: Sequence[tuple[str, str]], distro: str | None
 ) -> Iterator[FoundRss]:
-    """Judge one topic by its fields, and then by its readings."""
+    """Examine one topic: its fields, then its readings."""
     if not fields and _is_strength(_last(topic.name)):
         yield FoundRss(topic.name, "", what=f"the bag has no definition of {topic.msgtype}")
     numbers = [path for path, kind in fields if _NUMBERS.fullmatch(kind)]
@@ -176,7 +176,7 @@ def _found(
 
 
 def _naming(value: str, fields: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    """Fields beside a strength, or in the message around it, that say whose it is."""
+    """Return the fields, beside a strength or around it, that identify the access point."""
     above = value.rpartition(".")[0]
     for space in dict.fromkeys((f"{above}." if above else "", "")):
         beside = [path[len(space) :] for path, _ in fields if path.startswith(space)]
@@ -189,7 +189,7 @@ def _naming(value: str, fields: Sequence[tuple[str, str]]) -> tuple[str, ...]:
 
 
 def _what_is_odd(log: RssLog) -> str:
-    """Say what of the readings is unlike signal strength in dBm; empty where nothing is."""
+    """Return why the readings do not look like signal strength in dBm; else empty."""
     heard = log.rss_dbm[np.isfinite(log.rss_dbm)]
     if not len(heard):
         return "no reading has a value"

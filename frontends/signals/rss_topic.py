@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings of signal strength from a topic of a bag, by the definitions that the bag brings."""
+"""Readings of signal strength from a topic of a bag, by the message definitions in the bag."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from slarm_graph.frontends.recordings.ros_writing import typestore_of
 from slarm_graph.radio.measured.rss_log import RssLog
 
 _LISTS = (list, tuple, np.ndarray)
-"""What rosbags makes of arrays."""
+"""Types by which rosbags represents arrays."""
 
 
 def read_rss_topic(
@@ -35,12 +35,12 @@ def read_rss_topic(
         ROS 1 bags, or a ROS 2 folder.
     topic : str
     value : str
-        Field with the strength [dBm]; dots lead into parts, and into each of a list's.
+        Field with the strength [dBm]; dots lead into submessages, also those of lists.
     names : sequence of str
         Fields that together name the access point, one or as many as levels; without any the
         topic does.
     distro : str, optional
-        ROS 2 release whose types hold where the bag brings no definitions.
+        ROS 2 release whose message definitions to use where the bag has none.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def read_rss_topic(
 
 
 def recorded(paths: Sequence[Path]) -> list[Path]:
-    """Return the recording as rosbags wants it: a ROS 2 recording by its folder."""
+    """Return the paths that rosbags opens: of a ROS 2 recording its folder."""
     return [path.parent if path.name == "metadata.yaml" else path for path in paths]
 
 
@@ -93,7 +93,7 @@ def _owners(message: object, names: Sequence[str], topic: str, count: int) -> li
 
 
 def _fields(message: object, path: str, topic: str) -> list[object]:
-    """Follow dots into a message, and into all that its lists hold.
+    """Return the values of a dotted field path, of all elements of lists.
 
     Raises
     ------
@@ -128,7 +128,7 @@ def _parts(value: object) -> list[str]:
 
 
 def _kind(value: object) -> str:
-    """A message's type as ROS writes it; of other values Python's."""
+    """Return a message's ROS type; of other values the Python type."""
     return str(getattr(value, "__msgtype__", type(value).__name__))
 
 

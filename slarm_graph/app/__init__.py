@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The application around the core: the flow, run folders, comparisons, the command line.
 
-A command is a function as typer takes it, with its help as docstring, or a `typer.Typer` of
-several. All are loaded whenever `slarm` is: what is heavy is imported inside them.
+A command is a function for typer, with its help as docstring, or a `typer.Typer` of several. All
+are loaded whenever `slarm` starts: heavy modules are imported inside the functions.
 """
 
 BUILT_IN = {

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Memory is taken where it is written, and what a stage frees goes back to the system."""
+"""Process settings that save memory and time: malloc, huge pages, garbage collector, numba."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ _MMAP_THRESHOLD: Final = -3
 _TRIM_THRESHOLD: Final = -1
 """M_TRIM_THRESHOLD of the same."""
 _LARGE_BYTES: Final = 1 << 17
-"""Blocks from here on are mapped one by one: the library's own threshold, which it raises with what
-is freed, to 32 MB, so that what lies between smaller blocks never goes back. With half or double of
-this a whole run takes the same memory and time."""
+"""Blocks of this size and more are mapped one by one: the library's own threshold, which it raises
+with what is freed, to 32 MB, so that memory between smaller blocks never goes back. With half or
+double of this a whole run takes the same memory and time."""
 _LAYER_BYTES: Final = 1 << 22
 """The same where layers of a band of rows (2 MB) are made one after the other: their pages, mapped
 anew for each, were half of the system's time after SLAM, 4.9 s of a clinic and 2.5 s here. With
 four times as much 2.1 s, and 60 MB more; over a whole run 20 MB more of a small recording."""
 _KEPT_BYTES: Final = 1 << 24
-"""Free memory at the end of the heap that meanwhile stays for what comes next: some layers. With
+"""Free memory at the heap's end that meanwhile is kept for the next allocations: some layers. With
 four times as much a clinic takes 30 MB more, and no less time."""
 _THP_DISABLE: Final = 41
 """PR_SET_THP_DISABLE of the kernel's prctl.h. Layers of large sites are mostly zeros that nobody
@@ -37,7 +37,7 @@ _DONT_NEED: Final = 4
 
 
 def return_freed() -> None:
-    """Return what has been freed, and what files hold: code that ran once, layers; Linux only.
+    """Return freed memory and pages that files hold (code that ran once, layers); Linux only.
 
     Of a library of 180 MB such as LLVM 70 are read to start it and to load the first kernel, hardly
     any ever after. What is used again is mapped again from the system's cache of files.
@@ -52,10 +52,10 @@ def return_freed() -> None:
 
 
 def _held_by_files() -> Iterator[tuple[int, int]]:
-    """Start and size [bytes] of every mapping of a file that has all there is in it.
+    """Yield start and size [bytes] of every mapping whose pages can be read again from its file.
 
-    That is of libraries what is only read or run, unless pages of it have become the process's own,
-    as those of relocated tables have, in memory or swapped out; and layers on disk, which are
+    These are read-only and executable mappings of libraries, unless pages have become the process's
+    own (as those of relocated tables), in memory or swapped out; and layers on disk, which are
     shared with their file.
     """
     try:
@@ -77,8 +77,8 @@ def _held_by_files() -> Iterator[tuple[int, int]]:
                 yield found
 
 
-def spare_memory() -> None:
-    """Take memory in small pages, and return large arrays when freed; GNU libraries only."""
+def configure_allocator() -> None:
+    """Use small pages, and return large arrays when they are freed; GNU C library only."""
     if not _LINUX:
         return
     library = ctypes.CDLL(None)
@@ -88,8 +88,8 @@ def spare_memory() -> None:
 
 
 @contextmanager
-def layers_kept() -> Iterator[None]:
-    """Keep the pages of layers that are freed for those made next; GNU libraries only."""
+def keep_freed_layers() -> Iterator[None]:
+    """Keep freed pages for the layers made next, while the block runs; GNU C library only."""
     _map_from(_LAYER_BYTES, _KEPT_BYTES)
     try:
         yield
@@ -98,7 +98,7 @@ def layers_kept() -> Iterator[None]:
 
 
 def _map_from(least: int, kept: int) -> None:
-    """Map blocks one by one from a size on, and give back from so much at the heap's end [byte]."""
+    """Set malloc's mmap threshold and the free memory kept at the heap's end [bytes]."""
     if not _LINUX:
         return
     library = ctypes.CDLL(None)
@@ -108,19 +108,19 @@ def _map_from(least: int, kept: int) -> None:
         library.malloc_trim(0)
 
 
-def spare_collecting() -> None:
-    """Let the collector of cycles look no more at what there is: modules and their functions.
+def freeze_garbage_collector() -> None:
+    """Exclude all present objects (modules, functions) from garbage collection.
 
-    They are there to the end. It went over all of them, 200,000 objects in 0.1 s, whenever there
-    were a quarter more objects: eleven times after SLAM on a clinic.
+    They live to the end. The collector went over all of them, 200,000 objects in 0.1 s, whenever
+    there were a quarter more objects: eleven times after SLAM on a clinic.
     """
     gc.freeze()
 
 
-def spare_compiling() -> None:
-    """Let numba not colour the messages of failed guesses at types; call before numba is imported.
+def disable_error_highlighting() -> None:
+    """Keep numba from colouring messages of failed type inference; call before numba is imported.
 
-    It makes thousands while kernels are compiled, tries on, and shows none. Of some kernels that
-    was a seventh of the processor time of compiling them, of others nothing that could be told.
+    Compilation makes thousands of such messages and shows none. Of some kernels that was a seventh
+    of the processor time of compiling them, of others nothing measurable.
     """
     os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a script does in one line: run a backend, match two scans, optimise a graph."""
+"""Functions for scripts: run a backend, match two scans, optimise a pose graph."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ def run_backend(
     *,
     heartbeat: Heartbeat = silent,
 ) -> SlamResult:
-    """Give a SLAM backend all readings, and return where the robot was.
+    """Run a SLAM backend over readings and return the trajectory.
 
     Parameters
     ----------
     readings : iterable of Reading
-        In order of time, such as what `open_source` returns.
+        In order of time, such as `open_source` returns.
     backend : str, optional
-        Instead of the one that the configuration names; `slarm backends` lists them.
+        Overrides `config.backend`; `slarm backends` lists them.
     config : RunConfig, optional
     heartbeat : callable
-        Told in words what a long step is doing.
+        Called with a message about what a long step is doing.
 
     Returns
     -------
@@ -64,23 +64,23 @@ def match_scans(
     matcher: str = "correlative",
     config: RunConfig | None = None,
 ) -> MatchResult:
-    """Lay one scan onto another.
+    """Match a scan (source) to another (target).
 
     Parameters
     ----------
     source, target : LaserScan or (N, 2) float64
         Scans, or their returns in beam order, each in its own robot's frame [m].
     target_from_source : Pose2, optional
-        First guess; none means that the robot has hardly moved [m, m, rad].
+        Initial guess [m, m, rad]; default: identity.
     matcher : str
-        `slarm backends` lists them too.
+        Name of the matcher; `slarm backends` lists them, too.
     config : RunConfig, optional
         Has the settings of all matchers.
 
     Returns
     -------
     MatchResult
-        Falsy with a reason when the scans do not fit.
+        Falsy with a reason when the match failed.
     """
     config = config or RunConfig()
     made = parts.make("matcher", matcher, config, config.frontend.matching)
@@ -90,9 +90,9 @@ def match_scans(
 
 
 def optimize_graph(graph: PoseGraph) -> PoseGraph:
-    """Move a pose graph's poses to where its constraints fit best; pose 0 stays.
+    """Optimise the poses of a pose graph with GTSAM; pose 0 stays fixed.
 
-    GTSAM begins from the graph's own poses and from several other starts; the best counts.
+    The initial values are the graph's own poses and several others; the best result counts.
 
     Raises
     ------

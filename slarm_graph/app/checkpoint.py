@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Enough of a run to go on with it later: one file, complete or absent."""
+"""The checkpoint of a run, from which it is resumed: one file, written atomically."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ _STATE: Final = f"{CHECKPOINT}/state.npz"
 
 
 class Checkpoint:
-    """The checkpoint of a run: written every now and then, read when the run is resumed.
+    """Writes the checkpoint of a run at intervals.
 
     Parameters
     ----------
     folder : RunFolder
     rule : CheckpointConfig
     take : callable
-        Returns what to write.
+        Returns the states to write.
     """
 
     def __init__(
@@ -41,19 +41,19 @@ class Checkpoint:
         self._written_s = time.monotonic()
 
     def maybe(self) -> None:
-        """Write when it is due."""
+        """Write the checkpoint when it is due."""
         if time.monotonic() - self._written_s >= self._rule.every_s:
             self.write()
 
     def last(self, *, ended_early: bool) -> None:
-        """Write for good where it is to be gone on from or kept; else when it is due."""
+        """Write the final checkpoint where it will be resumed from or kept; else only when due."""
         if ended_early or self._rule.keep:
             self.write()
         else:
             self.maybe()
 
     def write(self) -> None:
-        """Write at once; where that fails it is told, and the run goes on."""
+        """Write the checkpoint now; a failure is logged, and the run goes on."""
         try:
             with self._folder.replacing(_STATE) as temporary:
                 write_states(temporary, self._take())
@@ -65,7 +65,7 @@ class Checkpoint:
 
 @contextmanager
 def saved_states(path: Path) -> Iterator[SavedStates | None]:
-    """Give the states in a run folder's checkpoint to whoever takes them up; None without one.
+    """Yield the states in a run folder's checkpoint, to be restored in the block; None without.
 
     Raises
     ------
@@ -83,5 +83,5 @@ def saved_states(path: Path) -> Iterator[SavedStates | None]:
 
 
 def remove_checkpoint(path: Path) -> None:
-    """Remove the checkpoint of a run that is done with it."""
+    """Remove the checkpoint of a finished run."""
     shutil.rmtree(path / CHECKPOINT, ignore_errors=True)

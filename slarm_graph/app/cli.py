@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `slarm`: options to jobs, results to the terminal, failures to exit codes.
+"""The command line `slarm`: runs a command, prints its errors, returns its exit code.
 
 Everything heavy is imported inside the commands, so that `slarm --help` answers at once.
 """
@@ -18,17 +18,17 @@ import typer
 from typer.core import TyperGroup
 
 from slarm_graph import __version__, parts
-from slarm_graph.app.allocation import spare_compiling, spare_memory
+from slarm_graph.app.allocation import configure_allocator, disable_error_highlighting
+from slarm_graph.app.child_process import exit_with_parent
 from slarm_graph.app.ending import (
     BAD_INPUT,
     FAILED,
     INTERRUPTED,
     OK,
-    end_on_signals,
-    end_what_is_under_way,
+    end_unfinished,
+    exit_after_signals,
 )
 from slarm_graph.app.options import POINT_OPTIONS
-from slarm_graph.app.tied import die_with_starter
 from slarm_graph.errors import BadInput, RunFailed
 
 
@@ -44,21 +44,24 @@ def root(
         typer.Option("--version", help="Print the version.", callback=_show_version, is_eager=True),
     ] = False,
     debug: Annotated[
-        bool, typer.Option("--debug", help="Show the traceback of a failure; anywhere on the line.")
+        bool,
+        typer.Option(
+            "--debug", help="Show the traceback of a failure; may be anywhere on the line."
+        ),
     ] = False,
 ) -> None:
-    """Take the options that every command has."""
+    """Take the options that hold for every command."""
 
 
 class _Interrupted(Exception):
-    """Ctrl-C or a termination, which typer would turn into an exit code like any other."""
+    """SIGINT or SIGTERM, which typer would turn into an exit code like any other."""
 
 
 class _Commands(TyperGroup):
-    """All commands; an interrupt in one reaches `main`."""
+    """The group of all commands; passes an interrupt on to `main`."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Carry a command out."""
+        """Run a command."""
         try:
             return super().invoke(ctx)
         except KeyboardInterrupt as error:
@@ -67,7 +70,7 @@ class _Commands(TyperGroup):
 
 @cache
 def app() -> typer.Typer:
-    """Put all commands together, those of other packages last."""
+    """Build the application from all registered commands, those of other packages last."""
     made = typer.Typer(
         name="slarm",
         cls=_Commands,
@@ -90,14 +93,14 @@ def app() -> typer.Typer:
 
 
 def _command(name: str) -> Any:
-    """Load a command; in place of one that cannot be used, one that says why."""
+    """Load a command; one that cannot be loaded is replaced by one that reports why."""
     try:
         return parts.load("command", name)
     except BadInput as error:
         problem = str(error)
 
     def unusable() -> None:
-        """Say so."""  # what is shown of it is set below
+        """Report the problem."""  # the help text is set below
         raise BadInput(problem)
 
     unusable.__doc__ = f"({problem})"
@@ -110,26 +113,26 @@ def main(arguments: Sequence[str] | None = None) -> int:
     debug = "--debug" in given
     _show_warnings()
     if arguments is None:
-        die_with_starter()
-        spare_memory()
-        spare_compiling()
+        exit_with_parent()
+        configure_allocator()
+        disable_error_highlighting()
         # Also where a shell that starts us in the background has interrupts ignored.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.default_int_handler)
-        end_on_signals()
+        exit_after_signals()
     try:
         code = app()(_joined_points([a for a in given if a != "--debug"]), standalone_mode=False)
     except (_Interrupted, KeyboardInterrupt, typer.Abort):
-        lines = end_what_is_under_way("interrupted", by_user=True)
-        return _tell([*lines, "interrupted"], INTERRUPTED, debug)
+        lines = end_unfinished("interrupted", by_user=True)
+        return _print_problems([*lines, "interrupted"], INTERRUPTED, debug)
     except Exception as error:
-        list(end_what_is_under_way(str(error), by_user=False))
-        return _tell(*_problems(error), debug)
+        list(end_unfinished(str(error), by_user=False))
+        return _print_problems(*_problems(error), debug)
     return code if isinstance(code, int) else OK
 
 
 def _problems(error: Exception) -> tuple[Sequence[object], int]:
-    """Return what to tell of an error, and the exit code."""
+    """Return the messages of an error, and the exit code."""
     if isinstance(error, BadInput):
         return error.args, BAD_INPUT
     if isinstance(error, RunFailed):
@@ -139,8 +142,8 @@ def _problems(error: Exception) -> tuple[Sequence[object], int]:
     return [f"{type(error).__name__}: {error}"], FAILED
 
 
-def _tell(problems: Sequence[object], code: int, debug: bool) -> int:
-    """Print a line for every problem, or all there is to know of it."""
+def _print_problems(problems: Sequence[object], code: int, debug: bool) -> int:
+    """Print one line per problem, with `debug` the traceback too, and return the exit code."""
     if debug and code != INTERRUPTED:
         logging.getLogger(__name__).exception("")
         import traceback
@@ -183,7 +186,7 @@ def _is_point(text: str) -> bool:
 
 
 class _Warnings(logging.Handler):
-    """Shows the package's warnings as plain lines; failures are told by `main`."""
+    """Prints the package's warnings as plain lines; errors are printed by `main`."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print one line."""

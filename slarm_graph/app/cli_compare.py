@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run many: compare backends, demo."""
+"""The commands `compare` and `demo`: many runs, and tables of their metrics."""
 
 from __future__ import annotations
 
@@ -38,37 +38,42 @@ _DEMO_LIMIT_S = 1200
 """Three times what the drive takes: a demo ends whatever happens."""
 
 Sources = Annotated[
-    list[str], typer.Argument(metavar="SOURCE...", help="Recordings, and worlds (YAML or name).")
+    list[str], typer.Argument(metavar="SOURCE...", help="Recordings or worlds (YAML file or name).")
 ]
-Backends = Annotated[str, typer.Option(metavar="A,B", help="Backends, with commas between them.")]
-Seeds = Annotated[int, typer.Option(min=1, help="Number of seeds: 0, 1, ...")]
+Backends = Annotated[str, typer.Option(metavar="A,B", help="SLAM backends, separated by commas.")]
+Seeds = Annotated[int, typer.Option(min=1, help="Number of seeds per setting: 0, 1, ...")]
 Sweep = Annotated[
     list[str] | None,
-    typer.Option(metavar="KEY=V1,V2", help="Run with every value of a setting; repeatable."),
+    typer.Option(
+        metavar="KEY=V1,V2", help="Run with each of these values of a setting; repeatable."
+    ),
 ]
 Externals = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=TUM[,MAP]",
-        help="Another system's result, in the same tables; of several sources NAME@SOURCE=...",
+        help="Trajectory (and map) of another system, to be evaluated too; with several sources"
+        " NAME@SOURCE=TUM[,MAP]; repeatable.",
     ),
 ]
 GroundTruths = Annotated[
     list[Path] | None,
-    typer.Option(help="True trajectory: one for all sources or one each; none for none."),
+    typer.Option(help="Ground-truth trajectory: one for all sources or one each, or `none`."),
 ]
 RelationsFiles = Annotated[
     list[Path] | None,
-    typer.Option(help="True relative poses: one for all sources or one each; none for none."),
+    typer.Option(help="True relative poses: one for all sources or one each, or `none`."),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option(metavar="ADDRESS", help="Of a dask scheduler; else this machine.")
+    str | None,
+    typer.Option(metavar="ADDRESS", help="Run on this dask scheduler's cluster, not locally."),
 ]
 Upload = Annotated[
-    bool, typer.Option("--upload", help="Send sources to workers that do not share this folder.")
+    bool,
+    typer.Option("--upload", help="Send sources to dask workers without access to these files."),
 ]
 Budget = Annotated[
-    float | None, typer.Option(metavar="MINUTES", help="Start no further run after that long.")
+    float | None, typer.Option(metavar="MINUTES", help="Start no further run after this time.")
 ]
 
 
@@ -107,7 +112,7 @@ def compare_command(
 ) -> int:
     """Run every source with every backend, setting and seed, and compare.
 
-    The same command again with the same --name finishes only what is missing.
+    Repeated with the same --name, the command only does the runs that are missing.
     """
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.compare import compare
@@ -136,7 +141,7 @@ def compare_command(
 
 
 def _points(given: Sequence[str]) -> list[str]:
-    """Return access points as words of the command line of every run."""
+    """Return access points as command-line arguments of the single runs."""
     return [word for point in given for word in ("--ap", *point.replace(",", " ").split())]
 
 
@@ -158,11 +163,11 @@ def _compare(
     run: Callable[..., tuple[Outcome, ...]],
     others: Sequence[External] = (),
 ) -> int:
-    """Carry trials out, show and write the comparison; 1 when one of them failed."""
+    """Carry out trials, print and write the comparison; return 1 when one of them failed."""
     from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.external import measure
 
-    _tell_found(planned)
+    _print_done(planned)
     with early_end_noted(folder):
         measured = [measure(other, folder.path, planned) for other in others]
         outcomes = _carried_out(planned, folder, what, run, measured)
@@ -170,7 +175,7 @@ def _compare(
         measured = [measure(other, folder.path, planned) for other in others]
         _show(folder, [*outcomes, *measured], what)
     if any(outcome.status == "missing" for outcome in outcomes):
-        _tell_how_to_go_on(folder)
+        _print_resume_command(folder)
     return OK if all(outcome.status == "ok" for outcome in outcomes) else FAILED
 
 
@@ -181,15 +186,15 @@ def _carried_out(
     run: Callable[..., tuple[Outcome, ...]],
     measured: Sequence[Outcome],
 ) -> tuple[Outcome, ...]:
-    """Run trials; when that is interrupted, show what there is, and how to go on."""
+    """Run trials; on an interrupt show the results so far, and how to continue."""
     from slarm_graph.app.progress import shown
 
     done: list[Outcome] = []
 
     def tell(outcome: Outcome) -> None:
-        """Keep an outcome for when the rest does not come, and print it."""
+        """Keep an outcome, in case of an interrupt, and print it."""
         done.append(outcome)
-        _tell_outcome(outcome)
+        _print_outcome(outcome)
 
     try:
         with shown() as progress:
@@ -201,11 +206,11 @@ def _carried_out(
                 [*done, *measured],
                 f"{what}, interrupted after {len(done)} of {count_of(len(planned), 'run')}",
             )
-        _tell_how_to_go_on(folder)
+        _print_resume_command(folder)
         raise
 
 
-def _tell_found(planned: Sequence[Trial]) -> None:
+def _print_done(planned: Sequence[Trial]) -> None:
     there = sum(trial.is_done() for trial in planned)
     if there:
         left = len(planned) - there
@@ -214,8 +219,8 @@ def _tell_found(planned: Sequence[Trial]) -> None:
         )
 
 
-def _tell_how_to_go_on(folder: RunFolder) -> None:
-    """Print the command that finishes what is missing."""
+def _print_resume_command(folder: RunFolder) -> None:
+    """Print the command that does the missing runs."""
     # Not what replaces the runs that are there, or starts none.
     words = _without_budget([word for word in sys.argv[1:] if word != "--overwrite"])
     if "--name" not in words:
@@ -238,6 +243,6 @@ def _show(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> None:
     print(f"{what}; {good} of {count_of(len(outcomes), 'run')} ok -> {folder.path}/report.html")
 
 
-def _tell_outcome(outcome: Outcome) -> None:
+def _print_outcome(outcome: Outcome) -> None:
     about = outcome.problem or f"{outcome.figures.get('wall_s', 0.0):.1f} s"
     print(f"{outcome.source} {outcome.variant} seed {outcome.seed}: {outcome.status} ({about})")

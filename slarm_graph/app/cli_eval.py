@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that measure files from anywhere: trajectories, relations, maps, radio maps."""
+"""The commands `eval ...`: metrics of trajectories, relations, maps and radio maps in files."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ def relations_command(
     ],
     at: Annotated[
         Literal["laser", "robot"],
-        typer.Option(help="The part of the robot that the relations are about."),
+        typer.Option(help="Frame whose relative poses FILE has."),
     ] = "laser",
     laser: Annotated[
         str | None,
         typer.Option(
             metavar="'X Y YAW'",
-            help="Laser on the robot in m and rad; else as recorded in EST's run folder.",
+            help="Pose of the laser on the robot, in m and rad; default: as EST's run recorded it.",
         ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Error over true relative poses (Kuemmerle et al. 2009)."""
+    """Errors of a trajectory's relative poses (Kuemmerle et al. 2009)."""
     from slarm_graph.app.cli_output import show_metrics
     from slarm_graph.eval.relations import read_relations, relation_errors, relation_metrics
     from slarm_graph.files.trajectories import read_trajectory, trajectory_file
@@ -71,14 +71,17 @@ def map_command(
         Path, typer.Argument(metavar="REF", help="True map (YAML), or a run folder.")
     ],
     estimate: Annotated[
-        Path, typer.Argument(metavar="EST", help="Map to measure, or a run folder.")
+        Path, typer.Argument(metavar="EST", help="Map to evaluate, or a run folder.")
     ],
     align: Annotated[
-        Literal["none", "se2"], typer.Option(help="Lay walls onto walls before comparing.")
+        Literal["none", "se2"], typer.Option(help="Align EST to REF by their walls first.")
     ] = "none",
-    tolerance: Annotated[float, typer.Option(help="Of precision and recall, in m.")] = 0.1,
+    tolerance: Annotated[
+        float, typer.Option(help="Distance within which walls agree (precision, recall), in m.")
+    ] = 0.1,
     difference: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Figure of the differences: PNG, PDF, SVG.")
+        Path | None,
+        typer.Option(metavar="FILE", help="Write a figure of the differences: PNG, PDF or SVG."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -111,7 +114,7 @@ def _write_difference(
 
 @contextmanager
 def _writing(path: Path) -> Iterator[None]:
-    """Say what is wrong with the place of a figure."""
+    """Raise BadInput when a figure's path cannot be written."""
     if path.suffix.lower() not in (".png", ".pdf", ".svg"):
         raise BadInput(f"--difference {path}: a figure's name ends in .png, .pdf or .svg")
     try:
@@ -127,16 +130,16 @@ def radio_command(
     estimate: Annotated[
         Path, typer.Argument(metavar="EST", help="Run folder, or a radio_map.npz.")
     ],
-    tolerance: Annotated[float, typer.Option(help="Of the gain, in dB.")] = 1.0,
+    tolerance: Annotated[float, typer.Option(help="Largest error of a right gain, in dB.")] = 1.0,
     difference: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="Figure of EST's levels less REF's: PNG, PDF, SVG."),
+        typer.Option(metavar="FILE", help="Write a figure of EST minus REF: PNG, PDF or SVG."),
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Accuracy, coverage, gain hit rate and line-of-sight agreement of a radio map.
 
-    Where one is a measured_radio_map.npz, or with --difference, levels are compared.
+    With a measured_radio_map.npz or --difference, received levels are compared instead.
     """
     from slarm_graph.radio.levels import is_measured
 
@@ -206,7 +209,9 @@ def metrics_command() -> None:
     )
 
 
-group = typer.Typer(help="Measure files from anywhere against a reference.", no_args_is_help=True)
+group = typer.Typer(
+    help="Compute metrics of trajectories, maps and radio maps in files.", no_args_is_help=True
+)
 group.command("trajectory")(cli_eval_trajectory.trajectory_command)
 group.command("relations")(relations_command)
 group.command("map")(map_command)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands on trajectories from anywhere: against a true one, against their own recording."""
+"""The commands `eval trajectory` (against ground truth) and `eval consistency` (without)."""
 
 from __future__ import annotations
 
@@ -17,45 +17,47 @@ from slarm_graph.errors import BadInput
 
 if TYPE_CHECKING:
     from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions
-    from slarm_graph.eval.trajectory_prints import MapBelow
+    from slarm_graph.eval.trajectory_plots import BackgroundMap
 
 Reference = Annotated[Path, typer.Argument(metavar="REF", help="True trajectory, or a run folder.")]
 Estimates = Annotated[
-    list[Path], typer.Argument(metavar="EST...", help="Trajectories to measure, or run folders.")
+    list[Path], typer.Argument(metavar="EST...", help="Trajectories to evaluate, or run folders.")
 ]
 Align = Annotated[
     Literal["se2", "sim2", "se3", "sim3", "yaw", "origin", "none"],
     typer.Option(
-        help="How EST is laid onto REF: in the plane of motion (se2, sim2, origin, none) or in"
+        help="How EST is aligned to REF: in the plane of motion (se2, sim2, origin, none) or in"
         " space (se3, sim3, yaw and position)."
     ),
 ]
 NToAlign = Annotated[
-    int | None, typer.Option(help="Fit with this many pairs from the beginning only.")
+    int | None, typer.Option(help="Align by this many pairs from the beginning only.")
 ]
 Assoc = Annotated[
     Literal["interpolate", "nearest", "evo"],
-    typer.Option(help="Interpolate the denser file, or take the nearest pose as evo does."),
+    typer.Option(help="Pair poses by interpolating the denser file, or the nearest as evo does."),
 ]
-MaxDifference = Annotated[float, typer.Option(help="Farthest in time with nearest, in s.")]
+MaxDifference = Annotated[
+    float, typer.Option(help="Largest time difference of nearest poses, in s.")
+]
 TimeOffset = Annotated[
-    str, typer.Option(metavar="SECONDS|auto", help="Added to the stamps of EST; or found.")
+    str, typer.Option(metavar="SECONDS|auto", help="Added to the stamps of EST; auto: estimated.")
 ]
-Delta = Annotated[float, typer.Option(help="Step of the RPE.")]
-DeltaUnit = Annotated[Literal["frames", "m", "s"], typer.Option(help="Unit of it.")]
+Delta = Annotated[float, typer.Option(help="Step over which the RPE is taken.")]
+DeltaUnit = Annotated[Literal["frames", "m", "s"], typer.Option(help="Unit of --delta.")]
 Lengths = Annotated[
     str | None,
     typer.Option(
         metavar="A,B",
-        help="Over which drift is measured, in m; a tenth to a half of the path when left out.",
+        help="Path lengths for the drift, in m; default: a tenth to a half of the path.",
     ),
 ]
 Plot = Annotated[
-    Path | None, typer.Option(metavar="DIR", help="Write figures there: PNG, PDF and SVG.")
+    Path | None, typer.Option(metavar="DIR", help="Write figures into this folder: PNG, PDF, SVG.")
 ]
 MapFile = Annotated[
     Path | None,
-    typer.Option("--map", metavar="YAML", help="Drawn below the paths, in REF's frame."),
+    typer.Option("--map", metavar="YAML", help="Map to draw below the paths, in REF's frame."),
 ]
 
 
@@ -96,7 +98,7 @@ def trajectory_command(
         show_notices(prefix + notice for notice in found.notices)
     _show(evaluations, f"against {reference.resolve().name}", as_json)
     if plot is not None:
-        _plot(plot, evaluations, _map_below(map_file, files, evaluations))
+        _plot(plot, evaluations, _background_map(map_file, files, evaluations))
 
 
 def _seconds(t_offset: str) -> float:
@@ -106,7 +108,7 @@ def _seconds(t_offset: str) -> float:
 def _evaluated(
     reference: Path, estimates: Sequence[Path], options: EvaluationOptions
 ) -> tuple[dict[str, Path], dict[str, Evaluation]]:
-    """Measure every estimate; also return the files, both by what to call them."""
+    """Return the files of all estimates and their evaluations, by the estimate's name."""
     from slarm_graph.eval.evaluation import evaluate
     from slarm_graph.files.trajectories import read_spatial, trajectory_file
 
@@ -118,7 +120,7 @@ def _evaluated(
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
-    """Return what sets paths apart: their names, or whole paths where these are not enough."""
+    """Return a unique name of each path: its last part, or the whole path where needed."""
     short = [path.resolve().name for path in paths]
     return short if len(set(short)) == len(short) else [str(path) for path in paths]
 
@@ -139,9 +141,9 @@ def _show(evaluations: Mapping[str, Evaluation], against: str, as_json: bool) ->
         show_metrics_of_many({name: e.metrics for name, e in evaluations.items()}, title=against)
 
 
-def _map_below(
+def _background_map(
     given: Path | None, files: Mapping[str, Path], evaluations: Mapping[str, Evaluation]
-) -> MapBelow | None:
+) -> BackgroundMap | None:
     """Return the map to draw: the one given, or that of the first estimate's run folder."""
     import numpy as np
 
@@ -157,11 +159,11 @@ def _map_below(
     return None
 
 
-def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow | None) -> None:
-    from slarm_graph.eval.trajectory_prints import save_prints
+def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: BackgroundMap | None) -> None:
+    from slarm_graph.eval.trajectory_plots import save_plots
 
     try:
-        written = save_prints(folder, evaluations, below)
+        written = save_plots(folder, evaluations, below)
     except OSError as error:
         raise BadInput(f"--plot {folder}: cannot be written ({error.strerror})") from None
     import sys
@@ -172,13 +174,13 @@ def _plot(folder: Path, evaluations: Mapping[str, Evaluation], below: MapBelow |
 def consistency_command(
     sources: Annotated[
         list[Path],
-        typer.Argument(metavar="SOURCE... TRAJECTORY", help="A recording, and a trajectory of it."),
+        typer.Argument(metavar="SOURCE... TRAJECTORY", help="Recording, and its trajectory."),
     ],
     odom: Odom = None,
     scan: Scan = None,
     as_json: Json = False,
 ) -> None:
-    """Does a trajectory contradict itself? Judged by its scans and odometry, without any truth."""
+    """Check a trajectory against its scans and odometry, without ground truth."""
     from slarm_graph.app.cli_output import show_notices, show_table
     from slarm_graph.app.judging import judge_file
     from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What commands print: tables on standard output, notes on standard error."""
+"""Output of the commands: tables on standard output, notices on standard error."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def show_metrics(metrics: Sequence[Metric], *, title: str, as_json: bool = False
 
 
 def show_metrics_of_many(metrics: Mapping[str, Sequence[Metric]], *, title: str = "") -> None:
-    """Print metrics of several beside each other, the best with a star."""
+    """Print the metrics of several results side by side, the best starred."""
     from slarm_graph.eval.metric_table import in_table_order
 
     values = {name: {m.name: m.value for m in found} for name, found in metrics.items()}
@@ -76,7 +76,7 @@ def show_table(
 
 
 def show_text_table(table: TextTable) -> None:
-    """Print a table, the best of its kind in bold or, where that cannot be seen, with a star."""
+    """Print a table with its best cells in bold, or starred where output is no terminal."""
     bold = ("[bold]", "[/bold]") if sys.stdout.isatty() else ("*", "")
     rows = [
         [
@@ -91,7 +91,7 @@ def show_text_table(table: TextTable) -> None:
 
 
 def show_notices(notices: Iterable[str]) -> None:
-    """Print what a user should know."""
+    """Print notices and warnings."""
     for notice in notices:
         told = notice if notice.startswith("warning: ") else f"note: {notice}"
         print(told, file=sys.stderr)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `radio`: over any map, what is expected, what was measured, and plans with it."""
+"""The command `radio`: a predicted or measured radio map over any map, and plans with it."""
 
 from __future__ import annotations
 
@@ -42,33 +42,37 @@ RssFile = Annotated[
         " Bluetooth anchors; repeatable.",
     ),
 ]
-WayFile = Annotated[
+TrajectoryFile = Annotated[
     Path | None,
     typer.Option(
-        "--trajectory", help="Poses in the map at which --rss was heard, or a run folder."
+        "--trajectory", help="Trajectory in the map along which --rss was recorded, or its run."
     ),
 ]
 Threshold = Annotated[
-    float | None, typer.Option(help="Least level that counts as connected, in dBm.")
+    float | None, typer.Option(help="Received level from which on a place is connected, in dBm.")
 ]
-Begin = Annotated[str | None, typer.Option("--from", metavar="X,Y", help="Start of a way, in m.")]
-End = Annotated[str | None, typer.Option("--to", metavar="X,Y", help="End of a way, in m.")]
+Begin = Annotated[
+    str | None, typer.Option("--from", metavar="X,Y", help="Start of a path to plan, in m.")
+]
+End = Annotated[str | None, typer.Option("--to", metavar="X,Y", help="End of that path, in m.")]
 LongestOutage = Annotated[
-    float, typer.Option(help="How long the way may be without connection in one go, in s.")
+    float, typer.Option(help="Longest time without connection along the path, in s.")
 ]
 OneMore = Annotated[
     float | None,
     typer.Option(
-        min=0.0, metavar="Z", help="Rank places on walls for one more access point, Z m high."
+        min=0.0,
+        metavar="Z",
+        help="Rank places on walls for another access point at height Z, in m.",
     ),
 ]
 Point = tuple[float, float]
 _PLACES_SHOWN = 5
-"""Of the ranking; the file has all."""
+"""Printed lines of the ranking; the file has all."""
 
 
 class _Plan(NamedTuple):
-    """What is planned with a map: from which level on a link counts, a way, one more antenna."""
+    """What to plan with a radio map: connected area, path, another access point."""
 
     threshold_dbm: float
     ends: tuple[Point, Point] | None
@@ -82,7 +86,7 @@ class _Plan(NamedTuple):
         longest_outage_s: float,
         one_more_z_m: float | None,
     ) -> _Plan | None:
-        """Return what is wanted, None where no level is; refuse what would do nothing."""
+        """Return the plan, None without a threshold; refuse options that would have no effect."""
         is_asked = threshold_dbm is not None
         _check_use(
             ("--from and --to", ends is not None, "--threshold", is_asked),
@@ -98,17 +102,17 @@ def radio_command(
     map_file: MapFile,
     ap: AccessPoints = None,
     rss: RssFile = None,
-    trajectory: WayFile = None,
+    trajectory: TrajectoryFile = None,
     threshold: Threshold = None,
     begin: Begin = None,
     end: End = None,
     longest_outage: LongestOutage = 0.0,
     one_more: OneMore = None,
     fading: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Also draw N realisations: fading.npz.")
+        int | None, typer.Option(min=1, metavar="N", help="Also draw N realisations of fading.")
     ] = None,
     outage: Annotated[
-        float, typer.Option(metavar="DBM", help="A link is out below this received power.")
+        float, typer.Option(metavar="DBM", help="With --fading: received power of an outage.")
     ] = -90.0,
     out: Out = Path("runs"),
     name: Name = None,
@@ -116,7 +120,7 @@ def radio_command(
     settings: Settings = None,
     overwrite: Overwrite = False,
 ) -> None:
-    """Make the radio map over any map_server map, predicted or measured, and plan with it."""
+    """Predict or measure the radio map over any map_server map, and plan with it."""
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.planning_radio import radio_over_map
     from slarm_graph.app.run_folder import create_run_folder
@@ -142,8 +146,8 @@ def radio_command(
 
 
 def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: RunFolder) -> None:
-    """Plan with the map, write what comes out and print it."""
-    from slarm_graph.app.planning_radio import plan_ways, save_places
+    """Carry out the plan, write its results and print them."""
+    from slarm_graph.app.planning_radio import plan_paths, save_places
 
     level_dbm = wanted.threshold_dbm
     _tell(made.signal, level_dbm, folder)
@@ -151,7 +155,7 @@ def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: Run
         _tell_places(save_places(made, wanted.one_more_z_m, level_dbm, config, folder))
     if wanted.ends is not None:
         outage_s = wanted.longest_outage_s
-        for line in plan_ways(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
+        for line in plan_paths(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
             print(line)
 
 
@@ -164,18 +168,18 @@ def _check_levels(threshold_dbm: float | None, outage_dbm: float, longest_outage
 
 
 def _check_use(*options: tuple[str, bool, str, bool]) -> None:
-    """Refuse options that would do nothing for want of another: each, and what it goes with."""
+    """Refuse options given without another that they need: option, given, other, given."""
     for option, is_given, other, is_there in options:
         if is_given and not is_there:
             raise BadInput(f"{option} says nothing without {other}: give both, or neither")
 
 
 def _ends(begin: str | None, end: str | None) -> tuple[Point, Point] | None:
-    """Both ends of a way [m]; None without any."""
+    """Parse both ends of a path [m]; None when neither is given."""
     if begin is None and end is None:
         return None
     if begin is None or end is None:
-        raise BadInput("a way needs both --from and --to")
+        raise BadInput("a path needs both --from and --to")
     return _point(begin), _point(end)
 
 

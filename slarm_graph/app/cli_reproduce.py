@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The command that makes the paper's figures and table."""
+"""The command `reproduce`: the paper's figures and table."""
 
 from __future__ import annotations
 
@@ -28,14 +28,17 @@ _TABLES = ("results.csv", "hypotheses.csv", "complexity.csv")
 
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer resolutions, one speed, one seed.")]
 Explorers = Annotated[
-    str | None, typer.Option("--explorer", metavar="A,B", help="Explorers; ggmr is the paper's.")
+    str | None,
+    typer.Option("--explorer", metavar="A,B", help="Exploration methods; ggmr is the paper's."),
 ]
-Prior = Annotated[str | None, typer.Option(help="Show only `extent` or `extent+sizes` (both).")]
+Prior = Annotated[
+    str | None, typer.Option(help="Prior to show: extent or extent+sizes; default: both.")
+]
 Expansion = Annotated[
-    str | None, typer.Option(metavar="A,B", help="R_e to show: cell, robot, zero (all).")
+    str | None, typer.Option(metavar="A,B", help="R_e to show: cell, robot, zero; default: all.")
 ]
-Resolutions = Annotated[str | None, typer.Option(metavar="M,M", help="Sides of cells, in m.")]
-Speeds = Annotated[str | None, typer.Option(metavar="V,V", help="Of the robot, in m/s.")]
+Resolutions = Annotated[str | None, typer.Option(metavar="M,M", help="Cell sizes, in m.")]
+Speeds = Annotated[str | None, typer.Option(metavar="V,V", help="Robot speeds, in m/s.")]
 SeedsPerSetting = Annotated[int | None, typer.Option(min=1, help="Seeds per setting.")]
 
 
@@ -52,7 +55,10 @@ def reproduce_command(
     name: Name = None,
     overwrite: Overwrite = False,
 ) -> int:
-    """Make the paper's figures and table; with --name a second time, only what is missing."""
+    """Reproduce the paper's figures and table.
+
+    Repeated with the same --name, the command only does the runs that are missing.
+    """
     from slarm_graph.app.execution import early_end_noted
     from slarm_graph.app.progress import shown
     from slarm_graph.paper.plan import plan_of
@@ -66,7 +72,7 @@ def reproduce_command(
 
 
 def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
-    """Open the folder of that name where something was made in it, or make one."""
+    """Open the folder of a reproduction that was begun under that name, or make one."""
     from slarm_graph.app.run_folder import create_run_folder, open_run_folder, was_begun
 
     if not overwrite and name is not None and was_begun(out / name, "reproduction"):

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands that run the whole flow once: run a recording, explore a world."""
+"""The commands `run` (a recording) and `explore` (a world): the whole flow, once."""
 
 from __future__ import annotations
 
@@ -55,30 +55,29 @@ RunSources = Annotated[
     list[Path] | None,
     typer.Argument(
         metavar="SOURCE...",
-        help="A recording: .bag (several count as one), ROS 2 folder, metadata.yaml, .mcap,"
-        " .db3, or CARMEN .clf/.log[.gz]; or a world (YAML or name), to be driven through.",
+        help="Recording: ROS 1 .bag (several are read as one), ROS 2 bag (folder, metadata.yaml,"
+        " .mcap or .db3) or CARMEN log (.clf/.log[.gz]); or a world (YAML file or name), through"
+        " which a simulated robot drives.",
     ),
 ]
-NoCsv = Annotated[bool, typer.Option("--no-csv", help="Leave radio_map.csv out.")]
-Open = Annotated[
-    bool, typer.Option("--open", help="Show the report in the browser when it is done.")
-]
-World = Annotated[str, typer.Option(help="YAML file of a world, or one that comes along.")]
+NoCsv = Annotated[bool, typer.Option("--no-csv", help="Do not write radio_map.csv.")]
+Open = Annotated[bool, typer.Option("--open", help="Open the report in the browser at the end.")]
+World = Annotated[str, typer.Option(help="World: YAML file, or a name that `slarm worlds` lists.")]
 _RADIO_GOAL = ("explore.explorer=radio-survey", "simulation.signals.rate_hz=5.0")
 """Five readings a second are usual for Bluetooth and for scans of one Wi-Fi channel."""
 
 Goal = Annotated[
     Literal["map", "radio"],
     typer.Option(
-        help="What to drive for: to know the floor, or by listening to be sure of the radio map"
-        " (explorer radio-survey, 5 readings a second)."
+        help="Explore to complete the map, or to measure signal strength until the radio map is"
+        " certain (explorer radio-survey, 5 readings a second)."
     ),
 ]
-Explorer = Annotated[str | None, typer.Option(help="Who decides where to drive.")]
+Explorer = Annotated[str | None, typer.Option(help="Exploration method; see `slarm backends`.")]
 Resolution = Annotated[
-    float | None, typer.Option(help="Side of the maps' cells, in m (the paper's delta).")
+    float | None, typer.Option(help="Cell size of the maps, in m (the paper's delta).")
 ]
-Speed = Annotated[float | None, typer.Option(help="Of the robot, in m/s.")]
+Speed = Annotated[float | None, typer.Option(help="Speed of the robot, in m/s.")]
 
 
 def run_command(
@@ -133,15 +132,15 @@ def _job(
     known: tuple[Path | None, Path | None],
     rss: Sequence[str] | None,
 ) -> Job:
-    """Put a job together, with what lies beside the recording; `known`: true path, relations."""
+    """Make a job, with the ground truth found beside the recording; `known`: path, relations."""
     from slarm_graph.app.cli_output import show_notices
     from slarm_graph.app.job import Job
-    from slarm_graph.app.known_truth import known_truth
+    from slarm_graph.app.reference_files import find_references
     from slarm_graph.frontends.recordings.sources import existing_paths
 
     paths = tuple(existing_paths(sources))
     points = access_points(ap or (), config) or _of_world(paths)
-    truth = known_truth(paths[0], *known)
+    truth = find_references(paths[0], *known)
     show_notices(truth.found)
     found = bool(truth.found) and known == (None, None)
     files = (truth.ground_truth, truth.relations)
@@ -149,7 +148,7 @@ def _job(
 
 
 def _of_world(paths: Sequence[Path]) -> tuple[AccessPoint, ...]:
-    """Return the access points that a world has of its own; a recording has none."""
+    """Return the access points of a world; a recording has none."""
     from slarm_graph.frontends.recordings.sources import open_world
 
     world = open_world(paths)
@@ -192,7 +191,7 @@ def explore_command(
     max_time: MaxTime = None,
     max_memory: MaxMemory = None,
 ) -> int:
-    """Let a simulated robot explore a world, and measure the maps against the truth."""
+    """Explore a world with a simulated robot, and compare the maps with the ground truth."""
     from slarm_graph.app.job import ExploreJob
     from slarm_graph.app.run_folder import create_run_folder
     from slarm_graph.files.configs import load_config
@@ -211,13 +210,13 @@ def explore_command(
     if resume is not None:
         return _resume(resume, config, overrides)
     resolved, found = load_config(config, overrides), load_world(world)
-    _announce(found)
+    _check_world(found)
     job = ExploreJob(found, resolved)
     return _execute(job, create_run_folder(out, name, overwrite=overwrite))
 
 
-def _announce(world: WorldMap) -> None:
-    """Say before anything is driven what is amiss with a world."""
+def _check_world(world: WorldMap) -> None:
+    """Warn of what is wrong with a world, before the drive."""
     from slarm_graph.files.world_checks import world_warnings
 
     if not world.access_points:
@@ -230,11 +229,11 @@ def _announce(world: WorldMap) -> None:
 
 
 def _finish(run: Run, folder: RunFolder) -> int:
-    """Show a run and turn how it ended into an exit code."""
+    """Print the results of a run and return the exit code."""
     _show(run, folder)
     if not run.log.problem:
         return 0
-    for line in folder.how_to_go_on(run.log.problem):
+    for line in folder.resume_hints(run.log.problem):
         print(f"slarm: {line}", file=sys.stderr)
     return INTERRUPTED if run.log.interrupted else FAILED
 

@@ -59,8 +59,8 @@ def convert_command(
         Path,
         typer.Argument(
             metavar="DEST",
-            help="Its ending says into what: .bag, .mcap, .db3, .clf or .log (also .gz), any other"
-            " name a ROS 2 folder.",
+            help="Output, in the format of its extension: .bag, .mcap, .db3, .clf or .log (also"
+            " .gz); without one of these a ROS 2 bag folder.",
         ),
     ],
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace DEST.")] = False,
@@ -70,7 +70,7 @@ def convert_command(
     static_tf: StaticTf = None,
     ros_distro: RosDistro = None,
     compress: Annotated[
-        bool, typer.Option("--compress", help="ROS 1 bags by lz4, ROS 2 bags by zstd.")
+        bool, typer.Option("--compress", help="Compress: ROS 1 bags by lz4, ROS 2 bags by zstd.")
     ] = False,
     config: ConfigFile = None,
     settings: Settings = None,
@@ -103,10 +103,10 @@ def export_command(
         ),
     ],
     target: Annotated[
-        Path | None, typer.Option("--to", help="Where to; else in the run folder.")
+        Path | None, typer.Option("--to", help="Output path; default: in RUN.")
     ] = None,
 ) -> None:
-    """Write a run's results as another tool opens them."""
+    """Write a run's results in a format for another tool."""
     from slarm_graph.app.export_mcap import write_results_mcap
     from slarm_graph.app.exports import write_evo, write_geojson, write_rpg
 
@@ -124,13 +124,13 @@ def export_command(
 
 def worlds_command(
     template: Annotated[
-        bool, typer.Option("--template", help="Print a world with comments, to be changed.")
+        bool, typer.Option("--template", help="Print a commented world file, to start from.")
     ] = False,
     check: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Tell all that is wrong with a world.")
+        Path | None, typer.Option(metavar="FILE", help="Report all errors of a world file.")
     ] = None,
 ) -> None:
-    """List the worlds that come along, print a template, or check one."""
+    """List the worlds of this package, print a template, or check a world file."""
     from slarm_graph.app.cli_output import show_table
     from slarm_graph.files.worlds import load_world, shipped_worlds, world_path
 
@@ -153,7 +153,7 @@ def _words(world: WorldMap) -> str:
 
 
 def config_command(config: ConfigFile = None, settings: Settings = None) -> None:
-    """Print the configuration as YAML, defaults and what is given, with explanations."""
+    """Print all settings as YAML with explanations: defaults, changed by --config and --set."""
     from slarm_graph.files.config_text import config_yaml
     from slarm_graph.files.configs import load_config
 
@@ -161,7 +161,7 @@ def config_command(config: ConfigFile = None, settings: Settings = None) -> None
 
 
 def backends_command() -> None:
-    """List the SLAM backends and all other parts, and whether they can be used."""
+    """List the SLAM backends and all other exchangeable parts, and whether they can be used."""
     from slarm_graph import parts
     from slarm_graph.app.cli_output import show_table
 
@@ -174,17 +174,17 @@ def backends_command() -> None:
 def doctor_command(
     compile_ahead: Annotated[
         bool,
-        typer.Option("--compile", help="Also compile all that runs call, for the first of them."),
+        typer.Option("--compile", help="Compile now what the first run would compile."),
     ] = False,
 ) -> int:
-    """Test the environment: versions, the parts that break, where results would go."""
+    """Test the installation: packages, gtsam, numba, pictures, writing to this folder."""
     from slarm_graph.app.cli_output import show_table
     from slarm_graph.app.doctor import examine
 
     if compile_ahead:
-        from slarm_graph.app.ahead import compile_kernels
+        from slarm_graph.app.precompile import compile_kernels
 
-        print("Compiling what runs call; takes a minute or two ...")
+        print("Compiling; takes a minute or two ...")
         compile_kernels()
     findings = examine(Path.cwd())
     rows = [(f.name, "ok" if f.ok else "PROBLEM", f.detail) for f in findings]

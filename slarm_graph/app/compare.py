@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The runs of a comparison, here or on a dask cluster.
+"""Execution of a comparison's runs, locally or on a dask cluster.
 
-A run that fails, even one that takes its process down, leaves the others alone. One that is
-already finished is read and not computed again, one that was interrupted goes on.
+A run that fails, even by a crash of its process, does not affect the others. A finished run is
+read and not repeated; an interrupted one is resumed.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from contextlib import closing
 from pathlib import Path
 from threading import Event, Lock
 
-from slarm_graph.app.outcomes import BEAT_S, Process, read_outcome, started, waited_for
+from slarm_graph.app.fork_server import ForkServer
+from slarm_graph.app.outcomes import POLL_S, Process, read_outcome, start_trial, wait_for
 from slarm_graph.app.progress import Progress, Quiet
-from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.cores import usable_cores
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 
 _RETRIES = 3
-"""How often a run is given to another worker when one dies over it."""
+"""How often a run is given to another worker when its worker dies."""
 
 
 def compare(
@@ -45,23 +45,27 @@ def compare(
     ----------
     planned : sequence of Trial
     workers : int, optional
-        Processes at a time on this machine; as many as it has processors when left out.
+        Parallel processes on this machine; default: as many as it has processors.
     scheduler : str, optional
-        Address of a dask scheduler, such as `tcp://host:8786`; local processes when left out.
+        Address of a dask scheduler, such as `tcp://host:8786`; default: local processes.
     upload : bool
-        Send sources to the cluster's workers and take the run folders back, where they share no
-        files with this machine.
+        Copy sources to the workers and run folders back, for a cluster without a shared file
+        system.
     budget_s : float, optional
-        After that long no further trial is started [s]; those left are outcomes, too.
+        Time after which no further trial is started [s]; the rest has the status `missing`.
     tell : callable
-        Told every outcome as it comes in.
+        Called with every outcome as it comes in.
     progress : Progress, optional
     """
     done = {trial: read_outcome(trial) for trial in planned if trial.is_done()}
     for outcome in done.values():
         tell(outcome)
     left = [trial for trial in planned if trial not in done]
-    runner = _on_cluster(scheduler, upload) if scheduler else _locally(workers or usable_cores())
+    runner = (
+        _cluster_runner(scheduler, upload)
+        if scheduler
+        else _local_runner(workers or usable_cores())
+    )
     outcomes = dict(done)
     if left:
         with closing(runner(left, progress or Quiet(), budget_s)) as coming:
@@ -81,14 +85,14 @@ Runner = Callable[[Sequence[Trial], Progress, float | None], Outcomes]
 Submit = Callable[[Trial], "Future[Outcome]"]
 
 
-def _as_they_end(
+def _run_all(
     planned: Sequence[Trial],
     submit: Submit,
     at_once: int,
     progress: Progress,
     budget_s: float | None,
 ) -> Iterator[tuple[Trial, Outcome]]:
-    """Yield outcomes as trials end, with a sign of life in between."""
+    """Run trials in parallel and yield their outcomes as they end, with a heartbeat."""
     progress.start("runs", len(planned))
     ends_s = None if budget_s is None else time.monotonic() + budget_s
     left = list(reversed(planned))
@@ -100,7 +104,7 @@ def _as_they_end(
             running[submit(trial)] = trial
         if not running:
             return
-        ended, _ = wait(running, BEAT_S, FIRST_COMPLETED)
+        ended, _ = wait(running, POLL_S, FIRST_COMPLETED)
         progress.say("")
         for future in ended:
             progress.advance()
@@ -109,26 +113,26 @@ def _as_they_end(
             yield trial, (read_outcome(trial, str(failure)) if failure else future.result())
 
 
-def _locally(workers: int) -> Runner:
-    """Run trials on this machine; Ctrl-C stops those that run after their present scan."""
+def _local_runner(workers: int) -> Runner:
+    """Return a runner on this machine; Ctrl-C stops its trials after their present scan."""
     running: set[Process] = set()
-    lock, stopping, template = Lock(), Event(), Template()
+    lock, stopping, server = Lock(), Event(), ForkServer()
 
     def carry_out_here(trial: Trial) -> Outcome:
-        """Run a trial and be there to be stopped."""
-        process = started(trial, template)
+        """Run a trial in a process that `stop` reaches."""
+        process = start_trial(trial, server)
         with lock:
             running.add(process)
             if stopping.is_set():
                 process.send_signal(signal.SIGINT)
         try:
-            return waited_for(trial, process)
+            return wait_for(trial, process)
         finally:
             with lock:
                 running.discard(process)
 
     def stop() -> None:
-        """Stop every process once; those that are just being started stop themselves."""
+        """Interrupt every process once, also those that are just being started."""
         with lock:
             stopping.set()
             for process in running:
@@ -136,14 +140,14 @@ def _locally(workers: int) -> Runner:
 
     def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
         """Yield outcomes as trials end."""
-        with closing(template), ThreadPoolExecutor(workers) as pool:
+        with closing(server), ThreadPoolExecutor(workers) as pool:
 
             def submit(trial: Trial) -> Future[Outcome]:
                 """Hand a trial to a thread."""
                 return pool.submit(carry_out_here, trial)
 
             try:
-                yield from _as_they_end(planned, submit, workers, progress, budget_s)
+                yield from _run_all(planned, submit, workers, progress, budget_s)
             except BaseException:  # Ctrl-C may strike in whoever takes the outcomes, too
                 stop()
                 pool.shutdown(wait=True, cancel_futures=True)
@@ -152,14 +156,14 @@ def _locally(workers: int) -> Runner:
     return run
 
 
-def _on_cluster(address: str, upload: bool) -> Runner:
-    """Run trials on a dask cluster; Ctrl-C stops those that run there, too."""
+def _cluster_runner(address: str, upload: bool) -> Runner:
+    """Return a runner on a dask cluster; Ctrl-C stops its trials, too."""
 
     def run(planned: Sequence[Trial], progress: Progress, budget_s: float | None) -> Outcomes:
         """Yield outcomes as trials end."""
         import distributed
 
-        from slarm_graph.app.elsewhere import Elsewhere, carry_out_on_worker
+        from slarm_graph.app.cluster import UploadingClient, carry_out_on_worker
 
         try:
             client = distributed.Client(address, timeout="10s")
@@ -168,7 +172,7 @@ def _on_cluster(address: str, upload: bool) -> Runner:
         with client:
             stop = distributed.Event(f"slarm-stop-{uuid.uuid4().hex}", client=client)
             pool = client.get_executor(pure=False, retries=_RETRIES)
-            elsewhere = Elsewhere(client) if upload else None
+            elsewhere = UploadingClient(client) if upload else None
 
             def submit(trial: Trial) -> Future[Outcome]:
                 """Hand a trial to the scheduler."""
@@ -179,7 +183,7 @@ def _on_cluster(address: str, upload: bool) -> Runner:
 
             at_once = max(1, sum(client.nthreads().values()))
             try:
-                yield from _as_they_end(planned, submit, at_once, progress, budget_s)
+                yield from _run_all(planned, submit, at_once, progress, budget_s)
             except BaseException:
                 stop.set()
                 raise

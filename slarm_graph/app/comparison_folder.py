@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The folder of a comparison: opened anew or to go on, and what is made of its runs."""
+"""The folder of a comparison: created or continued, and the tables and page written to it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-from slarm_graph.app.folder_claim import FolderClaim
+from slarm_graph.app.folder_lock import FolderLock
 from slarm_graph.app.run_folder import RunFolder, create_run_folder, read_record, was_begun
 from slarm_graph.app.trials import KEYS
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.eval.agreement import Estimate, agreements, laid_onto
+from slarm_graph.eval.agreement import Estimate, agreements, aligned_to
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.eval.comparison_page import ComparisonContent, SourceView, comparison_html
 from slarm_graph.eval.comparison_tables import (
@@ -44,12 +44,12 @@ _MAX_COMPARED = 60
 def open_comparison(out: Path, name: str | None, *, overwrite: bool = False) -> RunFolder:
     """Open the folder of a comparison that was begun under that name, or make one.
 
-    With `overwrite` it is begun anew.
+    With `overwrite` all its runs are repeated.
     """
     path = out / name if name else None
     if path is not None and was_begun(path, _KIND) and not overwrite:
-        claim = FolderClaim(path)
-        return RunFolder(path, read_record(path), claim=claim)
+        lock = FolderLock(path)
+        return RunFolder(path, read_record(path), lock=lock)
     folder = create_run_folder(out, name, overwrite=overwrite, kind=_KIND)
     if overwrite:  # nobody else is at work there any more
         shutil.rmtree(folder.path / KEYS, ignore_errors=True)
@@ -57,7 +57,7 @@ def open_comparison(out: Path, name: str | None, *, overwrite: bool = False) -> 
 
 
 def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) -> list[TextTable]:
-    """Write tables (CSV, Markdown, LaTeX) and the page; return the tables to be shown."""
+    """Write tables (CSV, Markdown, LaTeX) and the page; return the tables to print."""
     good = sum(outcome.status == "ok" for outcome in outcomes)
     lead = f"{what}; {good} of {count_of(len(outcomes), 'run')} ok"
     estimates = _estimates(folder.path, outcomes)
@@ -81,7 +81,7 @@ def write_comparison(folder: RunFolder, outcomes: Sequence[Outcome], what: str) 
 
 
 def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[Key, Estimate]:
-    """Read what the runs came to, as far as it is there, with other systems' results onto ours."""
+    """Read trajectories and maps of finished runs; align those of other systems to ours."""
     found, theirs = {}, []
     finished = [outcome for outcome in outcomes if outcome.status == "ok"]
     for outcome in finished[:_MAX_COMPARED]:
@@ -96,8 +96,8 @@ def _estimates(folder: Path, outcomes: Sequence[Outcome]) -> dict[Key, Estimate]
         ours = [o for o in finished if o.source == outcome.source and o not in theirs]
         known = [o for o in ours if _key(o) in found]
         if known:
-            best = found[_key(min(known, key=_doubt))]
-            found[_key(outcome)] = laid_onto(best, found[_key(outcome)])
+            best = found[_key(min(known, key=_consistency_key))]
+            found[_key(outcome)] = aligned_to(best, found[_key(outcome)])
     return found
 
 
@@ -113,8 +113,8 @@ def _key(outcome: Outcome) -> Key:
 
 
 def _views(estimates: dict[Key, Estimate], outcomes: Sequence[Outcome]) -> list[SourceView]:
-    """Return every source with the first run of each variant, over the map least in doubt."""
-    doubts = {_key(o): _doubt(o) for o in outcomes}
+    """Return every source with the first run of each variant, over the most consistent map."""
+    doubts = {_key(o): _consistency_key(o) for o in outcomes}
     views = []
     for source in list(dict.fromkeys(key[0] for key in estimates))[:_MAX_VIEWS]:
         first: dict[str, Key] = {}
@@ -129,8 +129,8 @@ def _views(estimates: dict[Key, Estimate], outcomes: Sequence[Outcome]) -> list[
     return views
 
 
-def _doubt(outcome: Outcome) -> tuple[bool, float]:
-    """Return a key by which runs whose maps contradict themselves least come first."""
+def _consistency_key(outcome: Outcome) -> tuple[bool, float]:
+    """Return a sort key by which the most consistent run comes first."""
     return outcome.lost, outcome.figures.get("map_conflict_share", math.inf)
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import slarm_graph
 from slarm_graph import parts
-from slarm_graph.app.known_truth import known_truth, one_per_source
 from slarm_graph.app.provenance import git_revision
+from slarm_graph.app.reference_files import find_references, one_per_source
 from slarm_graph.app.trials import Trial, TrialSource
 from slarm_graph.errors import BadInput
 from slarm_graph.files.config_text import config_yaml
@@ -28,7 +28,7 @@ def find_sources(
     ground_truths: Sequence[Path] | None = None,
     relations: Sequence[Path] | None = None,
 ) -> tuple[TrialSource, ...]:
-    """Tell recordings and worlds apart, and find what is known to be true of recordings.
+    """Tell recordings from worlds, and find the reference files of recordings.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def _find(given: str, ground_truth: Path | None, relations: Path | None) -> Tria
     if shipped or (path.suffix in (".yaml", ".yml") and path.name != "metadata.yaml"):
         return TrialSource(given if shipped else str(path.resolve()), True)
     place = existing_paths(given)[0].resolve()
-    return TrialSource(str(place), False, known_truth(place, ground_truth, relations))
+    return TrialSource(str(place), False, find_references(place, ground_truth, relations))
 
 
 def settings_of(sweeps: Sequence[str]) -> tuple[tuple[str, ...], ...]:
@@ -85,9 +85,9 @@ class ComparisonPlan:
     settings : tuple of str
         `KEY=VALUE`, for every run.
     sweeps : tuple of str
-        `KEY=V1,V2`; a key of one backend's section counts for that backend only.
+        `KEY=V1,V2`; a key of one backend's section is swept for that backend only.
     for_recordings : tuple of str
-        Further words of the command line for recordings.
+        Further command-line arguments for recordings.
     """
 
     sources: tuple[TrialSource, ...]
@@ -99,7 +99,7 @@ class ComparisonPlan:
     for_recordings: tuple[str, ...] = ()
 
     def trials(self, folder: Path) -> tuple[Trial, ...]:
-        """Return every source with every backend, setting and seed, below a folder.
+        """Return a trial for every source, backend, setting and seed, with folders in `folder`.
 
         Raises
         ------
@@ -148,7 +148,7 @@ class ComparisonPlan:
 
 
 def _hash_of(source: TrialSource) -> str:
-    """Return a hash of a source's content and of what is known of it."""
+    """Return a hash of the content of a source and of its reference files."""
     truth = [path for path in (source.truth.ground_truth, source.truth.relations) if path]
     known = str(input_facts(truth)["sha256"])
     place = Path(source.place)
@@ -159,7 +159,7 @@ def _hash_of(source: TrialSource) -> str:
 
 
 def _concerns(setting: str, backend: str) -> bool:
-    """Whether a setting is not that of another backend."""
+    """Whether a setting applies to a backend: not in another backend's section."""
     section = setting.partition(".")[0]
     return section == backend or section not in parts.registered("backend")
 

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A self-test of the environment: what an installation breaks on."""
+"""A self-test of the installation: packages, compiled code, writing of results."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _OPTIONAL = ("mujoco", "sionna-rt")
 
 @dataclass(frozen=True, slots=True)
 class SelfCheck:
-    """One thing looked at.
+    """The result of one check.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class SelfCheck:
 
 
 def examine(folder: Path) -> tuple[SelfCheck, ...]:
-    """Look at Python, packages, compiled code, and whether results can be written to a folder."""
+    """Check Python, packages, compiled code, and whether results can be written to a folder."""
     return (
         SelfCheck("python", sys.version_info >= (3, 11), sys.version.split()[0]),
         *(_package(name, needed=True) for name in _PACKAGES),

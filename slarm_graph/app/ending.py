@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Ending early and in time: on a signal, or at a limit of time or memory that was set.
+"""Early end of a run: on a signal, or at a limit of time or memory.
 
-Between two readings a run is asked to stop, and then writes what is known. Should that take longer
-than anybody waits for a program that was told to stop, or need more memory than it may have, the
-process is ended from a thread of its own; files are whole or absent at any time.
+A run checks between two readings whether to stop, and then writes its results so far. When that
+takes longer than a grace period after the signal, or exceeds the memory limit, a separate thread
+ends the process; files are whole or absent at any time.
 """
 
 from __future__ import annotations
@@ -26,81 +26,81 @@ if TYPE_CHECKING:
     from slarm_graph.config import LimitsConfig
 
 OK, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-"""Exit codes as the README tells them; 130 is what shells give for 128 + SIGINT."""
+"""Exit codes, listed in the README; 130 is 128 + SIGINT, as in shells."""
 GRACE_S: Final = 1.2
-"""From a signal to the end of the process, of the two seconds that a terminal's user waits."""
+"""Time from a signal to the forced end, of the two seconds within which a run has to end."""
 _POLL_S: Final = 0.05
-"""Between two looks at the memory; rendering fills a gigabyte in ten times this."""
+"""Interval of checking the memory; rendering fills a gigabyte in ten times this."""
 _KEEP_SHARE: Final = 0.8
-"""Share of the memory from which on no more is read, so that what is known can be written; with
-half of it a limit of 1 GB would end runs that need 500 MB."""
+"""Share of the memory limit at which reading stops, so that results can still be written; with half
+of it a limit of 1 GB would end runs that need 500 MB."""
 _MB: Final = 1e6
 """Bytes of a megabyte (SI), the unit of `--max-memory`."""
 
-LastWords = Callable[[str], None]
-"""Records and tells why the process ends now."""
-_last_words: list[LastWords] = []
+ExitHandler = Callable[[str], None]
+"""Is called with the reason before the process is ended; records and prints it."""
+_exit_handlers: list[ExitHandler] = []
 
 
-class Recorded(Protocol):
-    """Work whose record says that it is under way until it says how it ended."""
+class Unfinished(Protocol):
+    """Work whose record has the status `running` until its end is recorded."""
 
     def end_early(self, why: str, *, by_user: bool) -> None:
-        """Record that it ended before its end."""
+        """Record that the work ended early."""
         ...
 
-    def how_to_go_on(self, why: str) -> Iterator[str]:
-        """Say why it is not whole, and how to go on."""
+    def resume_hints(self, why: str) -> Iterator[str]:
+        """Yield lines for the user: why the work is incomplete, how to resume it."""
         ...
 
 
-_under_way: WeakSet[Recorded] = WeakSet()
+_unfinished: WeakSet[Unfinished] = WeakSet()
 
 
-def begun(work: Recorded) -> None:
-    """Let work be recorded as ended when the program ends, whatever it is doing then."""
-    _under_way.add(work)
+def register_unfinished(work: Unfinished) -> None:
+    """Have the end of this work recorded when the program ends early."""
+    _unfinished.add(work)
 
 
-def ended(work: Recorded) -> None:
-    """Take note that work is recorded as ended."""
-    _under_way.discard(work)
+def unregister_unfinished(work: Unfinished) -> None:
+    """Forget work whose end has been recorded."""
+    _unfinished.discard(work)
 
 
-def end_what_is_under_way(why: str, *, by_user: bool) -> Iterator[str]:
-    """Record that it ended before its end; what a user did it to is told how to go on."""
-    for work in list(_under_way):
+def end_unfinished(why: str, *, by_user: bool) -> Iterator[str]:
+    """Record the early end of all unfinished work; after a user's interrupt yield how to resume."""
+    for work in list(_unfinished):
         work.end_early(why, by_user=by_user)
         if by_user:
-            yield from work.how_to_go_on(why)
+            yield from work.resume_hints(why)
 
 
-def end_on_signals() -> None:
-    """From now on end the process some time after SIGINT or SIGTERM, if it has not ended by then.
+def exit_after_signals() -> None:
+    """From now on end the process `GRACE_S` after SIGINT or SIGTERM, if it has not ended by then.
 
-    Only while there are last words; without them whoever receives the exception is quick.
+    Only while there is an exit handler; without one the exception ends the process at once.
     """
     ours, theirs = socket.socketpair()
     theirs.setblocking(False)
     signal.set_wakeup_fd(theirs.fileno(), warn_on_full_buffer=False)
 
     def wait() -> None:
-        """Wait for a signal, whatever the main thread is doing."""
+        """Wait for a signal and the grace period, whatever the main thread is doing."""
         while ours.recv(1)[0] not in (signal.SIGINT, signal.SIGTERM):
             pass
         time.sleep(GRACE_S)
-        if _last_words:
-            _end_now("interrupted", 128 + signal.SIGINT)
+        if _exit_handlers:
+            _exit_now("interrupted", 128 + signal.SIGINT)
         theirs.close()
 
     threading.Thread(target=wait, name="end-on-signals", daemon=True).start()
 
 
 @contextmanager
-def last_words(words: LastWords, limits: LimitsConfig) -> Iterator[None]:
-    """Say what to do before the process is ended while the block runs, and end it at the limit."""
+def exit_handler(handler: ExitHandler, limits: LimitsConfig) -> Iterator[None]:
+    """Call `handler` when the process is ended while the block runs; end it at the memory limit."""
     done = threading.Event()
-    _last_words.append(words)
+    _exit_handlers.append(handler)
     if limits.max_memory_mb is not None:
         watch = threading.Thread(target=_watch_memory, args=(limits.max_memory_mb, done))
         watch.daemon = True
@@ -109,19 +109,19 @@ def last_words(words: LastWords, limits: LimitsConfig) -> Iterator[None]:
         yield
     finally:
         done.set()
-        _last_words.remove(words)
+        _exit_handlers.remove(handler)
 
 
 def _watch_memory(limit_mb: float, done: threading.Event) -> None:
     while not done.wait(_POLL_S):
         if memory_mb() > limit_mb:
-            _end_now(f"stopped: more than --max-memory {limit_mb:g} MB were needed", 1)
+            _exit_now(f"stopped: more than --max-memory {limit_mb:g} MB were needed", 1)
 
 
-def _end_now(why: str, code: int) -> NoReturn:
+def _exit_now(why: str, code: int) -> NoReturn:
     try:
-        for words in reversed(_last_words):
-            words(why)
+        for handler in reversed(_exit_handlers):
+            handler(why)
         sys.stderr.flush()
     finally:
         os._exit(code)
@@ -135,8 +135,8 @@ class Stop:
         self._started_s = time.monotonic()
         self.by_user = False
 
-    def why(self) -> str:
-        """Return why to stop, empty for not at all."""
+    def reason(self) -> str:
+        """Return the reason to stop; empty for none."""
         if self.by_user:
             return "interrupted"
         most_s, most_mb = self._limits.max_time_s, self._limits.max_memory_mb
@@ -148,13 +148,13 @@ class Stop:
 
     @contextmanager
     def on_signals(self) -> Iterator[None]:
-        """Take the first Ctrl-C or termination as a wish; the next one acts at once.
+        """Stop after the present reading on the first SIGINT or SIGTERM, at once on the second.
 
         Stopping between readings, never within, keeps the backend's state whole.
         """
 
         def on_signal(_number: int, _frame: FrameType | None) -> None:
-            """Note the first signal and say what will happen; act on the second."""
+            """Note the first signal and print what will happen; raise on the second."""
             if self.by_user:
                 raise KeyboardInterrupt
             self.by_user = True
@@ -173,7 +173,7 @@ class Stop:
 
 
 def memory_mb() -> float:
-    """Memory that the process occupies now [MB]; 0 where the system does not say."""
+    """Return the resident memory of the process [MB]; 0 where the system does not tell."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except (OSError, ValueError, IndexError):

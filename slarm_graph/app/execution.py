@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Carry a job out in its run folder: record, log, final status; and take up an unfinished one."""
+"""Execution of a job in its run folder: record, log, final status."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 
 from slarm_graph.app.checkpoint import remove_checkpoint
-from slarm_graph.app.ending import last_words
+from slarm_graph.app.ending import exit_handler
 from slarm_graph.app.explore import explore_world, with_prior
 from slarm_graph.app.job import ExploreJob, Job, Run
 from slarm_graph.app.pipeline import run
@@ -27,14 +27,14 @@ _LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
 
 def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run:
-    """Run a job to its end and record how it went.
+    """Run a job and record how it ended.
 
     The status becomes `ok`, `partial` when some of the results are there, or `failed`.
 
     Raises
     ------
     BadInput, RunFailed
-        When there is nothing to show for it.
+        When there are no results.
     """
     if isinstance(job, ExploreJob):
         job = replace(job, config=with_prior(job.world, job.config))
@@ -70,32 +70,32 @@ def _job_facts(job: Job) -> dict[str, object]:
 
 @contextmanager
 def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
-    """Record the configuration; on failure why, and whether there are results all the same."""
+    """Record the configuration, and how the block ended early, if it does; write the log."""
     folder.write_text("config.yaml", config_yaml(config))
     folder.note(seed=config.seed, backend=config.backend)
     with (
         _logged(folder),
-        last_words(lambda why: _record_end(folder, why), config.limits),
+        exit_handler(lambda why: _record_end(folder, why), config.limits),
         early_end_noted(folder),
     ):
         yield
 
 
 def _record_end(folder: RunFolder, why: str) -> None:
-    """Record and tell that the process ends now."""
+    """Record that the process is ended, and print how to resume."""
     folder.end_early(why, by_user=True)
-    for line in folder.how_to_go_on(why):
+    for line in folder.resume_hints(why):
         print(f"slarm: {line}", file=sys.stderr)
 
 
 @contextmanager
 def early_end_noted(folder: RunFolder) -> Iterator[None]:
-    """Record why what is done inside ended early, `partial` when there are results all the same."""
+    """Record why the block ended early: `partial` when there are results, else `failed`."""
     try:
         yield
     except KeyboardInterrupt:
         folder.end_early("interrupted", by_user=True)
-        for line in folder.how_to_go_on("interrupted"):
+        for line in folder.resume_hints("interrupted"):
             _log.warning(line)
         raise
     except Exception as error:
@@ -106,7 +106,7 @@ def early_end_noted(folder: RunFolder) -> Iterator[None]:
 
 @contextmanager
 def _logged(folder: RunFolder) -> Iterator[None]:
-    """Write what the package logs to `log.txt`."""
+    """Write the package's log to `log.txt` while the block runs."""
     handler = logging.FileHandler(folder.path / "log.txt", encoding="utf-8")
     handler.setFormatter(logging.Formatter(_LOG_FORMAT))
     logger = logging.getLogger("slarm_graph")

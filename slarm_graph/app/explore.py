@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The flow in a world: drive until everything is known, then maps, radio map, truth, report."""
+"""The flow in a world: exploration -> maps -> radio map -> comparison with the truth -> report."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from slarm_graph.app.pipeline import judged, radio_maps, with_heard
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
-from slarm_graph.app.truth import accuracy_metrics, sizes_metrics, variant_metrics
+from slarm_graph.app.world_accuracy import accuracy_metrics, sizes_metrics, variant_metrics
 from slarm_graph.backend import SlamBackend
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.assessment import assess
@@ -52,12 +52,12 @@ _log = logging.getLogger(__name__)
 
 
 def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progress: Progress) -> Run:
-    """Let a robot find a world out; every file is in the world's frame, by the known start.
+    """Explore a world with a simulated robot; results are in the world's frame, by the known start.
 
     Raises
     ------
     BadInput, RunFailed
-        When there is nothing to show for it.
+        When there are no results.
     """
     config = with_prior(world, config)
     for_world, for_backend = np.random.default_rng(config.seed).spawn(2)
@@ -77,7 +77,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         cells = {"resolution_m": config.explore.resolution_m}
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
-    # trajectory -> does it contradict itself
+    # trajectory -> consistency
     verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
@@ -109,9 +109,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
 
 
 def with_prior(world: WorldMap, config: RunConfig) -> RunConfig:
-    """Fill in what `explore.prior` hands over: ceiling and laser height, and maybe sizes.
+    """Set the prior knowledge of `explore.prior`: ceiling, laser height, perhaps obstacles' sizes.
 
-    Sizes that are given in the configuration are kept as they are.
+    Sizes given in the configuration are kept.
     """
     recovery = config.recovery.model_copy(
         update={
@@ -132,7 +132,7 @@ def _accuracy(
     geographic: GeographicMap,
     radio: RadioMap,
 ) -> tuple[Metric, ...]:
-    """Compare the maps with the world, and those of other settings as far as that is wanted."""
+    """Compare the maps with the world, also with other settings of recovery where configured."""
     own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
     drive = (world, log.scans, trajectory, config)
     others = variant_metrics(*drive) if config.explore.judge_variants else ()
@@ -140,16 +140,16 @@ def _accuracy(
 
 
 class LiveFiles:
-    """Writes readings, path and map every now and then, as the robot believes them at the time.
+    """Writes readings, trajectory and map during the drive, as SLAM estimates them at the time.
 
     Parameters
     ----------
     folder : RunFolder
     log : ReadingLog
     loop : ClosedLoop
-        Only looked at: what is written when changes nothing of the drive.
+        Only read: writing does not change the drive.
     every_s : float
-        Least wall time between two times of writing [s].
+        Least wall time between two writes [s].
     """
 
     def __init__(
@@ -159,7 +159,7 @@ class LiveFiles:
         self._every_s, self._written_s = every_s, time.monotonic()
 
     def maybe(self) -> None:
-        """Write when it is time."""
+        """Write when it is due."""
         if time.monotonic() - self._written_s >= self._every_s:
             self.write()
 
@@ -181,7 +181,7 @@ def _drive(
     folder: RunFolder,
     progress: Progress,
 ) -> Exploration:
-    """Close the loop until the explorer has finished, the user wishes to stop, or it fails."""
+    """Drive until the explorer has finished, the user or a limit stops it, or it fails."""
     log = ReadingLog()
     loop = ClosedLoop(
         simulated,
@@ -206,8 +206,8 @@ def _drive(
                 progress.advance()
                 live.maybe()
                 checkpoint.maybe()
-                if why := stop.why():
-                    log.stop(why, by_user=stop.by_user)
+                if reason := stop.reason():
+                    log.stop(reason, by_user=stop.by_user)
                     break
             checkpoint.last(ended_early=bool(log.problem))
         finally:

@@ -16,7 +16,7 @@ import numpy as np
 from slarm_graph.access_points import RadioMap
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
-from slarm_graph.frontends.recordings.ros_writing import BagWriter, bag_at
+from slarm_graph.frontends.recordings.ros_writing import BagWriter, open_new_bag
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.radio.files import read_radio_npz
@@ -24,7 +24,7 @@ from slarm_graph.trajectory import Trajectory
 
 _MAP, _ROBOT = "map", "base_link"
 _UNKNOWN = -1
-"""Of nav_msgs/OccupancyGrid, where nothing is known."""
+"""Value of unknown cells in nav_msgs/OccupancyGrid."""
 
 
 def write_results_mcap(run: Path, target: Path) -> None:
@@ -35,13 +35,13 @@ def write_results_mcap(run: Path, target: Path) -> None:
     """
     with tempfile.TemporaryDirectory(dir=target.parent, prefix=".writing-") as folder:
         made = Path(folder) / "results.mcap"
-        with bag_at(made) as bag:
+        with open_new_bag(made) as bag:
             _write(bag, run)
         shutil.move(made, target)
 
 
 def _write(bag: BagWriter, run: Path) -> None:
-    """Write all that the run's folder has."""
+    """Write all results in the run folder."""
     path = read_trajectory(trajectory_file(run))
     start_ns, end_ns = int(path.stamps_ns[0]), int(path.stamps_ns[-1])
     _path(bag, "/path", path, end_ns)
@@ -63,7 +63,7 @@ def _stamped(path: Trajectory) -> Iterator[tuple[int, Pose2]]:
 
 def _path(bag: BagWriter, topic: str, path: Trajectory, stamp_ns: int) -> None:
     poses = [
-        bag.make("geometry_msgs/msg/PoseStamped", bag.header(at, _MAP), bag.placed(pose))
+        bag.make("geometry_msgs/msg/PoseStamped", bag.header(at, _MAP), bag.pose_message(pose))
         for at, pose in _stamped(path)
     ]
     message = bag.make("nav_msgs/msg/Path", bag.header(stamp_ns, _MAP), poses)
@@ -78,7 +78,7 @@ def _grid(bag: BagWriter, topic: str, geometry: GridGeometry, values: Any, stamp
         resolution=geometry.resolution_m,
         width=geometry.cols,
         height=geometry.rows,
-        origin=bag.placed(Pose2(geometry.origin_x_m, geometry.origin_y_m)),
+        origin=bag.pose_message(Pose2(geometry.origin_x_m, geometry.origin_y_m)),
     )
     data = np.ascontiguousarray(values, dtype=np.int8).ravel()
     message = bag.make("nav_msgs/msg/OccupancyGrid", header, info, data)
@@ -132,7 +132,7 @@ def _values_of(grid: OccupancyGrid) -> Any:
 
 
 def _topic_names(names: Sequence[str]) -> list[str]:
-    """Return parts of topics, each once, as ROS 2 allows them: ASCII, and no digit in front."""
+    """Return unique topic names that ROS 2 allows: ASCII, without a leading digit."""
     found: list[str] = []
     for number, name in enumerate(names, start=1):
         word = re.sub(r"[^A-Za-z0-9]+", "_", name).strip("_")

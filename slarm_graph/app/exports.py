@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A run's results as files that other tools open: evo, rpg_trajectory_evaluation, GIS."""
+"""A run's results in the formats of other tools: evo, rpg_trajectory_evaluation, GIS."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def write_evo(run: Path, target: Path) -> None:
 
 
 def write_rpg(run: Path, target: Path) -> None:
-    """Write the folder that rpg_trajectory_evaluation's `analyze_trajectory_single.py` takes."""
+    """Write the input folder of rpg_trajectory_evaluation's `analyze_trajectory_single.py`."""
     truth_and_estimate(run)
     target.mkdir(parents=True, exist_ok=True)
     for name, source in (
@@ -82,7 +82,7 @@ def write_rpg(run: Path, target: Path) -> None:
 
 
 def write_geojson(run: Path, target: Path) -> None:
-    """Write walls and path as GeoJSON, in metres of the map's frame and not on the globe."""
+    """Write walls and path as GeoJSON, in metres of the map frame, not georeferenced."""
     path = read_trajectory(trajectory_file(run))
     features = [_line("path", path.poses[:, :2].round(4).tolist())]
     if (run / "coverage.npz").is_file():
@@ -97,7 +97,7 @@ def _line(name: str, points: list[list[float]]) -> dict[str, object]:
 
 
 def _obstacles(geographic: GeographicMap) -> list[dict[str, object]]:
-    """Return the outlines of what is occupied, as polygons with holes."""
+    """Return the outlines of obstacles as polygons with holes."""
     import shapely
 
     g, occupied = geographic.geometry, geographic.obstacle

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Results of other systems in a comparison: measured as ours are, from their files."""
+"""Results of other systems in a comparison, evaluated from their files like ours."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class External:
     Parameters
     ----------
     name : str
-        As it is called in the tables.
+        Name in the tables.
     source : TrialSource
     trajectory : Path
     map_file : Path, optional
@@ -72,15 +72,15 @@ def _find(words: str, sources: Sequence[TrialSource]) -> External:
 
 
 def measure(external: External, folder: Path, trials: Sequence[Trial]) -> Outcome:
-    """Measure a result against what is known of its source, as a run of the comparison.
+    """Evaluate a result against its source's references and store it like a run.
 
     Parameters
     ----------
     external : External
     folder : Path
-        The comparison's.
+        Folder of the comparison.
     trials : sequence of Trial
-        Finished runs of ours, which tell where the laser sits.
+        Finished runs of ours, which record the pose of the laser.
     """
     truth = external.source.truth
     place = Path(external.source.place).name
@@ -102,6 +102,6 @@ def measure(external: External, folder: Path, trials: Sequence[Trial]) -> Outcom
 
 
 def _laser(source: TrialSource, trials: Sequence[Trial]) -> Pose2:
-    """Return `robot_from_laser` as a run of ours on the same source recorded it."""
+    """Return `robot_from_laser` as recorded by a run on the same source; else identity."""
     lasers = (recorded_laser(trial.folder) for trial in trials if trial.source == source)
     return next((laser for laser in lasers if laser is not None), Pose2())

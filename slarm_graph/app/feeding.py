@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Readings into a backend, one by one: kept going, counted, stopped cleanly, saved on the way."""
+"""The loop over readings: backend updates, progress, checkpoints, early end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from slarm_graph.readings import Source
 
 _log = logging.getLogger(__name__)
 _LOADED_AFTER = (64, 256, 1024, 4096)
-"""Readings after which what a backend has loaded by then is not needed at once any more. A whole
+"""Readings after which freed memory is returned: code loaded by then has mostly run once. A whole
 run of mit-csail takes the same memory within 2 MB with half and with double of each."""
 
 
@@ -33,22 +33,22 @@ def feed(
     *,
     had_before: int = 0,
 ) -> None:
-    """Give a backend every reading it has not had yet.
+    """Update a backend with every reading that it has not had yet.
 
-    Ctrl-C or a limit ends it after the present reading, a second Ctrl-C at once. A failure after
-    the first reading ends it too and is noted in the log, so that what is known so far is kept.
+    Ctrl-C or a limit ends the loop after the present reading, a second Ctrl-C at once. A failure
+    after the first reading ends it, too, and is noted in the log, so that results so far are kept.
 
     Parameters
     ----------
     source : Source
     backend : SlamBackend
     log : ReadingLog
-        Empty; in the end it has every reading that the backend has had.
+        Empty; is filled with every reading that the backend has had.
     checkpoint : Checkpoint
     progress : Progress
     stop : Stop
     had_before : int
-        How many readings a restored backend has had.
+        Number of readings that a restored backend has had.
 
     Raises
     ------
@@ -66,8 +66,8 @@ def feed(
                 return_freed()
             if len(log) > had_before:
                 checkpoint.maybe()
-            if why := stop.why():
-                log.stop(why, by_user=stop.by_user)
+            if reason := stop.reason():
+                log.stop(reason, by_user=stop.by_user)
                 break
         checkpoint.last(ended_early=bool(log.problem))
     log.take_statuses(source)
@@ -75,7 +75,7 @@ def feed(
 
 @contextmanager
 def early_end_logged(log: ReadingLog) -> Iterator[None]:
-    """Note a failure after the first reading in the log, and go on with what is known."""
+    """Note a failure of the block in the log; raise only input errors, or without any reading."""
     try:
         yield
     except BadInput:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A job and what came of it."""
+"""The input of a run (`Job`, `ExploreJob`) and its results (`Run`)."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ from slarm_graph.world import WorldMap
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """What to make of a recording.
+    """A recording to process, and how.
 
     Parameters
     ----------
     paths : tuple of Path
-        The recording; several ROS 1 bags count as one.
+        The recording; several ROS 1 bags are read as one.
     config : RunConfig
     access_points : tuple of AccessPoint
-        In the map, whose origin is the robot's first pose, or that of a world. Without any there
-        is no radio map.
+        In the map frame, whose origin is the robot's first pose, or that of a world. Without any
+        there is no predicted radio map.
     ground_truth, relations : Path or None
-        Files with what is known to be true.
+        Files with the ground-truth trajectory and relative poses.
     rss : tuple of str
-        Readings of signal strength: files, or topics with fields (`open_rss`); empty: what is
-        found (`signals_of`).
+        Readings of signal strength: files, or topics with fields (`open_rss`); empty: those found
+        with the recording (`signals_of`).
     truth_is_found : bool
-        Whether what is known to be true was not given but lay beside the recording.
+        Whether these files were not given but found beside the recording.
     """
 
     paths: tuple[Path, ...]
@@ -55,7 +55,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class ExploreJob:
-    """A world for a robot to find out."""
+    """A world for a simulated robot to explore."""
 
     world: WorldMap
     config: RunConfig
@@ -63,20 +63,20 @@ class ExploreJob:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """What came of a job.
+    """The results of a job.
 
     Parameters
     ----------
     title : str
-        What was run, for headings.
+        Heading of the report.
     config : RunConfig
     info : SourceInfo
-        Of the source after it was read.
+        Facts about the source, complete after it was read.
     log : ReadingLog
-        What went into the backend, and why it ended early if it did.
+        All readings that the backend had, and why the run ended early if it did.
     slam : SlamResult
     grid : OccupancyGrid
-        Rendered from the log along the trajectory.
+        Rendered from the scans along the trajectory.
     geographic : GeographicMap
     radio : RadioMap or None
         None without an access point.
@@ -103,7 +103,7 @@ class Run:
     heights: tuple[HeightPosterior, ...] = ()
 
     def notices(self) -> tuple[str, ...]:
-        """Return what a user should know."""
+        """Return all warnings and notices for the user."""
         problem = (self.log.problem,) if self.log.problem else ()
         points = self.radio.access_points if self.radio else ()
         tiles = self.geographic.tiles

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A trajectory against the readings it was made from: of a run, or from anywhere."""
+"""Consistency of a trajectory, of a run or a file, with the recording it was made from."""
 
 from __future__ import annotations
 
@@ -20,27 +20,27 @@ from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
 _LEAST_SHARE = 0.5
-"""Share of a recording's time that a trajectory must cover; less is another recording's."""
+"""Least share of a recording's time that its trajectory covers; less is another recording's."""
 
 _SAME_NS = 5_000_000
-"""A pose is a scan's when their stamps differ by less [ns]; a scan takes 13 ms and more."""
+"""Largest difference of the stamps of a scan and its pose [ns]; a scan takes 13 ms and more."""
 
 
 def judge(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
-    """Judge a trajectory with a pose for every reading of a log."""
+    """Check the consistency of a trajectory that has a pose for every reading of a log."""
     return contradictions(log.scans, trajectory, log.odometry_poses())
 
 
 def judge_file(
     recording: Sequence[Path], trajectory: Path, config: SourceConfig
 ) -> tuple[Contradictions, tuple[str, ...]]:
-    """Judge a trajectory file, or a run folder's, by the recording it is of.
+    """Check the consistency of a trajectory file, or a run folder's, with its recording.
 
     Returns
     -------
     result : Contradictions
     notices : tuple of str
-        What was found and mended in the recording, and how many scans lie outside.
+        What was corrected in the recording, and how many scans are without a pose.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def judge_file(
 
 
 def _poses(path: Path) -> Trajectory:
-    """Read a trajectory; where it is a recording, say that it stands in the wrong place."""
+    """Read a trajectory; of a recording say that the arguments are in the wrong order."""
     try:
         return read_trajectory(path)
     except BadInput:
@@ -86,7 +86,7 @@ def _is_recording(path: Path) -> bool:
 
 
 def _with_pose(stamps_ns: NDArray[np.int64], known_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Tell which scans (N,) have a pose: of keyframes only those, else all within their time."""
+    """Return which scans (N,) have a pose: those at keyframes' stamps, else all within the time."""
     within = (stamps_ns >= known_ns[0] - _SAME_NS) & (stamps_ns <= known_ns[-1] + _SAME_NS)
     after = np.clip(np.searchsorted(known_ns, stamps_ns), 1, max(len(known_ns) - 1, 1))
     around = np.stack([known_ns[after - 1], known_ns[np.minimum(after, len(known_ns) - 1)]])

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Maps as map_server's images, also such as are larger than many programs read."""
+"""Writing of maps as images for map_server, also of very large ones."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from slarm_graph.tiles import KnownTiles, Where, Window, columns_of
 _log = logging.getLogger(__name__)
 
 MOST_IMAGE_CELLS = 16_384
-"""Side of the largest texture of common graphics chips, in which map viewers hold an image."""
+"""Side of the largest texture of common graphics chips, the limit of many map viewers."""
 
 
 def save_map(
@@ -38,13 +38,13 @@ def save_map(
     name : str
     geometry : GridGeometry
     masks : function of a window
-        Returns the cells of a window that are occupied, and those that are free.
+        Returns the occupied and the free cells of a window.
     large : str
-        What to do where a side is longer than many programs read: write it `whole` and tell;
-        `split` it, into `<name>_ROW_COLUMN.pgm` that each have their place in the map; or write
-        it `coarse`, in cells that are occupied where any of theirs is, and free where all are.
+        How to write an image with a longer side than many programs read: `whole`, with a warning;
+        `split` into `<name>_ROW_COLUMN.pgm`, each with its origin; or `coarse`, in larger cells
+        that are occupied where any of their cells is, and free where all are.
     tiles : KnownTiles, optional
-        Outside of which cells are unknown.
+        Tiles outside of which all cells are unknown.
     """
     where = tiles or geometry.shape
     if max(geometry.shape) <= MOST_IMAGE_CELLS:
@@ -72,7 +72,7 @@ def save_map(
 
 
 def of_layers(occupied: Mask, free: Mask) -> Masks:
-    """Return what is occupied and free of windows of two layers (rows, cols)."""
+    """Return the function that cuts windows from two layers (rows, cols)."""
     return lambda window: (occupied[window], free[window])
 
 
@@ -83,7 +83,7 @@ def _save(folder: RunFolder, name: str, geometry: GridGeometry, masks: Masks, wh
 
 
 def _tiles(geometry: GridGeometry) -> Iterator[tuple[str, slice, slice]]:
-    """Yield parts that are small enough: row and column among them, and their cells."""
+    """Yield parts that are small enough: name by row and column, and their rows and columns."""
     side = MOST_IMAGE_CELLS
     for row in range(math.ceil(geometry.rows / side)):
         for col in range(math.ceil(geometry.cols / side)):
@@ -93,10 +93,10 @@ def _tiles(geometry: GridGeometry) -> Iterator[tuple[str, slice, slice]]:
 
 
 def _everywhere(masks: Masks, where: Where) -> Masks:
-    """Look only into tiles, and answer for any window."""
+    """Extend masks that are defined in tiles to any window."""
 
     def part(window: Window) -> tuple[Mask, Mask]:
-        """Look up a window."""
+        """Return the cells of a window."""
         rows, cols = window
         size = rows.stop - rows.start, cols.stop - cols.start
         found = np.zeros(size, dtype=np.bool_), np.zeros(size, dtype=np.bool_)
@@ -111,10 +111,10 @@ def _everywhere(masks: Masks, where: Where) -> Masks:
 
 
 def _window(masks: Masks, rows: slice, cols: slice) -> Masks:
-    """Cut a part out of a map."""
+    """Return the masks of a part of a map."""
 
     def part(some: Window) -> tuple[Mask, Mask]:
-        """Look up a window of it."""
+        """Return the cells of a window of the part."""
         high, wide = some
         return masks(
             (
@@ -127,14 +127,14 @@ def _window(masks: Masks, rows: slice, cols: slice) -> Masks:
 
 
 def _coarser(geometry: GridGeometry, masks: Masks, step: int) -> tuple[GridGeometry, Masks]:
-    """Take so many cells a side together."""
+    """Merge blocks of `step` x `step` cells into one."""
     rows, cols = (math.ceil(n / step) for n in geometry.shape)
     coarse = GridGeometry(
         geometry.origin_x_m, geometry.origin_y_m, geometry.resolution_m * step, rows, cols
     )
 
     def part(some: Window) -> tuple[Mask, Mask]:
-        """Take the cells of a window of it together."""
+        """Return the merged cells of a window."""
         high, wide = (
             slice(at.start * step, min(at.stop * step, most))
             for at, most in zip(some, geometry.shape, strict=True)
@@ -146,7 +146,7 @@ def _coarser(geometry: GridGeometry, masks: Masks, step: int) -> tuple[GridGeome
 
 
 def _all(mask: Mask, step: int) -> Mask:
-    """Whether all cells (rows, cols) of every block are in a mask, as far as the grid goes."""
+    """Return which blocks of a mask (rows, cols) have all their cells within the grid set."""
     for axis in range(2):
         starts = np.arange(0, mask.shape[axis], step)
         mask = np.logical_and.reduceat(mask, starts, axis=axis)

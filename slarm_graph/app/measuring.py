@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Signal strength that was heard on the way: into the measured radio map and its files."""
+"""The measured radio map of a run: readings of signal strength, heights, files."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.measured.rss_log import RssAlongTrajectory, RssLog, merged, place
 
 NO_SIGNALS = ("none",)
-"""What `--rss` says to leave alone what the recording holds."""
+"""The value of `--rss` that ignores readings found with the recording."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,9 +33,9 @@ class Signals:
     ----------
     logs : tuple of RssLog
     notices : tuple of str
-        What of the recording is used, or may be.
+        Which readings of the recording are used, or could be.
     are_found : bool
-        Nobody asked for them: a run goes on without those that make no map.
+        Whether they were found, not asked for: a run goes on without those that make no map.
     """
 
     logs: tuple[RssLog, ...] = ()
@@ -43,7 +43,7 @@ class Signals:
     are_found: bool = False
 
     def along(self, slam: SlamResult, config: RunConfig) -> Signals:
-        """Leave out logs that were found and of which too little lies on the way."""
+        """Drop found logs with too few readings within the trajectory's time."""
         if not self.are_found:
             return self
         least = config.measured.least_readings
@@ -61,7 +61,7 @@ class Signals:
 def signals_of(
     given: Sequence[str], recording: Sequence[Path], distro: str | None = None
 ) -> Signals:
-    """Open what `--rss` names; else what lies beside the recording, or is in it for certain."""
+    """Open the readings that `--rss` names; else those beside the recording or certainly in it."""
     if tuple(given) == NO_SIGNALS:
         return Signals()
     named = given or [log for path in recording if (log := beside(path))]
@@ -84,12 +84,12 @@ def measured_map(
 ) -> MeasuredMap | None:
     """Make the measured radio map; None without readings.
 
-    Positions are as sure as the SLAM result says, or as `measured.position_sd_m`.
+    The positions' standard deviation is that of the SLAM result, or `measured.position_sd_m`.
 
     Raises
     ------
     BadInput
-        When no reading lies on the way.
+        When no reading lies within the trajectory's time.
     """
     if not logs:
         return None
@@ -160,7 +160,7 @@ def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> RssA
 
 
 def save_measured(folder: RunFolder, measured: MeasuredMap | None) -> None:
-    """Write the measured radio map in all its forms, where there is one."""
+    """Write the measured radio map in all its formats, where there is one."""
     if measured is None:
         return
     from slarm_graph.radio.measured.files import (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Options that several commands share, each with its help, and what their words mean."""
+"""Options that several commands share, with their help texts and parsers."""
 
 from __future__ import annotations
 
@@ -19,34 +19,48 @@ if TYPE_CHECKING:
 
 POINT_OPTIONS = ("--ap",)
 FARTHEST_M = 1e7
-"""Coordinates beyond those of UTM [m] are no places; their squares would run over."""
+"""Limit of coordinates [m], those of UTM; squares of much larger ones would overflow."""
 
 Backend = Annotated[
     str | None, typer.Option("--backend", "-b", help="SLAM backend; `slarm backends` lists them.")
 ]
-Out = Annotated[Path, typer.Option("--out", "-o", help="Folder for run folders.")]
-Name = Annotated[str | None, typer.Option("--name", help="Name of the run folder in it.")]
+Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder is made.")]
+Name = Annotated[
+    str | None, typer.Option("--name", help="Name of the run folder; default: date and time.")
+]
 AccessPoints = Annotated[
     list[str] | None,
-    typer.Option("--ap", metavar="X Y Z", help="Access point in the map, in m; repeatable."),
+    typer.Option("--ap", metavar="X Y Z", help="Access point in the map frame, in m; repeatable."),
 ]
 Seed = Annotated[int | None, typer.Option("--seed", help="Seed of all random numbers.")]
 ConfigFile = Annotated[
-    Path | None, typer.Option("--config", "-c", help="YAML with any of the keys of `slarm config`.")
+    Path | None,
+    typer.Option("--config", "-c", help="YAML file of settings; `slarm config` prints them all."),
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="One key, such as mapping.resolution_m=0.1."),
+    typer.Option(
+        "--set", metavar="KEY=VALUE", help="A setting: mapping.resolution_m=0.1; repeatable."
+    ),
 ]
 Odom = Annotated[
-    str | None, typer.Option("--odom", metavar="TOPIC|none", help="Odometry topic, or none.")
+    str | None,
+    typer.Option(
+        "--odom", metavar="TOPIC|none", help="Odometry topic, or tf; none: use scans only."
+    ),
 ]
-Scan = Annotated[str | None, typer.Option("--scan", metavar="TOPIC", help="Which laser to use.")]
-Segment = Annotated[int | None, typer.Option(help="Which part, when the clock jumps back; from 1.")]
+Scan = Annotated[
+    str | None, typer.Option("--scan", metavar="TOPIC", help="Topic of the laser scans to use.")
+]
+Segment = Annotated[
+    int | None,
+    typer.Option(help="Part to read of a recording whose clock jumps back, counted from 1."),
+]
 StaticTf = Annotated[
     list[str] | None,
     typer.Option(
-        metavar="'PARENT CHILD X Y Z YAW'", help="A missing fixed transform, in m and rad."
+        metavar="'PARENT CHILD X Y Z YAW'",
+        help="Static transform that the recording lacks, in m and rad; repeatable.",
     ),
 ]
 RosDistro = Annotated[
@@ -54,49 +68,61 @@ RosDistro = Annotated[
     typer.Option(
         "--ros-distro",
         metavar="NAME",
-        help="Release whose message types hold where a ROS 2 bag brings none (before iron).",
+        help="ROS 2 release whose message definitions to use for a bag without any (before iron).",
     ),
 ]
 GroundTruth = Annotated[
     Path | None,
-    typer.Option("--ground-truth", help="True trajectory (TUM, EuRoC ...), or none."),
+    typer.Option(
+        "--ground-truth",
+        help="Ground-truth trajectory (TUM, EuRoC ...); default: SOURCE's name with .tum, if there;"
+        " none: without.",
+    ),
 ]
 Resume = Annotated[
-    Path | None, typer.Option("--resume", metavar="DIR", help="Go on with an unfinished run.")
+    Path | None, typer.Option("--resume", metavar="DIR", help="Continue an unfinished run.")
 ]
 Overwrite = Annotated[
-    bool, typer.Option("--overwrite", help="Replace what an earlier run of that name left.")
+    bool, typer.Option("--overwrite", help="Replace the results of an earlier run of that name.")
 ]
 MaxTime = Annotated[
     float | None,
-    typer.Option(metavar="SECONDS", help="Read no longer than this, then end with what is known."),
+    typer.Option(metavar="SECONDS", help="Stop reading after this time; keep the results so far."),
 ]
 MaxMemory = Annotated[
     float | None,
-    typer.Option(metavar="MB", help="Never need more memory than this; end with what is known."),
+    typer.Option(
+        metavar="MB", help="Stop before more memory than this is used; keep the results so far."
+    ),
 ]
 RelationsFile = Annotated[
     Path | None,
-    typer.Option("--relations", help="True relative poses (Freiburg benchmark), or none."),
+    typer.Option(
+        "--relations",
+        help="True relative poses (Freiburg benchmark); default: SOURCE's name with .relations, if"
+        " there; none: without.",
+    ),
 ]
 Rss = Annotated[
     list[str] | None,
     typer.Option(
         "--rss",
         metavar="FILE|/TOPIC:FIELD[,NAME...]",
-        help="Readings of signal strength: CSV (stamp, ap, rss_dbm; empty: not heard), a log of"
-        " Bluetooth anchors, or a topic's numeric field and those that name the access point;"
-        " repeatable. A NAME_ble.txt beside NAME_scan.txt and topics that hold signal strength"
-        " for certain are found by themselves; none leaves them out.",
+        help="Readings of signal strength: a CSV file (stamp, ap, rss_dbm; empty: not heard), a log"
+        " of Bluetooth anchors, or a topic with its numeric field and the fields that name the"
+        " access point; repeatable. Default: NAME_ble.txt beside NAME_scan.txt, and topics that"
+        " certainly hold signal strength; none: without.",
     ),
 ]
-Jobs = Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Processes at a time.")]
+Jobs = Annotated[
+    int | None, typer.Option("--jobs", "-j", min=1, help="Number of parallel processes.")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 Recording = Annotated[list[Path], typer.Argument(metavar="SOURCE...", help="A recording.")]
 
 
 def overriding(key: str, value: object) -> list[str]:
-    """Return an option as an override of the configuration; JSON is YAML."""
+    """Return an option as `KEY=VALUE`, unless it is None; the value is JSON, which is YAML."""
     return [] if value is None else [f"{key}={json.dumps(value)}"]
 
 
@@ -128,7 +154,7 @@ def source_config(
     config: Path | None,
     settings: list[str] | None,
 ) -> RunConfig:
-    """Return what the options of `check` and `convert` say of how to read a recording."""
+    """Return the configuration that options of `check` and `convert` make."""
     from slarm_graph.files.configs import load_config
 
     chosen = [*(settings or ()), *source_settings(odom, scan, segment, static_tf)]
@@ -136,7 +162,7 @@ def source_config(
 
 
 def numbers(text: str, otherwise: str, count: int | None = None) -> tuple[float, ...]:
-    """Read numbers with blanks or commas between them, so many; else say what was expected."""
+    """Parse `count` numbers separated by blanks or commas; raise BadInput(otherwise) else."""
     try:
         found = tuple(float(word) for word in text.replace(",", " ").split())
     except ValueError:

@@ -1,8 +1,8 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One run of a comparison in a process of its own, and what came of it.
+"""Execution of a trial in a process of its own, and its outcome.
 
-A process dies with the worker that started it, so that two never write into one folder.
+A process exits with the worker that started it, so that two never write into one folder.
 """
 
 from __future__ import annotations
@@ -13,40 +13,40 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+from slarm_graph.app.child_process import start_child
+from slarm_graph.app.fork_server import PROGRAM, ForkedProcess, ForkServer
 from slarm_graph.app.run_folder import RECORD
-from slarm_graph.app.template import PROGRAM, Forked, Template
-from slarm_graph.app.tied import started_tied
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
-Process = Forked | subprocess.Popen[str]
-BEAT_S = 1.0
-"""Between two looks at what runs; a run that ends in between is noticed at once all the same."""
+Process = ForkedProcess | subprocess.Popen[str]
+POLL_S = 1.0
+"""Longest wait until running processes are checked again; one that ends is noticed at once."""
 _RECORDED = ("wall_s", "cpu_s", "peak_memory_mb", "scans_per_s")
 
 
 def carry_out(
-    trial: Trial, template: Template, stop: Callable[[], bool] = lambda: False
+    trial: Trial, server: ForkServer, stop: Callable[[], bool] = lambda: False
 ) -> Outcome:
-    """Run a trial in a process of its own, if it is not done yet, and read what it left."""
+    """Run a trial in a process of its own, unless it is done, and return its outcome."""
     if trial.is_done():
         return read_outcome(trial)
-    return waited_for(trial, started(trial, template), stop)
+    return wait_for(trial, start_trial(trial, server), stop)
 
 
-def started(trial: Trial, template: Template) -> Process:
-    """Begin a trial in a process that ends with this one."""
+def start_trial(trial: Trial, server: ForkServer) -> Process:
+    """Start a trial in a process that exits with this one."""
     command = trial.command()
-    trial.take_folder()
+    trial.assign_folder()
     ours = tuple(command[: len(PROGRAM)]) == PROGRAM
-    return template.started(command[len(PROGRAM) :]) if ours else started_tied(command)
+    return server.start(command[len(PROGRAM) :]) if ours else start_child(command)
 
 
-def waited_for(trial: Trial, process: Process, stop: Callable[[], bool] = lambda: False) -> Outcome:
-    """Wait for a trial's process, interrupt it when that is wished, and read what it left."""
+def wait_for(trial: Trial, process: Process, stop: Callable[[], bool] = lambda: False) -> Outcome:
+    """Wait for a trial's process, interrupt it when `stop` says so, and return the outcome."""
     while True:
         try:
-            _, errors = process.communicate(timeout=BEAT_S)
+            _, errors = process.communicate(timeout=POLL_S)
         except subprocess.TimeoutExpired:
             if stop():
                 process.send_signal(signal.SIGINT)
@@ -64,7 +64,7 @@ def read_outcome(trial: Trial, problem: str = "") -> Outcome:
     ----------
     trial : Trial
     problem : str
-        What its process said last, for when it left no record.
+        Last message of its process, used when it left no record.
     """
     try:
         record = json.loads((trial.folder / RECORD).read_text(encoding="utf-8"))
@@ -86,7 +86,7 @@ def read_outcome(trial: Trial, problem: str = "") -> Outcome:
 
 
 def recorded_metrics(folder: Path) -> dict[str, float]:
-    """Read the values of a run's metrics, those that there are."""
+    """Read the values of a run's metrics; empty without a readable file."""
     try:
         content = json.loads((folder / "metrics.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -95,7 +95,7 @@ def recorded_metrics(folder: Path) -> dict[str, float]:
 
 
 def _verdict(path: Path) -> str:
-    """Return what a run says of itself."""
+    """Read a run's verdict on its consistency; empty without a readable file."""
     try:
         return str(json.loads(path.read_text(encoding="utf-8"))["verdict"])
     except (OSError, ValueError, KeyError, TypeError):

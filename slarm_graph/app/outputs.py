@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The files of a run folder, each from the value it shows."""
+"""Writing of the result files of a run folder."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def save_trajectory(folder: RunFolder, name: str, trajectory: Trajectory | None)
 
 
 def save_readings(folder: RunFolder, log: ReadingLog) -> None:
-    """Write `odometry.tum`, and `scans.csv` with every recorded scan and why it was not used."""
+    """Write `odometry.tum`, and `scans.csv` with every recorded scan, used or why not."""
     save_trajectory(folder, "odometry", log.odometry())
     rows = (
         (ns_to_seconds(s.stamp_ns), "no" if s.reason else "yes", s.reason) for s in log.statuses()
@@ -73,7 +73,7 @@ def save_slam(
 
 
 def save_consistency(folder: RunFolder, result: Contradictions) -> None:
-    """Write the verdict of a run on itself, and where it contradicts itself."""
+    """Write `consistency.json` with the verdict, and `conflicts.csv` with the contradictions."""
     folder.write_text("consistency.json", consistency_json(result))
     folder.write_text("conflicts.csv", csv_text(CONFLICT_COLUMNS, conflict_rows(result)))
 
@@ -83,12 +83,12 @@ def save_geographic(
 ) -> None:
     """Write the recovered map and its coverage.
 
-    In the map every cell known to be without an obstacle is free, reachable or not; the states
-    of the cells are in `coverage.npz`.
+    In the map every cell known to have no obstacle is free, accessible or not; `coverage.npz` has
+    the states of the cells.
     """
 
     def masks(window: Window) -> tuple[Mask, Mask]:
-        """Obstacles of a window, and what is without."""
+        """Return the obstacle cells of a window and those known to have none."""
         states = geographic.states[window]
         obstacle = states == CellState.OBSTACLE
         return obstacle, ~obstacle & (states != CellState.UNKNOWN)
@@ -105,7 +105,7 @@ def save_metrics(folder: RunFolder, metrics: Sequence[Metric]) -> None:
 
 
 def save_radio(folder: RunFolder, radio: RadioMap | None, config: RadioConfig) -> None:
-    """Write the radio map in all its forms, where there is one."""
+    """Write the radio map in all its formats, where there is one."""
     if radio is None:
         return
     # NetCDF and matplotlib are loaded only where there is something for them to do.

@@ -11,7 +11,7 @@ import numpy as np
 
 from slarm_graph import backends
 from slarm_graph.access_points import AccessPoint, RadioMap
-from slarm_graph.app.allocation import layers_kept, spare_collecting
+from slarm_graph.app.allocation import freeze_garbage_collector, keep_freed_layers
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
@@ -40,7 +40,7 @@ from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.consistency import Contradictions
 from slarm_graph.counts import count_of
-from slarm_graph.eval.assessment import assess, of_this_time, read_references
+from slarm_graph.eval.assessment import assess, drop_other_times, read_references
 from slarm_graph.eval.metric_parts import Subject
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.recordings.sources import open_source
@@ -58,24 +58,23 @@ from slarm_graph.recovery.recover import recover
 from slarm_graph.trajectory import Trajectory
 
 _ENOUGH_POINTS = 1_000_000
-"""Returns kept for walls and figures: 16 MB, several to each cell of a wall in kilometres of
-walls."""
+"""Most returns kept for walls and figures: 16 MB, several per cell of kilometres of walls."""
 
 
 def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
-    """Do the whole job; every file is in the folder as soon as it is known.
+    """Process a recording; every file is written as soon as its content is known.
 
     Parameters
     ----------
     job : Job
     folder : RunFolder
-        A checkpoint in it is continued.
+        A run with a checkpoint in it is continued.
     progress : Progress
 
     Raises
     ------
     BadInput, RunFailed
-        When there is nothing to show for it.
+        When there are no results.
     """
     config, stop = job.config, Stop(job.config.limits)
     references = read_references(job.ground_truth, job.relations)
@@ -84,22 +83,22 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         signals = signals_of(job.rss, job.paths, config.source.ros_distro)
         source = _source(job)
     # readings -> SLAM backend
-    backend, log = _fed(source, config, folder, progress, stop)
+    backend, log = _run_backend(source, config, folder, progress, stop)
     info = source.info()
     del source
     # SLAM backend -> trajectory and occupancy grid
     with folder.stage("optimisation and map", progress):
-        slam = _placed(backend.result(), info.truth)
+        slam = _moved_to_start(backend.result(), info.truth)
         # Its submaps or particles take more memory than what comes of them.
         del backend
         save_trajectory(folder, "trajectory", slam.trajectory)
         progress.say(f"rendering {count_of(len(log), 'scan')}")
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid, config.mapping.large_image)
-    # trajectory -> does it contradict itself
+    # trajectory -> consistency
     verdict = judged(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
-    with folder.stage("recovery", progress), layers_kept():
+    with folder.stage("recovery", progress), keep_freed_layers():
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
         geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
         save_geographic(folder, geographic, config.mapping.large_image)
@@ -110,11 +109,11 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     stages = (heard, slam, config, folder, progress)
     geographic, heights = with_heard(geographic, job.access_points, *stages)
     radio, measured = radio_maps(geographic, job.access_points, *stages)
-    # what is known to be true -> metrics and report
+    # ground truth -> metrics and report
     with folder.stage("report", progress):
         laser = log.robot_from_laser
         if job.truth_is_found:
-            references, said = of_this_time(references, slam.trajectory, laser)
+            references, said = drop_other_times(references, slam.trajectory, laser)
             slam = replace(slam, notices=(*slam.notices, *said))
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
@@ -133,14 +132,14 @@ def _source(job: Job) -> Source:
     return open_source(job.paths, how, config.simulation, seed=seed, section=config.section)
 
 
-def _fed(
+def _run_backend(
     source: Source, config: RunConfig, folder: RunFolder, progress: Progress, stop: Stop
 ) -> tuple[SlamBackend, ReadingLog]:
-    """Give a backend all readings, from where a checkpoint in the folder was written."""
+    """Run the backend over all readings, from the checkpoint on if there is one."""
     rng, log = np.random.default_rng(config.seed), ReadingLog()
     with folder.stage("loading", progress):
         backend = backends.make(config.backend, config, rng, progress.say)
-        spare_collecting()
+        freeze_garbage_collector()
     with folder.stage("slam", progress):
         had_before = _restored(backend, folder)
         checkpoint = Checkpoint(
@@ -154,8 +153,8 @@ def _fed(
     return backend, log
 
 
-def _placed(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
-    """Start where the robot is known to have started; at the origin where that is not known.
+def _moved_to_start(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
+    """Move a result to the known start pose; unchanged where the start is not known.
 
     Parameters
     ----------
@@ -174,7 +173,7 @@ def _placed(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
 def judged(
     log: ReadingLog, slam: SlamResult, folder: RunFolder, progress: Progress
 ) -> Contradictions:
-    """Tell whether a trajectory contradicts itself."""
+    """Check the consistency of a trajectory and write the verdict."""
     with folder.stage("consistency", progress):
         verdict = judge(log, slam.trajectory)
         save_consistency(folder, verdict)
@@ -211,7 +210,7 @@ def radio_maps(
     folder: RunFolder,
     progress: Progress,
 ) -> tuple[RadioMap | None, MeasuredMap | None]:
-    """Predict the radio map, and make the one of what was heard; each where there is any."""
+    """Make the predicted radio map (with access points) and the measured one (with readings)."""
     radio = measured = None
     if aps:
         with folder.stage("radio map", progress):
@@ -225,7 +224,7 @@ def radio_maps(
 
 
 def _restored(backend: SlamBackend, folder: RunFolder) -> int:
-    """Bring a backend to where a checkpoint was written; return how many readings it has had."""
+    """Restore a backend from the checkpoint; return how many readings it has had."""
     with saved_states(folder.path) as saved:
         if saved is None:
             return 0

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A radio map over a bare map, and the files of plans with it."""
+"""A radio map over a map_server map, and plans with it: coverage, access points, paths."""
 
 from __future__ import annotations
 
@@ -41,26 +41,25 @@ Point = tuple[float, float]
 Save = Callable[[RunFolder], None]
 
 BANDWIDTH_HZ, NOISE_FIGURE_DB = 20e6, 7.0
-"""Of a Wi-Fi channel and a usual receiver (IEEE 802.11 designs); every 3 dB of either shifts SNR as
-much."""
+"""A Wi-Fi channel and a usual receiver (IEEE 802.11 designs); 3 dB of either shift SNR as much."""
 
 
 @dataclass(frozen=True, slots=True)
 class RadioOverMap:
-    """A radio map over a bare map.
+    """A radio map, predicted or measured, over a map_server map.
 
     Parameters
     ----------
     geographic : GeographicMap
     signal : SignalMap
     words : str
-        What was made, for people.
+        What was made, as a line for the user.
     save : callable
         Writes its files into a run folder.
     radio : RadioMap or None
-        None where it was measured.
+        None for a measured radio map.
     notices : tuple of str
-        What a user should know.
+        For the user.
     """
 
     geographic: GeographicMap
@@ -71,12 +70,12 @@ class RadioOverMap:
     notices: tuple[str, ...] = ()
 
     def save_fading(self, folder: RunFolder, count: int, outage_dbm: float, seed: int) -> str:
-        """Write `fading.npz` with realisations; return a line on them.
+        """Write `fading.npz` with realisations of fading; return a line that sums them up.
 
         Raises
         ------
         BadInput
-            Where the map was measured: readings have their fading in them.
+            When the map is measured: its readings contain their fading.
         """
         if self.radio is None:
             raise BadInput("--fading draws from a predicted map; a measured one has its own spread")
@@ -93,15 +92,15 @@ def radio_over_map(
     map_file: Path,
     points: Sequence[AccessPoint],
     rss: Sequence[str],
-    way: Path | None,
+    trajectory: Path | None,
     config: RunConfig,
 ) -> RadioOverMap:
-    """Make the radio map over a map_server map: measured where there are readings."""
+    """Make the radio map over a map_server map: measured from readings, else predicted."""
     geographic = as_geographic(read_map(map_in(map_file)), config.recovery.default_height_m)
     if not geographic.accessible.any():
         raise BadInput(f"{map_file}: no cell of the map is free; is `negate` or a threshold wrong?")
     if rss:
-        return _measured(geographic, points, rss, way, config)
+        return _measured(geographic, points, rss, trajectory, config)
     radio = predicted_radio_map(geographic, points, config)
     low, high = radio.gain_span_db()
     names = ", ".join(ap.name for ap in points)
@@ -118,14 +117,14 @@ def _measured(
     geographic: GeographicMap,
     points: Sequence[AccessPoint],
     rss: Sequence[str],
-    way: Path | None,
+    trajectory: Path | None,
     config: RunConfig,
 ) -> RadioOverMap:
-    if way is None:
+    if trajectory is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
     measured = measured_map(
-        logs, SlamResult(read_trajectory(trajectory_file(way))), geographic, points, config
+        logs, SlamResult(read_trajectory(trajectory_file(trajectory))), geographic, points, config
     )
     assert measured is not None
     names = ", ".join(ap.name for ap in measured.access_points)
@@ -189,7 +188,7 @@ def save_places(
     return places
 
 
-def plan_ways(
+def plan_paths(
     signal: SignalMap,
     ends: tuple[Point, Point],
     threshold_dbm: float,
@@ -197,7 +196,7 @@ def plan_ways(
     config: RunConfig,
     folder: RunFolder,
 ) -> Iterator[str]:
-    """Write the ways from A to B as `ways.csv`; yield a line on each."""
+    """Plan paths from A to B and write them to `ways.csv`; yield a line on each."""
     level = signal.best_level_dbm()
     speed = config.explore.driving.speed_m_s
     asked = {
@@ -207,7 +206,7 @@ def plan_ways(
     }
     rows: list[tuple[object, ...]] = []
     for name, (outage_m, weight) in asked.items():
-        way = connected_path(
+        path = connected_path(
             signal.geometry,
             level,
             *ends,
@@ -215,12 +214,12 @@ def plan_ways(
             longest_outage_m=outage_m,
             weight_per_db=weight,
         )
-        if way is None:
-            yield f"{name}: there is no such way"
+        if path is None:
+            yield f"{name}: there is no such path"
             continue
-        points = signal.geometry.center_of(way.cells)
+        points = signal.geometry.center_of(path.cells)
         rows += [(name, f"{x:.3f}", f"{y:.3f}") for x, y in points.tolist()]
-        yield _line(name, way)
+        yield _line(name, path)
     folder.write_text("ways.csv", csv_text(("way", "x_m", "y_m"), rows))
 
 
@@ -228,8 +227,8 @@ _PER_DB = 0.2
 """A metre 5 dB below the threshold counts double; halved, detours get shorter."""
 
 
-def _line(name: str, way: ConnectedPath) -> str:
+def _line(name: str, path: ConnectedPath) -> str:
     return (
-        f"{name}: {way.length_m:.1f} m, {way.below_m:.1f} m below the threshold"
-        f" ({way.longest_below_m:.1f} m in one go), weakest {way.least_dbm:.1f} dBm"
+        f"{name}: {path.length_m:.1f} m, {path.below_m:.1f} m below the threshold"
+        f" ({path.longest_below_m:.1f} m in one go), weakest {path.least_dbm:.1f} dBm"
     )

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How far a job is: a bar with rate and time left on a terminal, a line every 10 s elsewhere."""
+"""Display of progress: a bar on a terminal, a line every 10 s in logs and pipes."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from contextlib import contextmanager
 from typing import Protocol, TextIO
 
 LINE_EVERY_S = 10.0
-"""Between two lines in a log, so that an hour's run writes a few hundred."""
+"""Time between two lines in a log, so that an hour's run writes a few hundred."""
 _DRAW_EVERY_S = 0.1
-"""Ten times a second looks smooth and costs nothing that shows."""
+"""Time between two drawings: ten a second look smooth and cost nothing measurable."""
 _STEPS_KNOWN = 8
-"""Steps after the first ones before a rate is told. With half as many the first loop closure sets
-it, with twice as many nothing is told of what takes a minute."""
+"""Steps after the first ones before a rate is shown. With half as many the first loop closure sets
+it, with twice as many none is shown of what takes a minute."""
 _SHARE_OF_ONE = 0.5
-"""Of the time that a rate is of: where one step takes more, a kernel was compiled in it (40 s
-among the first scans of a first run). With 0.25 long steps hide the rate, with 1 hours are told."""
+"""Largest share of a rate's time in one step: in a longer one a kernel was compiled (40 s among the
+first scans of a first run). With 0.25 long steps hide the rate, with 1 it shows hours left."""
 
 
 class Progress(Protocol):
-    """Told what is going on; shows it or not."""
+    """Receives stages, steps and messages of a run, to display them."""
 
     def start(self, stage: str, total: int | None = None) -> None:
         """Begin a stage of `total` steps, unknown when None."""
         ...
 
     def advance(self) -> None:
-        """One step is done; cheap enough for every scan."""
+        """Count a step; cheap enough for every scan."""
         ...
 
     def say(self, message: str) -> None:
-        """Tell what a long step is doing: a heartbeat."""
+        """Show what a long step is doing: a heartbeat."""
         ...
 
     def close(self) -> None:
@@ -43,7 +43,7 @@ class Progress(Protocol):
 
 
 class Quiet:
-    """Shows nothing."""
+    """A progress that displays nothing."""
 
     def start(self, stage: str, total: int | None = None) -> None:
         """Ignore the stage."""
@@ -59,7 +59,7 @@ class Quiet:
 
 
 class Pace:
-    """Steps done and their rate, over the later half of them: slow first ones are forgotten.
+    """Steps done and their rate over the latest half of them, without slow first steps.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ class Pace:
             self._slowest_s = self._slowest_s[1], 0.0
 
     def words(self) -> str:
-        """How far it is; rate and time left only once they are known."""
+        """Return the steps done, with rate and time left once they are known."""
         words = [str(self.done) if self._total is None else self._share(self._total)]
         rate = self._rate()
         if rate is not None:
@@ -98,7 +98,7 @@ class Pace:
         return f"{self.done} of {total} ({self.done / max(total, 1):.0%})"
 
     def _rate(self) -> float | None:
-        """Steps per second; None before it is known."""
+        """Return the steps per second; None before it is known."""
         now_s = time.monotonic()
         steps, since_s = self.done - self._from[0], now_s - self._from[1]
         few = _STEPS_KNOWN if self._total is None else min(_STEPS_KNOWN, self._total // 8)
@@ -109,7 +109,7 @@ class Pace:
 
 
 class Lines:
-    """Writes a plain line now and then, for logs and pipes.
+    """A progress that writes a plain line at intervals, for logs and pipes.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ class Lines:
 
 
 class Bar:
-    """A live bar on a terminal."""
+    """A progress that displays a bar on a terminal."""
 
     def __init__(self) -> None:
         from rich.console import Console
@@ -204,7 +204,7 @@ class Bar:
 
 @contextmanager
 def shown() -> Iterator[Progress]:
-    """Give a progress fit for where standard error goes, and close it in the end."""
+    """Yield the progress that fits standard error (terminal or not), and close it in the end."""
     progress: Progress
     progress = Bar() if sys.stderr.isatty() else Lines(sys.stderr)
     try:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What a run was made with: versions of what counts, and the revision of this code."""
+"""Software of a run: versions of packages and the git revision of this code."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _VERSIONS = ("slarm-graph", "numpy", "scipy", "numba", "gtsam", "opencv-python-h
 
 
 def versions() -> Facts:
-    """Return the versions of Python and of what results depend on; None for what is not there."""
+    """Return the versions of Python and of packages that results depend on; None if missing."""
     found: Facts = {"python": sys.version.split()[0]}
     for name in _VERSIONS:
         try:

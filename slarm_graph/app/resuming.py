@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Take up an unfinished run: its job, rebuilt from its folder."""
+"""Resuming of an unfinished run: its job is rebuilt from its folder."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from slarm_graph.files.inputs import input_facts
 from slarm_graph.files.worlds import load_world
 
 _MAY_DIFFER = ("checkpoint.", "limits.")
-"""Settings of which the result does not depend."""
+"""Settings on which the result does not depend."""
 
 
 def resumed_job(path: Path, config_file: Path | None, overrides: Iterable[str]) -> Job | ExploreJob:
@@ -29,13 +29,13 @@ def resumed_job(path: Path, config_file: Path | None, overrides: Iterable[str]) 
     path : Path
         The run folder.
     config_file, overrides
-        As for `load_config`; only keys of `checkpoint` and `limits` may differ from what the run
-        began with.
+        As for `load_config`; only keys of `checkpoint` and `limits` may differ from those of
+        the run.
 
     Raises
     ------
     BadInput
-        When the recording or the configuration has changed since, listing what.
+        When the recording or the configuration has changed since; lists the changes.
     """
     record = read_record(path)
     recorded_input = record.get("input")

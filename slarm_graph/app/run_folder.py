@@ -18,8 +18,8 @@ from datetime import datetime
 from pathlib import Path
 
 from slarm_graph.app.allocation import return_freed
-from slarm_graph.app.ending import begun, ended
-from slarm_graph.app.folder_claim import FolderClaim
+from slarm_graph.app.ending import register_unfinished, unregister_unfinished
+from slarm_graph.app.folder_lock import FolderLock
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.provenance import Facts, git_revision, versions
 from slarm_graph.errors import BadInput, RunFailed
@@ -32,20 +32,20 @@ CHECKPOINT = "checkpoint"
 _RUNNING = "running"
 _LINK, _LINK_TEXT = "latest", "latest.txt"
 _MB = 1024.0
-"""Kilobytes of a megabyte, as Linux counts memory; macOS counts bytes."""
+"""Kilobytes of a megabyte: Linux reports memory in kilobytes, macOS in bytes."""
 
 
 class RunFolder:
-    """Files and record of one run.
+    """The folder of one run: its files and its record `run.json`.
 
     Parameters
     ----------
     path : Path
         An existing folder.
     earlier : mapping, optional
-        What its record begins with, such as that of an interrupted run that is resumed here.
-    claim : FolderClaim, optional
-        On the folder, where it was claimed before.
+        The record to continue, such as that of an interrupted run that is resumed here.
+    lock : FolderLock, optional
+        On the folder, where it is locked already.
     """
 
     def __init__(
@@ -53,10 +53,10 @@ class RunFolder:
         path: Path,
         earlier: Mapping[str, object] | None = None,
         *,
-        claim: FolderClaim | None = None,
+        lock: FolderLock | None = None,
     ) -> None:
         self.path = path
-        self._claim = claim or FolderClaim(path)
+        self._lock = lock or FolderLock(path)
         self._facts: Facts = dict(earlier or {})
         self._stages: dict[str, float] = {}
         self._stages_cpu_s: dict[str, float] = {}
@@ -65,7 +65,7 @@ class RunFolder:
         self._started_s = time.monotonic()
         self._cpu_started_s = time.process_time()
         self._facts.setdefault("started", datetime.now().astimezone().isoformat(timespec="seconds"))
-        begun(self)  # before it says `running`, so that nobody leaves it at that
+        register_unfinished(self)  # before the status `running`, so that it never stays at that
         self.note(
             status=_RUNNING,
             versions=versions(),
@@ -75,8 +75,8 @@ class RunFolder:
 
     @contextmanager
     def replacing(self, name: str) -> Iterator[Path]:
-        """Give a temporary path to write, which takes the file's name once complete."""
-        if not self._claim.is_at(self.path):
+        """Yield a temporary path to write, which is renamed to the file's name once complete."""
+        if not self._lock.is_at(self.path):
             raise RunFailed(f"{self.path} was removed under way; nothing can be written there")
         target = self.path / name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -90,17 +90,17 @@ class RunFolder:
             temporary.unlink(missing_ok=True)
 
     def write_text(self, name: str, text: str) -> None:
-        """Write a text file in one piece."""
+        """Write a text file atomically."""
         self.write_bytes(name, text.encode())
 
     def write_bytes(self, name: str, data: bytes) -> None:
-        """Write a file in one piece."""
+        """Write a file atomically."""
         with self.replacing(name) as temporary:
             temporary.write_bytes(data)
 
     @contextmanager
     def stage(self, name: str, progress: Progress) -> Iterator[None]:
-        """Show and time a stage of the flow."""
+        """Show a stage of the flow, and record its time and memory."""
         progress.start(name)
         started_s, cpu_started_s = time.monotonic(), time.process_time()
         try:
@@ -115,7 +115,7 @@ class RunFolder:
             self.note()
 
     def note(self, **facts: object) -> None:
-        """Add facts to the record and bring its times up to date."""
+        """Add facts to the record, update its times and write it."""
         self._facts.update(facts)
         wall_s = self._earlier_s[0] + time.monotonic() - self._started_s
         cpu_s = self._earlier_s[1] + time.process_time() - self._cpu_started_s
@@ -129,21 +129,21 @@ class RunFolder:
         }
         self.write_text(RECORD, json.dumps(self._facts, indent=2) + "\n")
         if self._facts["status"] != _RUNNING:
-            ended(self)
+            unregister_unfinished(self)
 
     def end_early(self, why: str, *, by_user: bool) -> None:
-        """Record why it ended early: `failed`, or `partial` where there is more to be had of it."""
+        """Record why the run ended early; `partial` where it has results or a user ended it."""
         more = by_user or (self.path / "trajectory.tum").is_file()
         self.note(status="partial" if more else "failed", problem=why)
 
-    def how_to_go_on(self, why: str) -> Iterator[str]:
-        """Say why it is not whole, where what there is of it lies, and how to go on."""
+    def resume_hints(self, why: str) -> Iterator[str]:
+        """Yield lines for the user: why the run is incomplete, where it lies, how to resume it."""
         yield f"{why}; partial results are in {self.path}"
         if (self.path / CHECKPOINT).is_dir():
             yield f"go on with: slarm run --resume {self.path}"
 
     def record(self) -> Mapping[str, object]:
-        """Return what is known of the run, as in `run.json`."""
+        """Return the record, as in `run.json`."""
         return dict(self._facts)
 
 
@@ -152,7 +152,7 @@ def create_run_folder(
 ) -> RunFolder:
     """Make `OUT/<date_time>[_NN]`, or `OUT/NAME`, and point `OUT/latest` to it.
 
-    What kind of work it holds is in its record from the first moment on (`was_begun`).
+    Its record has the kind of work from the beginning (`was_begun`).
 
     Raises
     ------
@@ -163,11 +163,11 @@ def create_run_folder(
     try:
         out.mkdir(parents=True, exist_ok=True)
         path = _fresh(out) if name is None else _named(out, name)
-        claim = FolderClaim(path)
+        lock = FolderLock(path)
         if name is not None:
-            _make_room(path, overwrite=overwrite)
-        folder = RunFolder(path, {"kind": kind}, claim=claim)
-        _point_to(out, path.name)
+            _empty_folder(path, overwrite=overwrite)
+        folder = RunFolder(path, {"kind": kind}, lock=lock)
+        _link_latest(out, path.name)
     except OSError as error:
         if error.errno == errno.ENAMETOOLONG:
             raise BadInput(
@@ -180,7 +180,7 @@ def create_run_folder(
 
 
 def open_run_folder(path: Path) -> RunFolder:
-    """Open an unfinished run's folder to go on with it.
+    """Open an unfinished run's folder to resume the run.
 
     Raises
     ------
@@ -188,15 +188,15 @@ def open_run_folder(path: Path) -> RunFolder:
         When it is no run folder, or the run is finished.
     """
     read_record(path)
-    claim = FolderClaim(path)
+    lock = FolderLock(path)
     record = read_record(path)
     if record.get("status") == "ok":
         raise BadInput(f"{path}: this run is finished; there is nothing to resume")
-    return RunFolder(path, record, claim=claim)
+    return RunFolder(path, record, lock=lock)
 
 
 def was_begun(path: Path, kind: str) -> bool:
-    """Whether a folder holds work of this kind, done or not."""
+    """Whether a folder holds work of this kind, finished or not."""
     return (path / RECORD).is_file() and read_record(path).get("kind") == kind
 
 
@@ -246,8 +246,8 @@ def _named(out: Path, name: str) -> Path:
     return path
 
 
-def _make_room(path: Path, *, overwrite: bool) -> None:
-    """See to it that a folder is empty, but never at the cost of results, unless that is wished."""
+def _empty_folder(path: Path, *, overwrite: bool) -> None:
+    """Empty a folder; results in it are removed only with `overwrite`, else refused."""
     if not any(entry.is_file() for entry in path.iterdir()):
         return
     if not (path / RECORD).is_file():
@@ -263,7 +263,7 @@ def _make_room(path: Path, *, overwrite: bool) -> None:
 
 
 def _clear(path: Path) -> None:
-    """Remove an earlier run's files; folders of others below stay."""
+    """Remove an earlier run's files and checkpoint; other folders below stay."""
     for folder in (path, path / CHECKPOINT):
         if folder.is_dir():
             for entry in folder.iterdir():
@@ -271,8 +271,8 @@ def _clear(path: Path) -> None:
                     entry.unlink()
 
 
-def _point_to(out: Path, name: str) -> None:
-    """Point `latest` to the run by a relative link, or in a text file where links are refused."""
+def _link_latest(out: Path, name: str) -> None:
+    """Point `latest` to the run: a relative link, or a text file where links are impossible."""
     link, temporary = out / _LINK, out / f".{_LINK}.{os.getpid()}"
     try:
         temporary.symlink_to(name, target_is_directory=True)
@@ -283,7 +283,7 @@ def _point_to(out: Path, name: str) -> None:
 
 
 def _add(spent: dict[str, float], name: str, seconds: float) -> None:
-    """Add to the seconds of a stage, in milliseconds."""
+    """Add to the seconds of a stage, rounded to milliseconds."""
     spent[name] = round(spent.get(name, 0.0) + seconds, 3)
 
 

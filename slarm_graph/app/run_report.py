@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Metrics and report of a finished run, from its parts."""
+"""Writing of the metrics and the report of a run."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
 
 
 def uncertainty(covariances: Floats | None) -> str:
-    """Say how far off the least sure pose (of N, 3, 3) may be; nothing where it is not known."""
+    """Return a text with the largest 95 % position uncertainty (of N, 3, 3); empty if unknown."""
     if covariances is None or not len(covariances):
         return ""
     worst_m = CHI_95 * np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1].max())
@@ -66,7 +66,7 @@ def uncertainty(covariances: Floats | None) -> str:
 
 
 def _marks(run: Run) -> Marks:
-    """Return loop closures, contradictions and confidence, as far as the run knows them."""
+    """Return loop closures, contradictions and covariances, to be drawn in the map."""
     path, graph = run.slam.trajectory, run.slam.pose_graph
     closures = np.zeros((0, 2, 2))
     if graph is not None:
@@ -91,7 +91,7 @@ def _not_accepted(table: Table) -> Iterator[tuple[float, str]]:
 
 
 def conflict_marks(result: Contradictions) -> list[tuple[float, float, str]]:
-    """Return where the map contradicts itself: x, y [m] and what is to be seen there."""
+    """Return where the map contradicts itself: x, y [m] and a text."""
     places = [(*p.position_m, f"{p.contradicted} wall cells looked through") for p in result.places]
     steps = [(*t.position_m, "scans and odometry contradict this step") for t in result.tears]
     walls = [

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A run of a comparison: its command line, its folder, and whether that holds it already."""
+"""A trial, one run of a comparison: its command line, its folder, and whether it is done."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import shutil
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from slarm_graph.app.known_truth import KnownTruth
+from slarm_graph.app.fork_server import PROGRAM
+from slarm_graph.app.reference_files import ReferenceFiles
 from slarm_graph.app.run_folder import RECORD
-from slarm_graph.app.template import PROGRAM
 
 KEYS = "cells"
-"""Folder of a comparison in which every cell's key lies in a file of its own."""
+"""Subfolder of a comparison with a file per trial that holds its key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,15 +24,15 @@ class TrialSource:
     Parameters
     ----------
     place : str
-        Path; of a world also the name of one that comes along.
+        Path; of a world also the name of a shipped one.
     is_world : bool
-    truth : KnownTruth
+    truth : ReferenceFiles
         Of a recording.
     """
 
     place: str
     is_world: bool
-    truth: KnownTruth = field(default_factory=KnownTruth)
+    truth: ReferenceFiles = field(default_factory=ReferenceFiles)
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,11 +47,11 @@ class Trial:
     folder : Path
         Its run folder, below the comparison's.
     options : tuple of str
-        Further words of the command line.
+        Further command-line arguments.
     setting : str
-        What sets it apart from the others of its backend, as `KEY=VALUE` words; else empty.
+        Swept settings, as `KEY=VALUE` words; empty without a sweep.
     key : str
-        Hash of all that its result depends on; empty where that is not kept.
+        Hash of everything that its result depends on; empty: never taken as done.
     """
 
     source: TrialSource
@@ -63,7 +63,7 @@ class Trial:
     key: str = ""
 
     def command(self) -> list[str]:
-        """Return the command line of the run, which goes on where one was left unfinished."""
+        """Return the command line of the run; it resumes an unfinished one."""
         if self._is_unfinished():
             return [*PROGRAM, "run", "--resume", str(self.folder)]
         place = self.source.place
@@ -78,14 +78,14 @@ class Trial:
 
     def is_done(self) -> bool:
         """Whether the folder holds this very run, finished."""
-        return self._is_here() and self._status() == "ok"
+        return self._has_this_key() and self._status() == "ok"
 
     def _is_unfinished(self) -> bool:
-        """Whether the folder holds this very run with a state from which it can go on."""
+        """Whether the folder holds this very run, unfinished and with a checkpoint."""
         there = (self.folder / "checkpoint").is_dir() and self._status() in ("running", "partial")
-        return self._is_here() and there
+        return self._has_this_key() and there
 
-    def _is_here(self) -> bool:
+    def _has_this_key(self) -> bool:
         try:
             return bool(self.key) and self._key_file().read_text(encoding="utf-8") == self.key
         except OSError:
@@ -100,9 +100,9 @@ class Trial:
     def _key_file(self) -> Path:
         return self.folder.parent / KEYS / self.folder.name
 
-    def take_folder(self) -> None:
-        """Note whose run the folder holds from now on."""
-        if not self.key or self._is_here():
+    def assign_folder(self) -> None:
+        """Assign the folder to this trial: write the key, remove another trial's run."""
+        if not self.key or self._has_this_key():
             return
         file = self._key_file()
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -38,21 +38,21 @@ from slarm_graph.errors import BadInput
 
 
 class CheckpointConfig(Stage):
-    """Saving enough to resume."""
+    """Checkpoints, from which an interrupted run is resumed."""
 
     every_s: float = Field(default=60.0, gt=0)
     """Time between two checkpoints."""
     keep: bool = False
-    """Whether the last one stays when the run has ended well."""
+    """Whether the last checkpoint is kept when the run has finished."""
 
 
 class LimitsConfig(Stage):
-    """When to stop early, with what is known by then."""
+    """Limits at which a run stops early and writes its results so far."""
 
     max_time_s: float | None = Field(default=None, gt=0)
-    """Reading stops after this time [s]; null for never."""
+    """Wall time after which reading stops [s]; null: no limit."""
     max_memory_mb: float | None = Field(default=None, gt=0)
-    """The process never keeps more than this [MB, 10^6 bytes]; null for whatever there is."""
+    """Memory that the process may use [MB, 10^6 bytes]; null: no limit."""
 
 
 class RunConfig(Stage):
@@ -83,7 +83,7 @@ class RunConfig(Stage):
     @model_validator(mode="before")
     @classmethod
     def _name_sections(cls, given: Any) -> Any:
-        """Let every section know its name, by which its part is found."""
+        """Give every section of a part its name, by which the part is found."""
         if not isinstance(given, dict):
             return given
         known = cls.model_fields
@@ -91,7 +91,7 @@ class RunConfig(Stage):
 
     @model_validator(mode="after")
     def _keep_what_differs(self) -> Self:
-        """Leave out sections that are as by default, so that equal configurations are equal."""
+        """Drop sections that equal the default, so that equal configurations compare equal."""
         for name, section in tuple(self.__pydantic_extra__.items()):
             if section == type(section)():
                 del self.__pydantic_extra__[name]
@@ -114,11 +114,11 @@ class RunConfig(Stage):
         return model()
 
     def source_as_used(self) -> SourceConfig:
-        """How a recording is read: without the time of sweeps where motion is not to be undone."""
+        """Return how to read the recording: without sweep times where `frontend.deskew` is off."""
         believed = self.source.sweep_times and self.frontend.deskew
         return self.source.model_copy(update={"sweep_times": believed})
 
     def sections(self) -> dict[str, Stage]:
-        """Return the settings of every part that is chosen or has been given some, by name."""
+        """Return the settings of all parts that are chosen or configured, by name."""
         chosen = {name: self.section(name) for _, name in chosen_parts(self)}
         return chosen | self.__pydantic_extra__

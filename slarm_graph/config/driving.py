@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated robot, and how it explores."""
+"""Settings of the simulated robot and of closed-loop exploration."""
 
 from __future__ import annotations
 
@@ -16,126 +16,126 @@ class LidarConfig(Stage):
     """The simulated laser and how it is mounted."""
 
     beams: int = Field(default=360, ge=1, le=MOST_BEAMS)
-    """Beams of a sweep."""
+    """Beams per sweep."""
     field_of_view_rad: float = Field(default=6.283185307179586, gt=0, le=6.283185307179586)
     """Centred on the laser's forward axis; a full circle does not repeat its first beam."""
     rate_hz: float = Field(default=10.0, ge=0.01, le=1000)
     """Sweeps per second."""
     range_min_m: float = Field(default=0.12, ge=0)
-    """Nearer things are not seen."""
+    """Shortest range that is measured."""
     range_max_m: Reach = 8.0
-    """Farther things are not seen."""
+    """Longest range that is measured."""
     sigma_m: float = Field(default=0.01, ge=0)
-    """Standard deviation of a range."""
+    """Standard deviation of the range noise."""
     x_m: float = 0.0
-    """Position on the robot, forwards."""
+    """Mounting position in the robot frame, forwards."""
     y_m: float = 0.0
-    """Position on the robot, to the left."""
+    """Mounting position in the robot frame, to the left."""
     yaw_rad: float = 0.0
-    """Heading on the robot; pi is a laser that looks to the rear."""
+    """Mounting angle in the robot frame; pi: the laser looks to the rear."""
     height_m: float = Field(default=0.2, ge=0)
-    """Height of the plane of measurement; lower solids are not seen."""
+    """Height of the scan plane above the floor; lower solids are not seen."""
     upside_down: bool = False
-    """Whether it hangs with its top down."""
+    """Whether the laser is mounted upside down."""
     clockwise: bool = False
-    """Whether the laser reports its beams with a negative increment."""
+    """Whether the laser reports its beams clockwise, with a negative increment."""
     sweep_s: float = Field(default=0.0, ge=0, le=100)
-    """Time from the first beam to one past the last; 0 takes them all at one instant."""
+    """Duration of a sweep, from the first beam to one past the last; 0: all at one instant."""
 
 
 class WheelConfig(Stage):
-    """The simulated differential drive: what the wheels turn is not what the ground passes."""
+    """The simulated differential drive, with errors of its odometry."""
 
     wheel_base_m: float = Field(default=0.3, ge=0.001, le=100)
-    """Distance between the wheels that odometry assumes."""
+    """Wheel base that odometry assumes."""
     wheel_base_error: float = 0.005
     """Share by which the true wheel base exceeds the one that odometry assumes."""
     left_slip: float = 0.001
-    """Share of the left wheel's travel that is lost on the ground; negative: a larger wheel."""
+    """Share of the left wheel's travel that is lost by slip; negative: a larger wheel."""
     right_slip: float = -0.001
-    """Share of the right wheel's travel that is lost on the ground."""
+    """Share of the right wheel's travel that is lost by slip."""
     random_slip_m_per_sqrt_m: float = Field(default=0.004, ge=0)
-    """Standard deviation of a wheel's lost travel per square root of its travel."""
+    """Standard deviation of a wheel's random slip per square root of its travel."""
     start_known: bool = True
     """Whether odometry begins at the true start pose instead of at zero."""
 
 
 class SignalConfig(Stage):
-    """What a receiver on the simulated robot hears of the world's access points."""
+    """Signal strength of the world's access points, measured by the simulated robot."""
 
     rate_hz: float = Field(default=0.0, ge=0, le=1000)
-    """Readings per second of every access point, at most one a sweep; 0 hears nothing."""
+    """Readings per second and access point, at most one per sweep; 0: none."""
     exponent: float = Field(default=2.0, gt=0)
-    """n of 10 n log10(d); the first metre is that of free space."""
+    """Path-loss exponent n of 10 n log10(d); free space up to one metre."""
     wall_db: float = Field(default=5.0, ge=0)
-    """Loss of every wall or obstacle that the straight segment passes (COST 231: 3.4 to 6.9)."""
+    """Loss per wall or obstacle on the direct path (COST 231: 3.4 to 6.9)."""
     shadowing_db: float = Field(default=4.0, ge=0)
     """Standard deviation of log-normal shadowing (TR 38.901, Table 7.5-6: 3 to 8 dB indoors)."""
     shadowing_m: float = Field(default=2.0, gt=0)
-    """Where its correlation has fallen to 1/e (Gudmundson 1991)."""
+    """Decorrelation distance of shadowing, where its correlation is 1/e (Gudmundson 1991)."""
     rician_factor_db: float = 7.0
-    """Power of the direct path over that of all others where nothing is passed; else none."""
+    """Rician K factor in line of sight; without, fading is Rayleigh."""
     fades: int = Field(default=4, ge=1, le=1000)
-    """Independent fades that a reading averages: a channel of 20 MHz over a coherence bandwidth of
+    """Independent fades averaged by a reading: a channel of 20 MHz over a coherence bandwidth of
     some 5 MHz indoors."""
     threshold_dbm: float = -90.0
-    """What is weaker is not heard."""
+    """Sensitivity of the receiver: weaker signals are not heard."""
     quantum_db: float = Field(default=1.0, ge=0)
-    """Readings are multiples of this; 0 does not round."""
+    """Step to which readings are rounded; 0: not rounded."""
 
 
 class SimulationConfig(Stage):
     """A simulated robot in a world."""
 
     engine: Literal["kinematic", "mujoco"] = "kinematic"
-    """`mujoco` needs the extra `physics`."""
+    """Physics of the simulation; `mujoco` needs the extra `physics`."""
     body_radius_m: float = Field(default=0.18, gt=0, le=10)
-    """Radius of the robot, which is round; its contacts are collisions."""
+    """Radius of the round robot; its contacts count as collisions."""
     lidar: LidarConfig = LidarConfig()
     wheels: WheelConfig = WheelConfig()
     signals: SignalConfig = SignalConfig()
 
 
 class DrivingConfig(Stage):
-    """How the robot drives, and how near it goes to things."""
+    """Speeds of the robot and its distance to obstacles."""
 
     speed_m_s: float = Field(default=0.6, ge=0.001, le=100)
-    """Speed of travel on free ground."""
+    """Driving speed."""
     turn_rate_rad_s: float = Field(default=2.0, gt=0)
-    """Fastest turn."""
+    """Largest turn rate."""
     acceleration_m_s2: float = Field(default=1.0, gt=0)
-    """Acceleration of travel and of braking."""
+    """Acceleration, also of braking."""
     robot_radius_m: float = Field(default=0.18, gt=0, le=10)
-    """Radius of the body that has to fit."""
+    """Radius of the robot in path planning."""
     margin_m: float = Field(default=0.015, ge=0)
-    """Kept between the body and everything seen, beyond half a driving cell."""
+    """Clearance between robot and obstacles, beyond half a driving cell."""
     grid_m: float = Field(default=0.025, ge=0.001, le=0.05)
-    """Driving cells are at most this large whatever the resolution of the maps is."""
+    """Largest cell size of the grid for driving, whatever the resolution of the maps."""
 
 
 class ExploreConfig(Stage):
     """Closed-loop exploration of a world."""
 
     explorer: Annotated[str, PartName("explorer")] = "ggmr+"
-    """Who decides where to drive."""
+    """Exploration method, which chooses where to drive."""
     resolution_m: Resolution = 0.05
-    """Side of the cells of coverage, geographic map and radio map (the paper's delta)."""
+    """Cell size of coverage, geographic map and radio map (the paper's delta)."""
     driving: DrivingConfig = DrivingConfig()
     prior: Literal["extent", "extent+sizes"] = "extent+sizes"
-    """What the robot is told of a world before it starts, beside its start and the access points:
-    the rough extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and
-    height of every wall and obstacle, not where they stand. Accuracy is reported for both."""
+    """What the robot knows of a world beforehand, beside its start and the access points: the rough
+    extent and the ceiling, and as in the paper's Algorithm 1 also the length, width and height of
+    every wall and obstacle, not where they stand. Accuracy is reported for both."""
     judge_variants: bool = False
-    """Also report the accuracy of the same drive with R_e of one cell, of the robot's radius and
-    of zero, each with and without sizes (for the paper's figure 5)."""
+    """Whether to report also the accuracy of the same drive with R_e of one cell, of the robot's
+    radius and of zero, each with and without sizes (for the paper's figure 5)."""
     slam_rmse_m: float | None = Field(default=None, ge=0)
-    """The rough boundary shrinks by this, half of it on each side (Algorithm 1); null takes the
-    root mean square of what the SLAM stage itself says of its positions, so far as it does."""
+    """RMSE of the SLAM stage, by which the rough boundary shrinks, half of it on each side
+    (Algorithm 1); null: what the SLAM stage itself estimates, where it does."""
     area: tuple[float, float, float, float] | None = None
-    """Do not leave x_min, x_max, y_min, y_max [m]."""
+    """Area that the robot must not leave: x_min, x_max, y_min, y_max [m]."""
     keep_out: tuple[tuple[tuple[float, float], ...], ...] = ()
-    """Polygons not to enter, each as (x, y) corners [m]."""
+    """Polygons that the robot must not enter, each as (x, y) corners [m]."""
     return_to_start: bool = False
-    """Whether to drive home in the end."""
+    """Whether the robot drives back to its start in the end."""
     mission_time_s: float | None = Field(default=None, gt=0)
-    """Stop after this time of driving; null for when everything is known."""
+    """Driving time after which exploration stops; null: no limit."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Rendering, recovery, radio maps that are predicted and such that are measured."""
+"""Settings of rendering, recovery, and predicted and measured radio maps."""
 
 from __future__ import annotations
 
@@ -22,53 +22,51 @@ class MappingConfig(Stage):
     """Rendering scans into an occupancy grid."""
 
     resolution_m: Resolution = 0.05
-    """Side of a cell of the occupancy map."""
+    """Cell size of the occupancy map."""
     max_range_m: Reach = 30.0
-    """Beams are cut here; what lies behind stays unseen."""
+    """Range at which beams are cut; cells beyond stay unseen."""
     occupied_at: float = Field(default=0.25, gt=0, le=1)
-    """A cell is occupied when at least this share of its visits were hits."""
+    """Minimum share of hits, among the beams that visit a cell, for it to be occupied."""
     large_image: LargeImage = "whole"
-    """What becomes of map_server's image with more than 16,384 cells a side, which many programs do
-    not read: it is written whole all the same, split, or in coarser cells."""
+    """How to write a map image with more than 16,384 cells a side, which many programs do not read:
+    as a whole all the same, split into several, or in coarser cells."""
     max_cells: int = Field(default=1_000_000_000, gt=0, le=4_000_000_000)
-    """Cells of the box around a map, mapped or not: 1.6 x 1.6 km at 0.05 m. Where there would be
-    more, the map is drawn in coarser cells, and that is told."""
+    """Maximum cells of the box around a map, mapped or not: 1.6 x 1.6 km at 0.05 m. A larger map is
+    drawn in coarser cells, with a notice."""
 
 
 class RecoveryConfig(Stage):
     """Global geographic map recovery (GGMR)."""
 
     expansion_radius_m: float = Field(default=0.0, ge=0, le=100)
-    """How far to keep from obstacles; where that leaves no path, what lies beyond is out of reach.
-
-    The robot's radius gives what it can drive to.
-    """
+    """Distance that the robot keeps from obstacles; cells without a path at that distance are not
+    accessible. With the robot's radius the accessible cells are those it can drive to."""
     default_height_m: float | None = Field(default=None, gt=0)
-    """Height of obstacles with no better information; null means as `unknown_heights` says."""
+    """Height of obstacles of unknown height; null: by `unknown_heights`."""
     unknown_heights: Literal["prior", "infinite"] = "prior"
-    """What to make of obstacles whose height nobody has said: `prior` takes it from a distribution
-    per class of plan (from standards), so that links have a probability of line of sight and an
-    expected gain; `infinite` lets nothing pass over them."""
+    """Model of unknown obstacle heights: `prior` is a distribution per class of plan (from
+    standards), so that links have a probability of line of sight and an expected gain; `infinite`
+    lets nothing pass over them."""
     ceiling_m: float = Field(default=3.0, gt=0, le=100)
-    """What no obstacle exceeds; 3 m is the room of 3GPP's indoor scenario (TR 38.901, 7.2-2)."""
+    """Height of the ceiling; 3 m is the room of 3GPP's indoor scenario (TR 38.901, 7.2-2)."""
     laser_height_m: float = Field(default=0.2, ge=0, le=10)
-    """Every obstacle that the laser sees is at least so high."""
+    """Height of the scan plane: obstacles in the map are at least this high."""
     known_sizes: tuple[tuple[float, ...], ...] = ()
-    """Length, width and height [m] of obstacles that are known to stand around.
+    """Length, width and height [m] of obstacles that are known beforehand.
 
-    A fourth number is the share of its bounding rectangle that an obstacle's plan fills: 1 when
-    left out, 0.785 for what is round.
+    An optional fourth number is the share of its bounding rectangle that an obstacle's plan fills:
+    by default 1; 0.785 for a round one.
     """
     size_tolerance_m: float = Field(default=0.15, gt=0)
     """An obstacle has a known size when its sides, and that of a square as large, are this near."""
     robot_radius_m: float = Field(default=0.18, gt=0, le=10)
-    """Where a robot of this radius fits, recovery leaves the free space alone."""
+    """Free space in which a robot of this radius fits is not changed by recovery."""
     speck_cells: int = Field(default=2, ge=0)
-    """Groups of at most so many occupied cells are dropped."""
+    """Groups of at most this many occupied cells are removed."""
     hole_area_m2: float = Field(default=0.1, ge=0)
-    """Unseen holes up to this size in free space are taken to be free."""
+    """Unseen holes in free space up to this area become free."""
     straighten: bool = True
-    """Whether walls are moved onto straight lines."""
+    """Whether walls are fitted to straight lines."""
 
     @field_validator("known_sizes")
     @classmethod
@@ -85,49 +83,49 @@ class RecoveryConfig(Stage):
 
 
 class RadioConfig(Stage):
-    """The radio map."""
+    """The predicted radio map."""
 
     propagation: Annotated[str, PartName("propagation model")] = "3gpp"
-    """Model of path loss; `3gpp` is the row that `scenario` names."""
+    """Path-loss model; `3gpp` uses the row of TR 38.901 that `scenario` names."""
     scenario: Scenario = "InF-SH"
     """Propagation scenario of 3GPP TR 38.901, or free-space."""
     frequency_hz: float = Field(default=3.5e9, gt=0, le=1e12)
-    """Carrier frequency of access points that say none of their own."""
+    """Carrier frequency of access points that do not state their own."""
     antenna_height_m: float = Field(default=0.5, gt=0)
     """Height of the robot's antenna above the floor."""
     rician_factor_db: float = 7.0
-    """Power of the direct path over that of all others, for small-scale fading."""
+    """Rician K factor of small-scale fading in line of sight."""
     power_dbm: float = 20.0
-    """Transmitted power of access points that say none of their own."""
+    """Transmit power of access points that do not state their own."""
     mount_radius_m: float = Field(default=0.25, ge=0, le=100)
-    """Obstacles this near to an access point carry it and do not hide it."""
+    """Obstacles this near to an access point are its mount and do not shadow it."""
     csv_most_lines: int = Field(default=2_000_000, ge=0)
-    """Above so many lines `radio_map.csv` is left out, which is told; 0 leaves it out always."""
+    """Maximum lines of `radio_map.csv`; with more it is left out, with a notice; 0: always."""
     gain_tolerance_db: float = Field(default=1.0, gt=0)
-    """Gains at most this wrong count as right in the accuracy."""
+    """Largest error of a gain that counts as right in the accuracy."""
 
 
 class MeasuredConfig(Stage):
-    """Radio maps from measured signal strength."""
+    """The radio map from measured signal strength."""
 
     node_side_m: float = Field(default=0.2, gt=0)
-    """Side of the pieces of floor on which the field is kept; well below the shadowing's range."""
+    """Spacing of the nodes on which the field is estimated; well below the shadowing's range."""
     most_nodes: int = Field(default=20_000, ge=10)
-    """The pieces grow where there would be more of them: this bounds memory and time."""
+    """Maximum number of nodes; with more the spacing grows. Bounds memory and time."""
     threshold_dbm: float | None = None
-    """Signals weaker than this are not heard; null: the weakest that was."""
+    """Sensitivity of the receiver: weaker signals are not heard; null: the weakest reading."""
     saturation_dbm: float | None = None
-    """The receiver tells nothing stronger; null: it has no such limit."""
+    """Strongest signal that the receiver reports; null: no limit."""
     position_sd_m: float = Field(default=0.05, ge=0)
-    """How sure the trajectory's positions are, along each axis."""
+    """Standard deviation of the trajectory's positions along each axis, where SLAM reports none."""
     least_readings: int = Field(default=10, ge=3)
-    """Access points heard less often are left out, with a notice."""
+    """Minimum number of readings of an access point; with fewer it is left out, with a notice."""
     locate: bool = True
-    """Whether access points of unknown position are sought by what was heard."""
+    """Whether unknown positions of access points are estimated from the readings."""
     heights: bool = True
-    """Whether heights that nobody has said are told by what is heard behind obstacles, of access
-    points whose position is known."""
+    """Whether unknown obstacle heights are estimated from readings behind them, of access points of
+    known position."""
     search_readings: int = Field(default=3_000, ge=100)
-    """Ranges and noises are searched on so many readings; all count for the map."""
+    """Maximum readings for fitting ranges and noises; the map uses all."""
     search_nodes: int = Field(default=2_500, ge=10)
-    """And on so many pieces of floor."""
+    """Maximum nodes for fitting ranges and noises."""

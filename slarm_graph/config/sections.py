@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How parts take part in the configuration: chosen by name, each with a section of its own."""
+"""Parts in the configuration: settings that choose one by name, and a section of each."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class PartName:
 
 @dataclass(frozen=True, slots=True)
 class UncheckedSection:
-    """A section as it was given, with the name by which its part is found."""
+    """A section as given, before validation, with its part's name."""
 
     name: str
     given: object

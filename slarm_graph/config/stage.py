@@ -23,7 +23,7 @@ MOST_BEAMS = 100_000
 """Beams of a scan: the finest lidars have 0.1 degrees, 3,600 in a turn; one message of as many
 ranges takes 400 kB."""
 Count = Annotated[int, Field(ge=1, le=1_000_000)]
-"""How many of something are kept in memory at once."""
+"""A number of things that are kept in memory at once."""
 
 
 class Stage(BaseModel):

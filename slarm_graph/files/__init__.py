@@ -1,3 +1,3 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files in and out: trajectories, maps, graphs, configurations, worlds."""
+"""Readers and writers of trajectories, maps, pose graphs, configurations and worlds."""

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Archives of arrays (`.npz`), read within bounds: nothing is believed of a size before it fits."""
+"""Bounded reading of array archives (`.npz`): sizes are checked before memory is taken."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ FAILURES = (
     OSError, ValueError, KeyError, EOFError, TypeError, RuntimeError, NotImplementedError,
     MemoryError, zipfile.BadZipFile, zlib.error, SyntaxError, UnicodeError, OverflowError,
 )  # fmt: skip
-"""What damaged archives raise in zipfile, zlib and numpy."""
+"""Exceptions of zipfile, zlib and numpy for damaged archives."""
 
 
 def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
@@ -35,7 +35,7 @@ def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
     ----------
     path : Path
     what : str
-        What it should be, for messages.
+        Expected content, for messages.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def read_arrays(path: Path, what: str) -> Mapping[str, NDArray[Any]]:
 
 @contextmanager
 def arrays_of(path: Path, what: str) -> Iterator[Mapping[str, NDArray[Any]]]:
-    """As `read_arrays`, for the time of a `with`, in which what is wrong with them is told too."""
+    """Yield the arrays of `read_arrays`; errors in the block are reported as those of the file."""
     try:
         yield load_arrays(path, MAX_ARRAY_BYTES)
     except FileNotFoundError:
@@ -70,7 +70,7 @@ def load_arrays(path: Path, at_most: int) -> Mapping[str, NDArray[Any]]:
 
 
 def _array(data: bytes, at_most: int) -> NDArray[Any]:
-    """Read one array; what claims more than there is fails, and so do Python objects."""
+    """Read one array; raise for one that claims more data than there are, or Python objects."""
     found = npy.read_array(io.BytesIO(data), allow_pickle=False)
     if found.size > at_most:
         raise ValueError("an array of nothing claims to be large")

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration written as YAML, on demand with what every key means, its unit and its range."""
+"""Configuration as YAML, optionally with every key's meaning, unit and allowed values."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _UNITS = {
     "_mb": "MB",
     "_ns": "ns",
 }
-"""By the end of a key; the first that fits counts."""
+"""Units by suffix of the key; the first match counts."""
 
 _LIMITS = ((Gt, "gt", "above"), (Ge, "ge", "at least"), (Lt, "lt", "below"), (Le, "le", "at most"))
 
@@ -45,8 +45,8 @@ def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
     ----------
     config : RunConfig
     comments : bool
-        Put what the keys mean above them, their units and allowed values behind them, and write
-        the sections of all parts, not only of those that are chosen.
+        Add every key's meaning above it, unit and allowed values behind it, and the sections of all
+        parts, not only of the chosen ones.
     """
     lines = list(_lines(config, "", comments=comments))
     sections = config.sections()
@@ -62,7 +62,7 @@ def config_yaml(config: RunConfig, *, comments: bool = False) -> str:
 
 
 def allowed(field: FieldInfo) -> str:
-    """Say which values a setting may have; empty where its default says it all."""
+    """Describe the values that a setting may have; empty where any of its type is allowed."""
     said = [f"{word} {getattr(m, of):g}" for m in field.metadata for t, of, word in _LIMITS
             if isinstance(m, t)]  # fmt: skip
     for mark in field.metadata:
@@ -75,7 +75,7 @@ def allowed(field: FieldInfo) -> str:
 
 
 def unit(key: str) -> str:
-    """Return the unit that a key's name ends in."""
+    """Return the unit of a key by its suffix."""
     return next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
 
 

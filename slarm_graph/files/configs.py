@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Configuration as YAML: read with line numbers, overridden key by key, compared."""
+"""Reading of configurations from YAML with overrides, and their comparison."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
 _SETTING = "--set"
 MAX_KEY = 80
-"""Characters of an unknown key that are compared with the known ones; the longest known has 45."""
+"""Longest unknown key that is compared with the known ones; the longest known has 45."""
 
 Tree = dict[str, object]
 """Nested keys and values, as in the YAML."""
 
 
 def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunConfig:
-    """Resolve defaults, then a file, then overrides.
+    """Build a configuration from the defaults, a file and overrides, in this order.
 
     Parameters
     ----------
@@ -42,8 +42,8 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
     Raises
     ------
     BadInput
-        With a line for every problem: place and nearest match of an unknown key, or the value that
-        does not fit.
+        With a line for every problem: place and nearest match of an unknown key, or the invalid
+        value.
     """
     tree: Tree = {}
     places: dict[str, str] = {}
@@ -62,7 +62,7 @@ def load_config(path: Path | None = None, overrides: Iterable[str] = ()) -> RunC
 
 
 def _read(path: Path) -> tuple[Tree, dict[str, str]]:
-    """Return the content and where (`file:line`) every dotted key stands."""
+    """Return the content and the place (`file:line`) of every dotted key."""
     document = read_yaml(path)
     if document.content is None:
         return {}, {}
@@ -93,7 +93,7 @@ def _put(tree: Tree, dotted: str, value: object) -> None:
 
 
 def _problem(error: ErrorDetails, places: Mapping[str, str]) -> str:
-    """Tell one thing that is wrong: where it stands, what it is, and what would be right."""
+    """Describe a validation error: its place, what is wrong, and what would be right."""
     key = ".".join(str(part) for part in error["loc"])
     given = error["input"]
     below = next((k for k in places if k.startswith(f"{key}.")), None)
@@ -139,7 +139,7 @@ def _known_section_keys() -> Iterator[str]:
 
 
 def config_differences(old: RunConfig, new: RunConfig) -> tuple[str, ...]:
-    """Return `key: old -> new` of every key that differs."""
+    """Return `key: old -> new` for every key that differs."""
     before, after = (dict(_leaves(_complete(c, old, new))) for c in (old, new))
     return tuple(
         f"{key}: {before.get(key)} -> {after.get(key)}"

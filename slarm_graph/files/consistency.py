@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on a trajectory as files: `consistency.json` and the rows of `conflicts.csv`."""
+"""The verdict on a trajectory's consistency as `consistency.json` and rows of `conflicts.csv`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ CONFLICT_COLUMNS = (
 
 
 def consistency_json(result: Contradictions) -> str:
-    """Return everything but the points as JSON; what is not known is null, stamps are in ns."""
+    """Return everything but the points as JSON; unknown values are null, stamps are in ns."""
     content = asdict(result)
     del content["points_m"]
     content = {key: _known(value) for key, value in content.items()}
@@ -42,7 +42,7 @@ def _known(value: object) -> object:
 
 
 def conflict_rows(result: Contradictions) -> list[tuple[object, ...]]:
-    """Return a row for every place seen differently, and for every step odometry contradicts."""
+    """Return a row for every place in conflict, and for every step that odometry contradicts."""
     rows: list[tuple[object, ...]] = [
         (
             "place",

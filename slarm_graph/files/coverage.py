@@ -38,12 +38,12 @@ def write_coverage(path: Path, geographic: GeographicMap) -> None:
 
 
 def _in_parts(layer: NDArray[Scalar], geographic: GeographicMap) -> InParts:
-    """A layer in bands of rows, of which only tiles are read."""
+    """Yield a layer in bands of rows; only known tiles are read."""
     return InParts(layer.shape, layer.dtype, in_runs(layer, geographic.where))
 
 
 def read_coverage(path: Path) -> GeographicMap:
-    """Read what `write_coverage` wrote; the map's solids are not in it.
+    """Read what `write_coverage` wrote; the map's solids are not stored.
 
     Raises
     ------

@@ -17,7 +17,7 @@ from slarm_graph.errors import BadInput, brief
 from slarm_graph.geometry import Floats, Pose2
 
 _UPPER = np.triu_indices(3)
-"""Where g2o's six numbers stand in a symmetric 3 x 3 matrix, row by row."""
+"""Places of g2o's six numbers in a symmetric 3 x 3 matrix, row by row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +33,7 @@ class G2oFile:
     fixed : tuple of int
         Indices of poses the file holds fixed.
     other_tags : dict of str to int
-        Tags that were passed over, with their number of lines.
+        Ignored tags, with their number of lines.
     """
 
     graph: PoseGraph
@@ -118,7 +118,7 @@ def _assemble(
 def _chain_missing(
     path: Path, vertices: dict[int, Floats], edges: list[tuple[int, int, Constraint]]
 ) -> None:
-    """Place poses that have edges but no vertex line, breadth first from those known."""
+    """Compute poses without vertex line from their edges, breadth first from known ones."""
     mentioned = {key for i, j, _ in edges for key in (i, j)}
     if mentioned <= vertices.keys():
         return
@@ -142,7 +142,7 @@ def _chain_missing(
 
 
 def _lines(path: Path) -> Iterator[tuple[str, str, list[str]]]:
-    """Yield `file:line`, tag and remaining words of every line that says something."""
+    """Yield `file:line`, tag and remaining words of every line that is not blank or a comment."""
     try:
         text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Images of maps, read after their size was looked at: PGM exactly, other kinds by OpenCV."""
+"""Bounded reading of map images: PGM and PPM exactly, other formats by OpenCV."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from slarm_graph.errors import BadInput
 from slarm_graph.grid import Mask
 
 MAX_PIXELS = 100_000_000
-"""500 x 500 m at 0.05 m; the probabilities of so many cells take 400 MB. Twice as many would pass
-1 GB with what is computed beside them."""
+"""Most pixels: 500 x 500 m at 0.05 m; the probabilities of so many cells take 400 MB. Twice as
+many would pass 1 GB with what is computed beside them."""
 MAX_TEXT_SHADES = 4_000_000
-"""Numbers as text take 50 bytes each while they are read: 200 MB."""
+"""Most pixels of a text format: numbers as text take 50 bytes each while they are read, 200 MB."""
 _MAX_FILE_BYTES = 6 * MAX_PIXELS + 4096
-"""What so many pixels take at most: three channels of two bytes."""
+"""Largest file: so many pixels of three channels of two bytes."""
 _PNM = re.compile(rb"P([2356])((?:\s|#[^\n]*\n)+)")
 _NUMBER = re.compile(rb"(?:\s|#[^\n]*\n)*(\d{1,9})(?!\d)")
 _MAX_SHADE = 65535
@@ -69,7 +69,7 @@ def read_image(path: Path) -> Image:
 
 
 def _bounded(path: Path, cols: int, rows: int) -> None:
-    """Refuse what would not fit into memory, before any of it is read."""
+    """Raise BadInput for an image that would not fit into memory, before reading it."""
     if cols < 1 or rows < 1 or cols * rows > MAX_PIXELS:
         raise BadInput(
             f"{path}: {cols} x {rows} pixels; a map has 1 to {MAX_PIXELS:,}:"
@@ -140,7 +140,7 @@ def _by_opencv(path: Path, data: bytes) -> Image:
 
 
 def _size(path: Path, data: bytes) -> tuple[int, int]:
-    """Columns and rows, from the header alone; OpenCV gives memory to whatever a header claims."""
+    """Return columns and rows from the header; OpenCV allocates whatever a header claims."""
     import PIL.Image  # takes longer to import than this module is needed for PGM
 
     try:

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What was read, so that it can be told from something else: size and hash."""
+"""Identification of input files by size and hash."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 _BLOCK_BYTES = 1 << 22
-"""4 MB at a time: reading is as fast as with more, and memory stays small."""
+"""Bytes read at a time, 4 MB: reading is as fast as with more."""
 
 
 def input_facts(paths: Sequence[Path]) -> dict[str, object]:

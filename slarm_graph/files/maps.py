@@ -27,7 +27,7 @@ from slarm_graph.tiles import Where, Window, columns_of, shape_of
 _log = logging.getLogger(__name__)
 
 Masks = Callable[[Window], tuple[Mask, Mask]]
-"""Of a window of a map the cells that are occupied, and those that are free."""
+"""Returns the occupied and the free cells of a window of a map."""
 Mode = Literal["trinary", "scale", "raw"]
 
 FREE, OCCUPIED, UNKNOWN = 254, 0, 205
@@ -36,10 +36,10 @@ _OCCUPIED_THRESH, _FREE_THRESH = 0.65, 0.196
 """Thresholds that map_saver writes; the shade of unknown, (255 - 205) / 255 = 0.196, is no longer
 free by the second."""
 MAX_RESOLUTION_M = 100.0
-"""Side of a cell beyond which a map says nothing of where a robot fits; a unit was mistaken."""
+"""Largest plausible cell size; beyond it a unit was mistaken."""
 MAX_ORIGIN_M = 1e8
-"""Farther off, float64 no longer tells cells of a millimetre apart when cells are counted; UTM
-coordinates, the largest that are used for maps, stay below 10^7 m."""
+"""Largest coordinate of the origin: farther off, float64 no longer tells millimetres apart
+when cells are counted; UTM coordinates, the largest that are used for maps, stay below 10^7 m."""
 _REQUIRED = ("image", "resolution", "origin", "negate", "occupied_thresh", "free_thresh")
 
 
@@ -56,13 +56,13 @@ def trinary_image(occupied: Mask, free: Mask) -> NDArray[np.uint8]:
 
 
 def write_trinary(path: Path, where: Where, masks: Masks) -> None:
-    """Write a map as binary PGM (P5), in bands of rows, as whole it takes memory.
+    """Write a map as binary PGM (P5), in bands of rows to save memory.
 
     Parameters
     ----------
     path : Path
     where : (rows, cols) or KnownTiles
-        Outside of tiles cells are unknown.
+        Outside of known tiles cells are unknown.
     masks : function of a window
     """
     rows, cols = shape_of(where)
@@ -97,10 +97,10 @@ def map_yaml(image_name: str, geometry: GridGeometry) -> str:
 
 
 def masks_of(grid: OccupancyGrid) -> Masks:
-    """Return what is occupied and free of windows of a grid, which then leaves the memory."""
+    """Return the function that gives the masks of a window and then frees the window's memory."""
 
     def masks(window: Window) -> tuple[Mask, Mask]:
-        """Look it up."""
+        """Return the masks of a window."""
         part = grid.in_window(window)
         found = part.occupied, part.free
         set_aside(grid.probability)
@@ -125,7 +125,7 @@ def write_map(path: Path, grid: OccupancyGrid) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _Description:
-    """What a map's YAML says."""
+    """The content of a map's YAML."""
 
     image: Path
     geometry_from: tuple[float, float, float]
@@ -232,7 +232,7 @@ def _number(path: Path, key: str, value: object) -> float:
 
 
 def _image_file(path: Path, name: object) -> Path:
-    """Where a map's image lies: as its YAML says, else of the same name beside the YAML.
+    """Return the path of a map's image: as in the YAML, else of that name beside the YAML.
 
     Map savers write whole paths, which are wrong once the map has moved.
     """
@@ -243,7 +243,7 @@ def _image_file(path: Path, name: object) -> Path:
 
 
 def _probability(image: Image, description: _Description) -> NDArray[np.float32]:
-    """Probabilities (rows, cols), the first row of the image first."""
+    """Return the probabilities (rows, cols), the first row of the image first."""
     if image.shades.dtype.kind == "f":
         found = _by_rule(np.asarray(image.shades, np.float64) / image.full, description)
     else:  # one rule per shade, not per pixel
@@ -255,7 +255,7 @@ def _probability(image: Image, description: _Description) -> NDArray[np.float32]
 
 
 def _by_rule(shade: Floats, description: _Description) -> NDArray[np.float32]:
-    """Nav2's rule for shades from 0 (black) to 1 (white)."""
+    """Apply nav2's rule for shades from 0 (black) to 1 (white)."""
     if description.mode == "raw":
         value = shade * 255.0
         return np.where(value > 100.0, np.nan, value / 100.0).astype(np.float32)

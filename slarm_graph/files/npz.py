@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Arrays as a compressed `.npz`, one after the other."""
+"""Writing of compressed `.npz` archives array by array, to save memory."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from slarm_graph.files.zip_archive import Deflated, ZipArchive
 
 @dataclass(frozen=True, slots=True)
 class InParts:
-    """An array that is made while it is written, as whole it would take memory.
+    """An array that is generated while it is written, to save memory.
 
     Parameters
     ----------
     shape : tuple of int
     dtype : numpy.dtype
     parts : iterable of ndarray or int
-        Its values of this type, in their order, cut anywhere; or how many of them are blank.
+        Consecutive pieces of its values; an integer stands for so many blank values.
     blank : float
-        The value of those.
+        The value of blank cells.
     """
 
     shape: tuple[int, ...]
@@ -50,7 +50,7 @@ class InParts:
 
 
 def write_npz(path: Path, arrays: Iterable[tuple[str, ArrayLike | InParts]]) -> None:
-    """Write named arrays that `numpy.load` reads; each is asked for when its turn comes."""
+    """Write named arrays that `numpy.load` reads; each is generated when its turn comes."""
     with path.open("wb") as file, ZipArchive(file) as archive:
         for name, values in arrays:
             with archive.file(f"{name}.npy") as entry:
@@ -63,7 +63,7 @@ def write_npz(path: Path, arrays: Iterable[tuple[str, ArrayLike | InParts]]) -> 
 
 
 def _header(dtype: np.dtype[np.generic], shape: tuple[int, ...]) -> bytes:
-    """What an NPY file begins with."""
+    """Return the header of an NPY file."""
     kind = np.lib.format.dtype_to_descr(dtype)
     file = io.BytesIO()
     np.lib.format.write_array_header_1_0(

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Files by themselves or in the folder of a run, whichever a user names."""
+"""Paths that a user gives as a file or as the run folder that contains it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from slarm_graph.errors import BadInput
 
 
 def of_run(place: Path, *names: str) -> Path:
-    """Return the first of some files that a run folder has, or the file that was named itself.
+    """Return the first existing of some files of a run folder, or the path if it is a file.
 
     Raises
     ------

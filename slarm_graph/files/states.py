@@ -20,19 +20,19 @@ from slarm_graph.files.arrays import FAILURES, load_arrays
 from slarm_graph.snapshots import State
 
 FORMAT: Final = 2
-"""Raised when what is written changes; other formats are refused."""
+"""Version of the format; others are refused."""
 _ANEW: Final = "start the run anew, without --resume"
 
 
 @dataclass(frozen=True, slots=True)
 class SavedStates:
-    """What a file of states holds.
+    """The content of a file of states.
 
     Parameters
     ----------
     states : mapping of str to State
     facts : mapping of str to int or str
-        What else is good to know of them.
+        Further facts, such as the number of readings.
     """
 
     states: Mapping[str, State]

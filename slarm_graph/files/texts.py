@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Text files, read with a bound on their size; what goes wrong is told in one line."""
+"""Bounded reading of text files, with one-line errors; CSV text."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_text(path: Path, what: str = "text", at_most: int = MAX_TEXT_BYTES) -> 
     ----------
     path : Path
     what : str
-        What it should be, for messages, as in `cannot be read as WHAT`.
+        Expected content, for messages, as in `cannot be read as WHAT`.
     at_most : int
         Largest size [bytes].
 

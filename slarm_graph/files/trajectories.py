@@ -28,11 +28,11 @@ from slarm_graph.trajectory import Trajectory
 _log = logging.getLogger(__name__)
 
 MOST = 1e9
-"""Coordinates beyond a million kilometres are damage; squares of them still fit into float64."""
+"""Largest plausible coordinate, a million kilometres; its squares still fit into float64."""
 _HEADER = "# timestamp tx ty tz qx qy qz qw"
 _ESTIMATE, _TRUTH = "trajectory.tum", "ground_truth.tum"
 _Line = tuple[int, list[str], bool]
-"""Number, words, and whether commas stand between them."""
+"""Line number, words, and whether they are separated by commas."""
 
 
 def tum_text(trajectory: Trajectory) -> str:
@@ -61,12 +61,12 @@ def write_trajectory(path: Path, trajectory: Trajectory) -> None:
 
 
 def _fixed(value: float, decimals: int) -> str:
-    """Write with fixed decimals and no minus sign before a zero."""
+    """Format with fixed decimals and no minus sign before a zero."""
     return f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
 def trajectory_file(place: Path, *, truth: bool = False) -> Path:
-    """Return the trajectory in a run folder, the true one where that is wanted and there.
+    """Return the path of a run folder's trajectory, with `truth` the true one if there is one.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def trajectory_file(place: Path, *, truth: bool = False) -> Path:
 
 
 def read_trajectory(path: Path) -> Trajectory:
-    """Read a trajectory as `read_spatial` does, seen from above: x, y and yaw about z."""
+    """Read a trajectory as `read_spatial` does, projected to x, y and yaw about z."""
     return read_spatial(path).in_xy()
 
 
@@ -86,7 +86,7 @@ def read_spatial(path: Path) -> SpatialTrajectory:
 
     The format is told by the header or the first line of numbers. KITTI files carry no time; their
     poses are stamped one second apart from zero. Poses out of order are sorted, of equal stamps
-    the first is kept, and rows with a number that is not finite are left out; each is warned of.
+    the first is kept, and rows with a number that is not finite are dropped, each with a warning.
 
     Raises
     ------

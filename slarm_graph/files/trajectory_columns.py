@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which column of a trajectory file means what: by its header, or by the format's custom."""
+"""Columns of a trajectory file, by its header or by the format's convention."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ Row = tuple[int, tuple[float, ...]]
 
 @dataclass(frozen=True, slots=True)
 class Columns:
-    """Where a row of numbers has what.
+    """The meaning of the columns of a table.
 
     Parameters
     ----------
     count : int
-        Numbers that a row has at least.
+        Least number of columns.
     stamp : tuple of int
         The stamp, or seconds and nanoseconds; empty where rows carry no time.
     places : tuple of int
@@ -49,9 +49,9 @@ class Columns:
     turn : tuple of int
         Quaternion x, y, z, w; or the yaw alone; empty for a matrix.
     words : str
-        What is expected, for people.
+        Expected columns, for messages.
     exact : bool
-        Whether more numbers are a mistake.
+        Whether more columns are an error.
     """
 
     count: int
@@ -126,7 +126,7 @@ def _of_matrix(m: Sequence[float]) -> tuple[float, ...]:
 
 
 def columns_by_custom(words: Sequence[str], *, commas: bool) -> Columns:
-    """Tell the format by the first line of numbers: KITTI, EuRoC (with commas) or TUM.
+    """Recognise the format by the first line of numbers: KITTI, EuRoC (with commas) or TUM.
 
     Raises
     ------
@@ -161,7 +161,7 @@ def _is_of_euroc(words: Sequence[str]) -> bool:
 
 
 def columns_by_header(names: Sequence[str]) -> Columns | None:
-    """Tell the columns by their names; None where they do not name a stamped pose."""
+    """Find the columns by their names; None where they do not name a stamped pose."""
     plain = [re.sub(r"[\[(].*?[\])]", "", name).strip().lower().lstrip("#% ") for name in names]
     stamp, nano, yaw = (_first(plain, pattern) for pattern in (_STAMP, _NANO_PART, _YAW))
     turn = _axes(plain, _TURN)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""How sure a trajectory is of its poses, as `trajectory_covariance.npz`."""
+"""Covariances of a trajectory's poses as `trajectory_covariance.npz`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class TrajectoryCovariance:
     Parameters
     ----------
     stamps_ns : (N,) int64
-        The trajectory's.
+        Stamps of the trajectory.
     covariances : (N, 3, 3) float64
         Of (x, y, theta) in the robot's own frame at each pose [m^2, m rad, rad^2].
     """
@@ -35,7 +35,7 @@ class TrajectoryCovariance:
 
 
 def write_trajectory_covariance(path: Path, known: TrajectoryCovariance) -> None:
-    """Write stamps and covariances, with their frame and units in words."""
+    """Write stamps and covariances, with their frame and units as text."""
     write_npz(
         path,
         (

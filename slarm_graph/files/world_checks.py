@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is wrong with a world before anything is driven or drawn in it."""
+"""Checks of a world before it is used."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from slarm_graph.world import Solid, WorldMap
 
 
 def world_problems(world: WorldMap) -> tuple[str, ...]:
-    """Everything for which a world cannot be used, one line each; nothing for a sound one.
+    """Return all errors of a world, one line each; it cannot be used with any.
 
     Polygons that cross themselves, access points of equal name, and a start outside the boundary
     or inside a solid.
@@ -49,7 +49,7 @@ def _start_problems(world: WorldMap) -> list[str]:
 
 
 def world_warnings(world: WorldMap) -> tuple[str, ...]:
-    """What may be meant otherwise than it is written, one line each; the world can be used."""
+    """Return probable mistakes in a world, one line each; it can be used all the same."""
     warnings = [] if world.access_points else ["no access points: there will be no radio map"]
     for ap in world.access_points:
         warnings += misplaced(ap, world)
@@ -57,7 +57,7 @@ def world_warnings(world: WorldMap) -> tuple[str, ...]:
 
 
 def misplaced(ap: AccessPoint, world: WorldMap) -> list[str]:
-    """Say when an access point hangs where none can: in a solid, above the ceiling, outside."""
+    """Return why an access point cannot be there (in a solid, too high, outside); else empty."""
     place = np.array([ap.x_m, ap.y_m])
     name = f"access point {brief(ap.name, 30)}"
     told = []
@@ -75,7 +75,7 @@ def misplaced(ap: AccessPoint, world: WorldMap) -> list[str]:
 
 
 def _solid_around(place: Floats, z_m: float, solids: tuple[Solid, ...]) -> Solid | None:
-    """The solid that a point is inside of, at a height below its top."""
+    """Return the solid that contains a point below its top, if any."""
     return next(
         (s for s in solids if s.height_m > z_m and bool(contains(s.corners_m, place))), None
     )

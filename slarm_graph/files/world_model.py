@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What the YAML file of a world may hold: a boundary, walls, boxes and polygons, access points."""
+"""The schema of a world's YAML file: boundary, walls, boxes, polygons, access points."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field, model_validator
 from slarm_graph.config import Stage
 
 MAX_M = 100_000.0
-"""Farthest place from the origin and longest side [m]: at a cell of 0.05 m, float32 coordinates
+"""Largest coordinate and longest side [m]: at a cell of 0.05 m, float32 coordinates
 still tell neighbouring cells apart."""
 MAX_SOLIDS = 5_000
 """Solids of a world, wall pieces counted one by one; a simulated scan and the truth of the map look
@@ -57,7 +57,7 @@ class WallModel(Stage):
 
 
 class BoxModel(Stage):
-    """A rectangle filled up to its height."""
+    """A solid rectangle with a height."""
 
     name: Name = "box"
     center_m: Point
@@ -67,7 +67,7 @@ class BoxModel(Stage):
 
 
 class PolygonModel(Stage):
-    """A simple polygon filled up to its height."""
+    """A solid simple polygon with a height."""
 
     name: Name = "polygon"
     corners_m: tuple[Point, ...] = Field(min_length=3)
@@ -75,7 +75,7 @@ class PolygonModel(Stage):
 
 
 class AccessPointModel(Stage):
-    """Where an access point hangs, and how it sends."""
+    """Position, power and frequency of an access point."""
 
     name: Name
     x_m: Number
@@ -86,7 +86,7 @@ class AccessPointModel(Stage):
 
 
 class StartModel(Stage):
-    """Where the robot starts."""
+    """Start pose of the robot."""
 
     x_m: Number
     y_m: Number
@@ -108,7 +108,7 @@ class WorldModel(Stage):
     @model_validator(mode="before")
     @classmethod
     def _not_too_many(cls, content: object) -> object:
-        """Count before anything is looked at."""
+        """Limit the number of solids before they are validated."""
         if isinstance(content, dict):
             parts = (content.get(key) for key in ("walls", "boxes", "polygons"))
             count = sum(_pieces(part) for part in parts)
@@ -118,7 +118,7 @@ class WorldModel(Stage):
 
 
 def _pieces(part: object) -> int:
-    """Solids that a list of the file stands for: a wall has one for every piece of its line."""
+    """Return the number of solids of a list in the file: a wall has one per piece of its line."""
     if not isinstance(part, list):
         return 0
     lines = [item.get("line_m") for item in part if isinstance(item, dict)]

@@ -37,22 +37,22 @@ _PLAIN = {
     "tuple_type": "Input should be a list",
     "model_type": "Input should be keys and values",
 }
-"""Instead of pydantic's words, by the type of its error."""
+"""Messages instead of pydantic's, by type of its error."""
 
 
 def shipped_worlds() -> tuple[str, ...]:
-    """Names of the worlds that come with the package."""
+    """Return the names of the shipped worlds."""
     folder = resources.files("slarm_graph") / "worlds"
     return tuple(sorted(f.name[:-5] for f in folder.iterdir() if f.name.endswith(".yaml")))
 
 
 def world_path(name: str) -> Path:
-    """Return the file of a world that comes with the package."""
+    """Return the file of a shipped world."""
     return Path(str(resources.files("slarm_graph") / "worlds" / f"{name}.yaml"))
 
 
 def load_world(name_or_path: str | Path) -> WorldMap:
-    """Read a world from a YAML file, or one that comes with the package by its name.
+    """Read a world from a YAML file, or a shipped one by its name.
 
     A map_server map (`map.yaml` with its image) is a world too: its solids are as high as the
     ceiling, and the robot starts at the widest place.
@@ -78,7 +78,7 @@ def load_world(name_or_path: str | Path) -> WorldMap:
 def is_world_file(path: Path) -> bool:
     """Whether a file describes a world, or a map that can be driven through like one.
 
-    A damaged one counts by the words in it, so that it is told what is wrong with the world.
+    A damaged file is recognised by its words, so that the errors of the world are reported.
     """
     if path.suffix not in (".yaml", ".yml") or not path.is_file():
         return False
@@ -103,7 +103,7 @@ def world_from_yaml(text: str, where: str = "world") -> WorldMap:
     Raises
     ------
     BadInput
-        Naming all that is wrong at once.
+        With all errors at once.
     """
     document = parse_yaml(text, where)
     if not isinstance(document.content, dict):

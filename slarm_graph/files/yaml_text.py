@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""The one YAML reader: plain values only, within bounds, every key with its line.
+"""Bounded YAML reader for untrusted files: plain values only, with the line of every key.
 
-Values are built from the parser's events and not by a loader, because loaders build first and
-complain later: aliases that stand for billions of values, nesting deeper than the stack, tags that
-name Python objects.
+Values are built from the parser's events and not by a loader, because loaders build first and check
+later: aliases that stand for billions of values, nesting deeper than the stack, tags that name
+Python objects.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _STRING = "tag:yaml.org,2002:str"
 
 @dataclass(frozen=True, slots=True)
 class YamlDocument:
-    """What a YAML text says.
+    """The content of a YAML text.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def parse_yaml(text: str, where: str) -> YamlDocument:
 
 
 def _reason(error: yaml.YAMLError) -> str:
-    """What is wrong and where, without the text around it."""
+    """Return the error and its place, without the surrounding text."""
     mark = getattr(error, "problem_mark", None)
     problem = getattr(error, "problem", None) or str(error)
     told = brief(str(problem), 100)
@@ -205,7 +205,7 @@ class _Builder:
         )
 
     def _dotted(self) -> str | None:
-        """The dotted key at which the next value stands; None below a list."""
+        """Return the dotted key of the next value; None below a list."""
         if not self._stack:
             return ""
         top = self._stack[-1]
@@ -222,7 +222,7 @@ class _Builder:
 
 
 def _resolved(text: str) -> object:
-    """Null, a truth value or a number where a plain text is one by YAML's rules, else the text."""
+    """Return a plain text as null, truth value or number by YAML's rules, else as text."""
     resolvers = yaml.SafeLoader.yaml_implicit_resolvers.get(text[:1], [])
     for tag, pattern in resolvers:
         if tag in _PLAIN and pattern.match(text):

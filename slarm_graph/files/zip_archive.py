@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""ZIP archives whose files are deflated as they come; long runs of one value cost next to nothing.
+"""Streaming writer of ZIP archives that compresses long runs of one value at almost no cost.
 
 Layers of a large site are mostly blank. The standard library deflates 0.7 GB of zeros a second, ten
-layers of a square kilometre 20 s; here a run that was met before is copied as it was deflated then,
+layers of a square kilometre 20 s; here the deflated bytes of an earlier equal run are copied,
 and its checksum is composed (zlib's crc32_combine). Format: PKWARE APPNOTE 6.3.9, with 64-bit
 sizes; RFC 1951.
 """
@@ -19,16 +19,16 @@ from types import TracebackType
 from typing import IO, Final, NamedTuple
 
 _LEVEL: Final = 1
-"""Of zlib. On the map of a large site level 6, numpy's own, takes three times as long for a file a
-third smaller."""
+"""Compression level of zlib. On the map of a large site level 6, numpy's own, takes three
+times as long for a file a third smaller."""
 _POLYNOMIAL: Final = 0xEDB88320
 """Of CRC-32, bits reversed (ISO 3309)."""
 _ONE: Final = 1 << 31
 """x^0 in that order of bits."""
 _VERSION: Final = 45
-"""Of the format, the first with 64-bit sizes."""
+"""Version of the format, the first with 64-bit sizes."""
 _ELSEWHERE: Final = 0xFFFFFFFF
-"""Stands for a size that the 64-bit field has."""
+"""Marks a size that is in the 64-bit field."""
 _FIRST_DAY: Final = (0, 33)
 """Time and date of files, 1 January 1980: the same input makes the same archive."""
 _MANY_RUNS: Final = 256
@@ -36,7 +36,7 @@ _MANY_RUNS: Final = 256
 
 
 class _Entry(NamedTuple):
-    """What the directory at the end says of a file."""
+    """An entry of the central directory."""
 
     name: bytes
     checksum: int
@@ -46,7 +46,7 @@ class _Entry(NamedTuple):
 
 
 class ZipArchive:
-    """An archive that is written from begin to end, closed by `with`.
+    """An archive that is written sequentially, closed by `with`.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class ZipArchive:
         self._entries.append(entry)
 
     def _end(self) -> None:
-        """Write the directory."""
+        """Write the central directory."""
         begin, count = self._file.tell(), len(self._entries)
         for entry in self._entries:
             self._file.write(_directory_entry(entry))
@@ -101,7 +101,7 @@ class ZipArchive:
 
 
 class Deflated:
-    """Deflates what it is given.
+    """A stream that deflates its input.
 
     Parameters
     ----------
@@ -129,13 +129,13 @@ class Deflated:
         self.size += len(value) * count
 
     def end(self) -> None:
-        """Write what is still held back."""
+        """Flush the compressor."""
         self._file.write(self._packer.flush())
 
 
 @lru_cache(maxsize=_MANY_RUNS)
 def _run(value: bytes, count: int) -> tuple[bytes, int, int]:
-    """Deflate a value so many times: bytes, checksum, and what moves one so far along."""
+    """Return a deflated run: its bytes, checksum, and the factor that shifts a checksum past it."""
     packer, data = zlib.compressobj(_LEVEL, zlib.DEFLATED, -15), value * count
     packed = packer.compress(data) + packer.flush(zlib.Z_FULL_FLUSH)
     return packed, zlib.crc32(data), _power(8 * len(data))
@@ -163,7 +163,7 @@ def _power(exponent: int) -> int:
 
 
 def _local_header(entry: _Entry) -> bytes:
-    """Header before a file's data."""
+    """Return the header before a file's data."""
     head = 0x04034B50, _VERSION, 0, zlib.DEFLATED, *_FIRST_DAY, entry.checksum
     sizes = _ELSEWHERE, _ELSEWHERE, len(entry.name), 20
     wide = struct.pack("<HHQQ", 1, 16, entry.size, entry.packed)
@@ -171,7 +171,7 @@ def _local_header(entry: _Entry) -> bytes:
 
 
 def _directory_entry(entry: _Entry) -> bytes:
-    """The same in the directory, with where the file is."""
+    """Return the entry of the central directory, with the file's offset."""
     head = 0x02014B50, _VERSION, _VERSION, 0, zlib.DEFLATED, *_FIRST_DAY, entry.checksum
     sizes = _ELSEWHERE, _ELSEWHERE, len(entry.name), 28, 0, 0, 0, 0, _ELSEWHERE
     wide = struct.pack("<HHQQQ", 1, 24, entry.size, entry.packed, entry.offset)

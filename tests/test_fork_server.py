@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 from test_cli import room_bag
 
-from slarm_graph.app.template import PROGRAM, Forked, Template
+from slarm_graph.app.fork_server import PROGRAM, ForkedProcess, ForkServer
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nothing is forked")
 
@@ -26,23 +26,23 @@ _DRIVE = ("explore", "--set", "explore.driving.speed_m_s=0.01", "--out")
 
 
 @pytest.fixture(scope="module")
-def template() -> Iterator[Template]:
-    with closing(Template()) as made:
+def server() -> Iterator[ForkServer]:
+    with closing(ForkServer()) as made:
         yield made
 
 
-def begun(template: Template, *words: object) -> Forked:
-    process = template.started([str(word) for word in words])
-    assert isinstance(process, Forked)
+def begun(server: ForkServer, *words: object) -> ForkedProcess:
+    process = server.start([str(word) for word in words])
+    assert isinstance(process, ForkedProcess)
     return process
 
 
 def test_a_forked_run_is_the_run_of_a_process_of_its_own(
-    tmp_path: Path, template: Template
+    tmp_path: Path, server: ForkServer
 ) -> None:
     words = ("run", room_bag(tmp_path / "a.bag", 8), "--out", tmp_path, "--name")
     subprocess.run([*map(str, (*PROGRAM, *words, "own"))], check=True, capture_output=True)
-    process = begun(template, *words, "forked")
+    process = begun(server, *words, "forked")
     process.communicate(60.0)
     assert process.returncode == 0
     for name in ("trajectory.tum", "map.pgm", "scans.csv"):
@@ -50,20 +50,20 @@ def test_a_forked_run_is_the_run_of_a_process_of_its_own(
         assert own.read_bytes() == forked.read_bytes()
 
 
-def test_a_failure_is_told(template: Template) -> None:
-    process = begun(template, "run", "/no/such.bag")
+def test_a_failure_is_told(server: ForkServer) -> None:
+    process = begun(server, "run", "/no/such.bag")
     _, errors = process.communicate(60.0)
     assert (process.returncode, errors) == (2, "slarm: no such file: /no/such.bag\n")
     process.send_signal(signal.SIGKILL)  # nobody is there any more
 
 
-def test_a_template_that_nobody_needs_is_gone_at_once(tmp_path: Path) -> None:
+def test_a_fork_server_that_nobody_needs_is_gone_at_once(tmp_path: Path) -> None:
     """It does not take down what it imported: that lasts seconds."""
     mark = tmp_path / "taken down"
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     code = (
         f"import atexit, pathlib, socket; atexit.register(pathlib.Path({str(mark)!r}).touch)\n"
-        "from slarm_graph.app.template import _serve\n"
+        "from slarm_graph.app.fork_server import _serve\n"
         f"_serve(socket.socket(fileno={theirs.fileno()}))"
     )
     with theirs:
@@ -73,9 +73,9 @@ def test_a_template_that_nobody_needs_is_gone_at_once(tmp_path: Path) -> None:
     assert not mark.exists()
 
 
-def test_a_killed_run_ends_alone(tmp_path: Path, template: Template) -> None:
-    other = begun(template, *_DRIVE, tmp_path / "other")
-    process = begun(template, *_DRIVE, tmp_path)
+def test_a_killed_run_ends_alone(tmp_path: Path, server: ForkServer) -> None:
+    other = begun(server, *_DRIVE, tmp_path / "other")
+    process = begun(server, *_DRIVE, tmp_path)
     with pytest.raises(subprocess.TimeoutExpired):
         process.communicate(0.01)
     process.send_signal(signal.SIGKILL)
@@ -86,14 +86,14 @@ def test_a_killed_run_ends_alone(tmp_path: Path, template: Template) -> None:
     other.communicate(60.0)
 
 
-def test_a_killed_template_takes_nothing_along_and_is_replaced(tmp_path: Path) -> None:
-    with closing(Template()) as template:
-        first = begun(template, *_DRIVE, tmp_path)
-        assert template._begun is not None
-        process, _ = template._begun
+def test_a_killed_fork_server_takes_nothing_along_and_is_replaced(tmp_path: Path) -> None:
+    with closing(ForkServer()) as server:
+        first = begun(server, *_DRIVE, tmp_path)
+        assert server._running is not None
+        process, _ = server._running
         process.kill()
         process.wait()
-        second = begun(template, "run", "/no/such.bag")
+        second = begun(server, "run", "/no/such.bag")
         second.communicate(60.0)
         assert second.returncode == 2
         assert _lives(first)
@@ -103,8 +103,8 @@ def test_a_killed_template_takes_nothing_along_and_is_replaced(tmp_path: Path) -
 
 def test_a_run_dies_with_the_process_that_asked_for_it(tmp_path: Path) -> None:
     asking = (
-        "from slarm_graph.app.template import Template; import time\n"
-        f"run = Template().started([*{_DRIVE!r}, {str(tmp_path)!r}])\n"
+        "from slarm_graph.app.fork_server import ForkServer; import time\n"
+        f"run = ForkServer().start([*{_DRIVE!r}, {str(tmp_path)!r}])\n"
         "print(run._text.decode(), flush=True); time.sleep(60)"
     )
     with subprocess.Popen([sys.executable, "-c", asking], stdout=subprocess.PIPE) as process:
@@ -118,7 +118,7 @@ def test_a_run_dies_with_the_process_that_asked_for_it(tmp_path: Path) -> None:
     assert not _is_there(pid)
 
 
-def _lives(process: Forked) -> bool:
+def _lives(process: ForkedProcess) -> bool:
     return process.returncode is None and _is_there(int(process._text.split()[0]))
 
 

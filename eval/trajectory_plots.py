@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Figures of evaluated trajectories for print: paths, errors along them, errors by length."""
+"""Plots of evaluated trajectories for print: paths, errors along them, errors by length."""
 
 from __future__ import annotations
 
@@ -27,31 +27,31 @@ from slarm_graph.grid import OccupancyGrid
 
 KINDS = ("png", "pdf", "svg")
 _COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
-"""Okabe and Ito's, which colour-blind people can tell apart."""
+"""Colours of Okabe and Ito, which suit colour-blind people."""
 _DASHES = ("-", "--", "-.", ":")
-"""So that lines stay apart in grey print, too."""
+"""Line styles, which distinguish lines in grey print, too."""
 _WIDTH_IN, _WIDE_IN = 3.5, 7.16
-"""A column and a page of IEEE's journals."""
-_STYLE = Path(__file__).with_name("trajectory_prints.mplstyle")
+"""Widths of a column and a page of IEEE's journals [in]."""
+_STYLE = Path(__file__).with_name("trajectory_plots.mplstyle")
 _DRAWN = 5_000
-"""Points of a line; more than a page has dots across only make files large."""
+"""Most points of a line; more than a page has dots across only make files large."""
 
 Evaluations = Mapping[str, Evaluation]
-MapBelow = tuple[OccupancyGrid, Alignment]
+BackgroundMap = tuple[OccupancyGrid, Alignment]
 """A map, and the motion that brings it into the reference's frame."""
 
 
-def save_prints(
-    folder: Path, evaluations: Evaluations, below: MapBelow | None = None
+def save_plots(
+    folder: Path, evaluations: Evaluations, below: BackgroundMap | None = None
 ) -> list[Path]:
     """Write every figure as PNG, PDF and SVG.
 
     Parameters
     ----------
     folder : Path
-        Made where it is not there.
+        Created if missing.
     evaluations : mapping of str to Evaluation
-        By what to call them; against one reference.
+        By label; all against one reference.
     below : (OccupancyGrid, Alignment), optional
         Drawn below the paths.
     """
@@ -77,14 +77,14 @@ def _thin(points: Floats) -> Floats:
 
 
 def _plain(name: str) -> str:
-    """Return a name that legends do not hide."""
+    """Return a name that matplotlib's legends do not hide."""
     return name.lstrip("_") or "-"
 
 
-def _paths(evaluations: Evaluations, below: MapBelow | None) -> Figure:
+def _paths(evaluations: Evaluations, below: BackgroundMap | None) -> Figure:
     figure = Figure(figsize=(_WIDTH_IN, _WIDTH_IN))
     axes = figure.subplots()
-    _put_map(axes, below)
+    _add_map(axes, below)
     first = next(iter(evaluations.values()))
     truth = _thin(positions(first.pairs.reference))
     axes.plot(truth[:, 0], truth[:, 1], color="#555555", lw=2.6, alpha=0.45, label="reference")
@@ -97,7 +97,7 @@ def _paths(evaluations: Evaluations, below: MapBelow | None) -> Figure:
     return figure
 
 
-def _errors_on_paths(evaluations: Evaluations, below: MapBelow | None) -> Figure:
+def _errors_on_paths(evaluations: Evaluations, below: BackgroundMap | None) -> Figure:
     count = len(evaluations)
     cols = min(count, 2)
     rows = -(-count // cols)
@@ -106,7 +106,7 @@ def _errors_on_paths(evaluations: Evaluations, below: MapBelow | None) -> Figure
     errors = [absolute_errors(e.pairs, e.alignment) for e in evaluations.values()]
     top = max(float(np.quantile(e, 0.99)) for e in errors) or 1.0
     for axes, (name, found), error in zip(panels, evaluations.items(), errors, strict=False):
-        _put_map(axes, below)
+        _add_map(axes, below)
         moved = positions(found.alignment.moved(found.pairs.estimate))[:, :2]
         lines = LineCollection(list(np.stack([moved[:-1], moved[1:]], axis=1)), cmap="viridis")
         lines.set_array(error[1:])
@@ -179,7 +179,7 @@ def _boxes(evaluations: Evaluations) -> Figure:
     return figure
 
 
-def _put_map(axes: Axes, below: MapBelow | None) -> None:
+def _add_map(axes: Axes, below: BackgroundMap | None) -> None:
     if below is None:
         return
     grid, motion = below
@@ -202,7 +202,7 @@ def _put_map(axes: Axes, below: MapBelow | None) -> None:
 
 
 def _as_a_map(axes: Axes, points: Floats) -> None:
-    """Show what the points cover, with a margin, a metre as long up as across."""
+    """Set the axes to the points' extent with a margin, and equal scales."""
     low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
     margin = 0.06 * float((high - low).max()) + 0.2
     axes.set_xlim(low[0] - margin, high[0] + margin)

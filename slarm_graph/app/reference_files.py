@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""What is known to be true of a recording: one rule for `run` and `compare`."""
+"""Files with the ground truth of a recording: one rule for `run` and `compare`."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from pathlib import Path
 from slarm_graph.errors import BadInput
 
 NONE = Path("none")
-"""In place of a file: take none, not even one that lies beside the recording."""
+"""Given instead of a file: use none, not even one beside the recording."""
 
 
 @dataclass(frozen=True, slots=True)
-class KnownTruth:
-    """Files with what is known to be true of a recording.
+class ReferenceFiles:
+    """Files with the ground-truth trajectory and relative poses of a recording.
 
     Parameters
     ----------
     ground_truth, relations : Path or None
     found : tuple of str
-        Which of them were not given but found beside the recording, in words.
+        A notice for each of them that was not given but found beside the recording.
     """
 
     ground_truth: Path | None = None
@@ -30,34 +30,34 @@ class KnownTruth:
     found: tuple[str, ...] = ()
 
     def words(self) -> tuple[str, ...]:
-        """Return the files as words of a command line; those left out on purpose, too."""
+        """Return the files as command-line arguments; `none` for those that there are not."""
         pairs = (("--ground-truth", self.ground_truth), ("--relations", self.relations))
         return tuple(word for option, path in pairs for word in (option, str(path or NONE)))
 
 
-def known_truth(
+def find_references(
     source: Path, ground_truth: Path | None = None, relations: Path | None = None
-) -> KnownTruth:
-    """Take what is given; else a file beside the recording with its name and `.tum`/`.relations`.
+) -> ReferenceFiles:
+    """Use the given files, else those beside the recording: its name with `.tum`/`.relations`.
 
     Parameters
     ----------
     source : Path
         The recording, the first of several.
     ground_truth, relations : Path, optional
-        As given; `none` for none at all.
+        As given; `none`: without.
 
     Raises
     ------
     BadInput
-        When a given file is not there.
+        When a given file does not exist.
     """
     found: list[str] = []
     chosen = [
         _chosen(source, given, suffix, found)
         for given, suffix in ((ground_truth, ".tum"), (relations, ".relations"))
     ]
-    return KnownTruth(chosen[0], chosen[1], tuple(found))
+    return ReferenceFiles(chosen[0], chosen[1], tuple(found))
 
 
 def _chosen(source: Path, given: Path | None, suffix: str, found: list[str]) -> Path | None:
@@ -77,12 +77,12 @@ def _chosen(source: Path, given: Path | None, suffix: str, found: list[str]) -> 
 def one_per_source(
     option: str, given: Sequence[Path] | None, count: int
 ) -> tuple[Path | None, ...]:
-    """Give every source its file: one for all, or one each in the sources' order.
+    """Return a file per source: the same for all, or one each in the sources' order.
 
     Raises
     ------
     BadInput
-        When there is another number of them.
+        When the number of files fits neither.
     """
     if not given:
         return (None,) * count

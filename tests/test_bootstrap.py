@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from slarm_graph.eval.resampling import mean_interval, nested_interval, rms_interval
+from slarm_graph.eval.bootstrap import mean_interval, nested_interval, rms_interval
 
 
 def test_intervals_cover_the_truth_as_often_as_they_say() -> None:

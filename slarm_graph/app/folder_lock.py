@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""One process at a time works in a folder; one that has died holds nothing."""
+"""A lock on a folder: one process at a time works in it."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from slarm_graph.errors import BadInput
 
 try:
     import fcntl
-except ImportError:  # Windows: folders are not claimed there
+except ImportError:  # Windows: folders are not locked there
     fcntl = None  # type: ignore[assignment]
 
 
-class FolderClaim:
-    """Sole use of a folder while this object lives: a lock on the folder itself.
+class FolderLock:
+    """An exclusive lock on a folder, held while this object lives.
 
-    The system lets go of it when the process ends, however it ends, and leaves no file behind.
+    The system releases it when the process ends, however it ends; there is no lock file.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class FolderClaim:
     Raises
     ------
     BadInput
-        When another process is at work there.
+        When another process holds the lock.
     """
 
     def __init__(self, path: Path) -> None:
@@ -49,7 +49,7 @@ class FolderClaim:
             pass
 
     def is_at(self, path: Path) -> bool:
-        """Whether the claimed folder is still found under its path."""
+        """Whether the locked folder is still found under its path."""
         if self._descriptor is None:
             return path.is_dir()
         try:

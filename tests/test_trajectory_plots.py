@@ -16,7 +16,7 @@ from test_evaluation import noisy, room_drive
 from slarm_graph.eval.alignment import fit
 from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions, evaluate
 from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad, drift
-from slarm_graph.eval.trajectory_prints import MapBelow, save_prints
+from slarm_graph.eval.trajectory_plots import BackgroundMap, save_plots
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.spatial import in_space
 
@@ -25,11 +25,11 @@ def drawn_by(
     evaluations: dict[str, Evaluation],
     folder: Path,
     patch: pytest.MonkeyPatch,
-    below: MapBelow | None = None,
+    below: BackgroundMap | None = None,
 ) -> dict[str, Figure]:
     drawn: dict[str, Figure] = {}
     patch.setattr(Figure, "savefig", lambda self, path, **_: drawn.update({path.stem: self}))
-    save_prints(folder, evaluations, below)
+    save_plots(folder, evaluations, below)
     return drawn
 
 
@@ -164,6 +164,4 @@ def test_a_map_lies_below_the_paths_where_its_alignment_lays_it(
 
 def test_prints_need_no_drift(tmp_path: Path) -> None:
     still = replace(room_drive(20), poses=np.zeros((20, 3)))
-    save_prints(
-        tmp_path, {"still": evaluate(in_space(still), in_space(still), EvaluationOptions())}
-    )
+    save_plots(tmp_path, {"still": evaluate(in_space(still), in_space(still), EvaluationOptions())})

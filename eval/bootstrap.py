@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Bootstrap intervals: how far a figure would move, had other data of the same kind come."""
+"""Bootstrap confidence intervals of means and of root mean squares."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from slarm_graph.geometry import Floats
 
 _REPEATS = 1000
-"""Resamplings; with half as many the ends of an interval shake by about 3 % of its width."""
+"""Resamplings; with half as many the ends of an interval vary by about 3 % of its width."""
 _BLOCKS = 20
-"""Neighbouring errors resemble each other, so that whole stretches are drawn, this many a path.
+"""Neighbouring errors are correlated, so that whole stretches are drawn, this many per path.
 Half as many give unsteady intervals, twice as many too narrow ones where errors drift slowly."""
 _QUANTILES = (0.025, 0.975)
 """Ends of the central 95 %, the usual confidence interval."""
@@ -28,8 +28,8 @@ def mean_interval(values: Floats, *, blocks: int | None = None, seed: int = 0) -
     ----------
     values : (N,) float64
     blocks : int, optional
-        Draw that many circular stretches instead of single values, where neighbours depend on
-        each other.
+        Draw that many circular stretches instead of single values, where neighbours are
+        correlated.
     seed : int
     """
     count = len(values)
@@ -53,8 +53,8 @@ def rms_interval(errors: Floats, seed: int = 0) -> Interval:
 def nested_interval(groups: Sequence[Floats], seed: int = 0) -> Interval:
     """Return the 95 % bootstrap interval of the mean of all values in groups.
 
-    Groups are drawn, then values in each: those of one group (the seeds of one recording) resemble
-    each other and do not count as so many groups. NaN where there is nothing to draw from: one
+    Groups are drawn, then values in each: values of one group (the seeds of one recording) are
+    correlated and do not count as so many groups. NaN where there is nothing to draw from: one
     group whose values are all the same.
 
     Parameters

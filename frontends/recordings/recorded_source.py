@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Put the scans and the odometry of a recording together into readings in time order."""
+"""The source of readings of a recording: its scans with the odometry, in time order."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from slarm_graph.config import SourceConfig
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.frontends.recordings.agreement import disagreement
-from slarm_graph.frontends.recordings.clock import choose_segment, disorder, seconds, silences
+from slarm_graph.frontends.recordings.clock import choose_segment, disorder, gap_notice, seconds
 from slarm_graph.frontends.recordings.mounting import Mounting
-from slarm_graph.frontends.recordings.odometry import OdometryPath, excursions, places
+from slarm_graph.frontends.recordings.odometry import OdometryPath, outliers, places
+from slarm_graph.frontends.recordings.odometry_agreement import disagreement
 from slarm_graph.frontends.recordings.packed import Ints
 from slarm_graph.frontends.recordings.ranges import (
     clean_ranges,
@@ -37,7 +37,7 @@ from slarm_graph.frontends.recordings.scan_rules import (
     too_many_beams,
 )
 from slarm_graph.frontends.recordings.scan_table import (
-    Fates,
+    ScanSelection,
     ScanTable,
     beam_angles,
 )
@@ -46,11 +46,11 @@ from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading, ScanStatus, SourceInfo
 
 MountingAt = Callable[[str, Ints], Sequence[Mounting | None]]
-"""Where the laser of a frame sits at some stamps; None where that is unknown."""
+"""Returns the mounting of a laser frame at stamps; None where it is unknown."""
 
 
 def fixed(mounting: Mounting) -> MountingAt:
-    """Give one place to every laser, at any time."""
+    """Return a function that gives every laser the same mounting at all times."""
     return lambda _frame, stamps_ns: [mounting] * len(stamps_ns)
 
 
@@ -60,7 +60,7 @@ _FROZEN = "repeats an earlier scan to the bit although the robot moves"
 
 
 class RecordedSource:
-    """Readings of a recording; everything is decided when it is built, before the first one.
+    """Readings of a recording; all scans are checked when it is built, before the first reading.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class RecordedSource:
     topic, description : str
         For messages.
     notices : sequence of str
-        What is already known.
+        Notices so far.
 
     Raises
     ------
@@ -93,16 +93,16 @@ class RecordedSource:
     ) -> None:
         self._table, self._config, self._topic = measured(table, config, topic), config, topic
         self._notices = list(notices)
-        self._fates = Fates(len(table))
+        self._selection = ScanSelection(len(table))
         self._sweeps = sweeps(self._table, believed=config.sweep_times)
         self._stamps = self._choose_stamps()
         rows = self._in_time_order()
         self._ranges, self._limits = self._clean(rows)
         self._mountings = self._place(rows, mounting_at)
-        self._rows = rows[self._fates.used[rows]]
+        self._rows = rows[self._selection.used[rows]]
         self._poses, self._known = self._odometry_at(odometry)
         self._drop_frozen()
-        self._judge()
+        self._check_unused()
         self._compared = False
         self._info = SourceInfo(description, len(self._rows), tuple(self._notices))
 
@@ -111,8 +111,8 @@ class RecordedSource:
         return self._info
 
     def scan_statuses(self) -> tuple[ScanStatus, ...]:
-        """Return every recorded scan with its fate, in time order."""
-        order, reasons = np.argsort(self._stamps, kind="stable"), self._fates.reasons
+        """Return the status of every recorded scan, in time order."""
+        order, reasons = np.argsort(self._stamps, kind="stable"), self._selection.reasons
         return tuple(
             ScanStatus(stamp, reasons.get(row, ""))
             for stamp, row in zip(self._stamps[order].tolist(), order.tolist(), strict=True)
@@ -141,7 +141,7 @@ class RecordedSource:
         self._compare()
 
     def _compare(self) -> None:
-        """Once, tell when scans and odometry contradict each other throughout."""
+        """Check once whether scans and odometry agree, and add a notice where they do not."""
         if self._compared:
             return
         self._compared = True
@@ -159,13 +159,13 @@ class RecordedSource:
         return self._mountings[row].scan(ranges_m, *self._limits[row].tolist())
 
     def _choose_stamps(self) -> Ints:
-        """Header stamps of the first beam, or record times when the sensor never set its clock."""
+        """Return stamps of the first beam; record times where header stamps were never set."""
         stamps = self._table.stamp_ns
         if len(stamps) and not stamps.any():
             self._notices.append(f"all stamps in {self._topic} are 0: using the time of recording")
             return self._table.record_ns
-        self._fates.drop(np.flatnonzero(stamps == 0), "stamp is 0")
-        self._fates.drop(np.flatnonzero(far_off(stamps)), "stamp is more than a week off")
+        self._selection.drop(np.flatnonzero(stamps == 0), "stamp is 0")
+        self._selection.drop(np.flatnonzero(far_off(stamps)), "stamp is more than a week off")
         if self._sweeps.ignored.any():
             self._notices.append(f"warning: {self._sweeps.describe()}; {SWEEPS_IGNORED}")
         share = {"first": 0.0, "middle": 0.5, "last": 1.0}[self._config.stamp_at]
@@ -178,19 +178,19 @@ class RecordedSource:
 
     def _in_time_order(self) -> Ints:
         """Return the rows still in use, sorted by stamp, each stamp once."""
-        rows = np.flatnonzero(self._fates.used)
+        rows = np.flatnonzero(self._selection.used)
         start, stop = choose_segment(self._stamps[rows], self._config.segment, "scan")
         elsewhere = f"not in segment {self._config.segment}"
-        self._fates.drop(np.concatenate([rows[:start], rows[stop:]]), elsewhere)
+        self._selection.drop(np.concatenate([rows[:start], rows[stop:]]), elsewhere)
         rows = rows[start:stop]
         self._notices += disorder(self._stamps[rows]).describe("scans")
         rows = rows[np.argsort(self._stamps[rows], kind="stable")]
         steps = np.diff(self._stamps[rows])
         for number in np.flatnonzero(steps == 0).tolist():
             first, second = rows[number : number + 2].tolist()
-            self._fates.drop([second], self._repetition(first, second))
-        self._notices += silences(self._stamps[rows], steps)
-        return rows[self._fates.used[rows]]
+            self._selection.drop([second], self._repetition(first, second))
+        self._notices += gap_notice(self._stamps[rows], steps)
+        return rows[self._selection.used[rows]]
 
     def _repetition(self, first: int, second: int) -> str:
         one, other = self._table.recorded(first), self._table.recorded(second)
@@ -198,7 +198,7 @@ class RecordedSource:
         return "duplicate of the scan before" if same else "same stamp as another scan"
 
     def _clean(self, rows: Ints) -> tuple[list[NDArray[np.float32]], Floats]:
-        """Apply REP-117; scans without limits or without returns are left out.
+        """Clean ranges by REP-117; scans without limits or without returns are dropped.
 
         Returns
         -------
@@ -224,12 +224,12 @@ class RecordedSource:
         )
         limits[:, 2] = self._sweeps.beam_period_s
         returns = self._table.flat([count_returns(part) for part in ranges])
-        self._fates.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
-        self._fates.drop(rows[np.isnan(limits[rows, 1])], "no angle between beams")
+        self._selection.drop(rows[np.isnan(limits[rows, 4])], "range limits leave no range")
+        self._selection.drop(rows[np.isnan(limits[rows, 1])], "no angle between beams")
         crowded = self._table.flat([np.full(len(b), too_many_beams(b)) for b in blocks])
-        self._fates.drop(rows[crowded[rows]], "more beams than any lidar has")
+        self._selection.drop(rows[crowded[rows]], "more beams than any lidar has")
         self._drop_empty(rows, rows[returns[rows] == 0])
-        if few := too_few_beams(returns[rows[self._fates.used[rows]]]):
+        if few := too_few_beams(returns[rows[self._selection.used[rows]]]):
             self._notices.append(f"warning: {self._topic}: {few}")
         if walls := at_the_limit(blocks, ranges):
             self._notices.append(f"warning: {self._topic}: {walls}; {AT_THE_LIMIT}")
@@ -238,16 +238,16 @@ class RecordedSource:
     def _drop_empty(self, rows: Ints, empty: Ints) -> None:
         for row in empty.tolist():
             holds = describe_emptiness(self._table.recorded(row))
-            self._fates.drop([row], f"no valid beam ({holds})")
+            self._selection.drop([row], f"no valid beam ({holds})")
         if len(empty) > MAX_EMPTY_SHARE * len(rows):
             first = int(empty[0])
             raise BadInput(
                 f"{self._topic}: {len(empty)} of {count_of(len(rows), 'scan')} without a return;"
-                f" first: scan t={seconds(self._stamps[first])}: {self._fates.reasons[first]}"
+                f" first: scan t={seconds(self._stamps[first])}: {self._selection.reasons[first]}"
             )
 
     def _place(self, rows: Ints, mounting_at: MountingAt) -> list[Mounting]:
-        """Find where the laser sat at every scan; one unknown frame among others is no reason."""
+        """Find the laser's mounting at every scan; one unknown frame among others is no reason."""
         mountings = [Mounting()] * len(self._table)
         refused: list[BadInput] = []
         frames = {name: rows[np.isin(rows, some)] for name, some in self._table.frames().items()}
@@ -257,11 +257,11 @@ class RecordedSource:
                 found = mounting_at(frame, self._stamps[some])
             except BadInput as error:
                 refused.append(error)
-                self._fates.drop(some, str(error))
+                self._selection.drop(some, str(error))
                 continue
             for row, mounting in zip(some.tolist(), found, strict=True):
                 if mounting is None:
-                    self._fates.drop([row], f"no transform from {frame} at its stamp")
+                    self._selection.drop([row], f"no transform from {frame} at its stamp")
                 else:
                     mountings[row] = mounting
             self._notices += next((m.describe(frame) for m in found if m is not None), [])
@@ -297,7 +297,7 @@ class RecordedSource:
         """Poses (M, 3) logged with the scans in time order, and which of them can be true, (M,)."""
         known = places(poses)
         rows = np.flatnonzero(known)
-        known[rows[excursions(self._stamps[self._rows][rows], poses[rows])]] = False
+        known[rows[outliers(self._stamps[self._rows][rows], poses[rows])]] = False
         if not known.all():
             count = np.count_nonzero(~known)
             self._notices.append(
@@ -306,9 +306,9 @@ class RecordedSource:
         return np.where(known[:, None], poses, 0.0), known
 
     def _drop_frozen(self) -> None:
-        """Leave out scans that repeat an earlier one although the odometry moves.
+        """Drop scans that repeat an earlier one although the odometry moves.
 
-        Where all are one and the same there is nothing else to go by: that is only told.
+        Where all scans are equal there is only a notice.
         """
         first = repeats(self._table, self._rows)
         self._stuck = len(first) > 2 and not first.any()
@@ -316,13 +316,13 @@ class RecordedSource:
             self._notices.append("warning: the scan data never change; is the laser driver stuck?")
             return
         stuck = frozen(first, self._poses, self._known)
-        self._fates.drop(self._rows[stuck], _FROZEN)
+        self._selection.drop(self._rows[stuck], _FROZEN)
         self._rows, self._poses = self._rows[~stuck], self._poses[~stuck]
         self._known = self._known[~stuck]
 
-    def _judge(self) -> None:
-        """Count what is not used; too much of it is bad input."""
-        counts = self._fates.counts()
+    def _check_unused(self) -> None:
+        """Warn of unused scans; raise BadInput when they are too many."""
+        counts = self._selection.counts()
         elsewhere = sum(n for reason, n in counts.items() if reason.startswith("not in segment"))
         total = len(self._table) - elsewhere
         unused = sum(counts.values()) - elsewhere - counts[_FROZEN]

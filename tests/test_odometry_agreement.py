@@ -14,8 +14,8 @@ import pytest
 
 from slarm_graph.config import LidarConfig, SimulationConfig, SourceConfig
 from slarm_graph.files.worlds import load_world
-from slarm_graph.frontends.recordings.agreement import disagreement
 from slarm_graph.frontends.recordings.check import check
+from slarm_graph.frontends.recordings.odometry_agreement import disagreement
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld
 from slarm_graph.geometry import Pose2

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A process that dies with the one that started it, however that one ends.
+"""Child processes that exit with their parent, however the parent ends.
 
-The starter holds the other end of the process's standard input and never writes to it. When the
-starter is gone, killed or not, the system closes that end and the process reads the end of it.
+The parent holds the other end of the child's standard input and never writes to it. When the parent
+is gone, killed or not, the system closes that end and the child reads end of file.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from collections.abc import Sequence
 _TIED = "SLARM_TIED_TO_STDIN"
 
 
-def started_tied(command: Sequence[str]) -> subprocess.Popen[str]:
-    """Start a process in a session of its own: Ctrl-C does not reach it by itself."""
+def start_child(command: Sequence[str]) -> subprocess.Popen[str]:
+    """Start a child in a session of its own: Ctrl-C on the terminal does not reach it."""
     theirs, ours = os.pipe()
     try:
         process = subprocess.Popen(
@@ -29,7 +29,7 @@ def started_tied(command: Sequence[str]) -> subprocess.Popen[str]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
             text=True,
-            env=tied_environment(),
+            env=child_environment(),
             start_new_session=True,
         )
     except BaseException:
@@ -41,15 +41,15 @@ def started_tied(command: Sequence[str]) -> subprocess.Popen[str]:
     return process
 
 
-def tied_environment() -> dict[str, str]:
-    """Return the environment of a process that `die_with_starter` ties to its starter."""
+def child_environment() -> dict[str, str]:
+    """Return the environment of a child in which `exit_with_parent` takes effect."""
     return {**os.environ, "PYTHONUNBUFFERED": "1", _TIED: "1"}
 
 
-def die_with_starter() -> None:
-    """Kill this process as soon as the one that started it tied is gone; else do nothing."""
+def exit_with_parent() -> None:
+    """Kill this process as soon as its parent is gone, when `start_child` started it."""
     if os.environ.pop(_TIED, ""):
-        threading.Thread(target=_wait, daemon=True, name="tied to its starter").start()
+        threading.Thread(target=_wait, daemon=True, name="exit with parent").start()
 
 
 def _wait() -> None:

@@ -1,9 +1,9 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""A process that has everything imported and forks itself for every run that is wished.
+"""A fork server: a process with all modules imported that forks itself for every run.
 
-A run is a process of its own all the same: it ends alone, and it dies with the one that asked for
-it, as in `tied`. Only Linux: elsewhere libraries do not bear to be forked.
+Each run is a process of its own: it ends alone, and it dies with the process that asked for it, as
+in `child_process`. Linux only: elsewhere libraries do not survive a fork.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from collections.abc import Sequence
 from threading import Lock
 from typing import BinaryIO, NoReturn
 
-from slarm_graph.app.tied import started_tied, tied_environment
+from slarm_graph.app.child_process import child_environment, start_child
 
 PROGRAM = (sys.executable, "-m", "slarm_graph")
-"""How `slarm` is called by this very Python."""
+"""The command `slarm` in this Python interpreter."""
 _MODULES = (
     "slarm_graph.app.cli_run",
     "slarm_graph.app.cli_output",
     "slarm_graph.app.execution",
-    "slarm_graph.app.known_truth",
+    "slarm_graph.app.reference_files",
     "slarm_graph.backends.gmapping",
     "slarm_graph.backends.pose_graph",
     "slarm_graph.exploration.ggmr_plus",
@@ -43,36 +43,36 @@ _MODULES = (
     "plotly.graph_objects",
     "scipy.optimize",
 )
-"""What nearly every run imports by and by, with the libraries below it."""
+"""Modules that nearly every run imports, with the libraries that they import."""
 _MOST_BYTES = 1 << 16
-"""Of a run's command line; a datagram of twice that still fits into Linux's socket buffers."""
+"""Longest command line of a run; a datagram of twice that fits into Linux's socket buffers."""
 
 
-class Forked:
-    """A process forked from a template, with what is used of a `subprocess.Popen`.
+class ForkedProcess:
+    """A process forked by the server, with the methods used of `subprocess.Popen`.
 
     Parameters
     ----------
-    life : int
-        Our end of what is its standard input: it dies when that is closed.
-    told : int
-        Where its number is told, and once it has ended its exit code.
+    stdin_end : int
+        Our end of the pipe to its standard input: it dies when this is closed.
+    status_end : int
+        Pipe from which its process id is read, and once it has ended its exit code.
     errors : binary file
         Its standard error.
 
     Raises
     ------
     OSError
-        When nobody tells its number.
+        When the server has ended before it sent the process id.
     """
 
-    def __init__(self, life: int, told: int, errors: BinaryIO) -> None:
-        self._life, self._told, self._errors = life, told, errors
+    def __init__(self, stdin_end: int, status_end: int, errors: BinaryIO) -> None:
+        self._stdin, self._status, self._errors = stdin_end, status_end, errors
         self._text = b""
         self.returncode: int | None = None
         while b" " not in self._text:
-            if not self._heard():
-                self._let_go()
+            if not self._read_status():
+                self._close()
                 errors.close()
                 raise OSError("the process that runs are forked from has ended")
 
@@ -85,81 +85,81 @@ class Forked:
             When it has not ended after so long [s].
         """
         while self.returncode is None:
-            if not select.select([self._told], [], [], timeout)[0]:
+            if not select.select([self._status], [], [], timeout)[0]:
                 raise subprocess.TimeoutExpired("slarm", timeout)
-            if not self._heard():
+            if not self._read_status():
                 self._end()
         with self._errors:
             self._errors.seek(0)
             return None, self._errors.read().decode(errors="replace")
 
     def send_signal(self, number: int) -> None:
-        """Send it a signal as long as it lives."""
+        """Send a signal, unless the process has ended."""
         pid, *ended = self._text.split()
         if not ended:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(int(pid), number)
 
-    def _heard(self) -> bytes:
-        part = os.read(self._told, 64)
+    def _read_status(self) -> bytes:
+        part = os.read(self._status, 64)
         self._text += part
         return part
 
     def _end(self) -> None:
-        """Take note of the exit code, and let go of a process that nobody watches any more."""
+        """Store the exit code and close the pipes."""
         _, *ended = self._text.split()
         self.returncode = int(ended[0]) if ended else -signal.SIGKILL
-        self._let_go()
+        self._close()
 
-    def _let_go(self) -> None:
-        os.close(self._life)
-        os.close(self._told)
+    def _close(self) -> None:
+        os.close(self._stdin)
+        os.close(self._status)
 
 
-class Template:
-    """Starts runs of `slarm`, forked from one process that is begun when the first is wished."""
+class ForkServer:
+    """Starts runs of `slarm`, forked from one process that is started with the first run."""
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._begun: tuple[subprocess.Popen[bytes], socket.socket] | None = None
+        self._running: tuple[subprocess.Popen[bytes], socket.socket] | None = None
 
-    def started(self, words: Sequence[str]) -> Forked | subprocess.Popen[str]:
-        """Start `slarm WORDS...` as `started_tied` does; as it itself does where forks fail."""
+    def start(self, words: Sequence[str]) -> ForkedProcess | subprocess.Popen[str]:
+        """Start `slarm WORDS...` in a forked process; by `start_child` where that fails."""
         if sys.platform == "linux":
             with contextlib.suppress(OSError):
                 return self._forked(words)
-        return started_tied([*PROGRAM, *words])
+        return start_child([*PROGRAM, *words])
 
-    def _forked(self, words: Sequence[str]) -> Forked:
-        (theirs, life), (told, tell) = os.pipe(), os.pipe()
+    def _forked(self, words: Sequence[str]) -> ForkedProcess:
+        (theirs, stdin_end), (status_end, status_writer) = os.pipe(), os.pipe()
         errors = tempfile.TemporaryFile()  # noqa: SIM115 - the run writes it after this
         try:
-            self._send(json.dumps(list(words)).encode(), (theirs, errors.fileno(), tell))
+            self._send(json.dumps(list(words)).encode(), (theirs, errors.fileno(), status_writer))
         finally:
             os.close(theirs)
-            os.close(tell)
-        return Forked(life, told, errors)
+            os.close(status_writer)
+        return ForkedProcess(stdin_end, status_end, errors)
 
     def _send(self, message: bytes, ends: tuple[int, ...]) -> None:
-        """Hand a run to the template, to a new one where there is none or it has been killed."""
+        """Send a run to the server process, which is started where it is not running."""
         with self._lock:
-            if self._begun is None or self._begun[0].poll() is not None:
+            if self._running is None or self._running[0].poll() is not None:
                 self.close()
-                self._begun = _begun()
-            socket.send_fds(self._begun[1], [message], ends)
+                self._running = _start_server()
+            socket.send_fds(self._running[1], [message], ends)
 
     def close(self) -> None:
-        """End the template; runs that were forked from it go on."""
-        if self._begun is not None:
-            process, line = self._begun
+        """End the server process; runs that were forked from it go on."""
+        if self._running is not None:
+            process, line = self._running
             line.close()
             process.kill()
             process.wait()
-            self._begun = None
+            self._running = None
 
 
-def _begun() -> tuple[subprocess.Popen[bytes], socket.socket]:
-    """Start a template and return it with our end of the line, with which it ends."""
+def _start_server() -> tuple[subprocess.Popen[bytes], socket.socket]:
+    """Start a server process; return it and our end of its socket, on whose closing it ends."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with theirs:
         process = subprocess.Popen(
@@ -168,17 +168,17 @@ def _begun() -> tuple[subprocess.Popen[bytes], socket.socket]:
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            env=tied_environment(),
+            env=child_environment(),
             start_new_session=True,
         )
     return process, ours
 
 
 def _serve(line: socket.socket) -> NoReturn:
-    """Fork a run for every message until nobody is there to send more."""
+    """Fork a run for every message until the socket is closed."""
     for name in _MODULES:
         importlib.import_module(name)
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # nobody waits for those who watch the runs
+    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # no waiting for processes that watch runs
     while True:
         message, ends, _, _ = socket.recv_fds(line, _MOST_BYTES, 3)
         if not message:
@@ -190,23 +190,23 @@ def _serve(line: socket.socket) -> NoReturn:
             os.close(end)
 
 
-def _watch(words: list[str], stdin: int, stderr: int, tell: int) -> NoReturn:
-    """Fork once more, tell the number of the run's process, and when it has ended how."""
+def _watch(words: list[str], stdin: int, stderr: int, status_writer: int) -> NoReturn:
+    """Fork the run's process; send its process id, and its exit code when it has ended."""
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     pid = os.fork()
     if pid == 0:
-        os.close(tell)
+        os.close(status_writer)
         _run(words, stdin, stderr)
     os.close(stdin)
-    os.write(tell, b"%d " % pid)
+    os.write(status_writer, b"%d " % pid)
     _, status = os.waitpid(pid, 0)
     with contextlib.suppress(BrokenPipeError):  # nobody is there any more
-        os.write(tell, b"%d" % os.waitstatus_to_exitcode(status))
+        os.write(status_writer, b"%d" % os.waitstatus_to_exitcode(status))
     os._exit(0)
 
 
 def _run(words: list[str], stdin: int, stderr: int) -> NoReturn:
-    """Be `slarm WORDS...`."""
+    """Run `slarm WORDS...` in this process, and exit."""
     code = 1
     try:
         from slarm_graph.app.cli import main

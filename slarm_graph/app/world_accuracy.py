@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Recovered maps against the world they are of."""
+"""Accuracy of recovered maps and radio maps against the true world."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
 
 FINE_M = 0.02
-"""Lattice of `accuracy_area`, on which different resolutions can be compared."""
+"""Cell size of `accuracy_area`, at which maps of different resolutions are compared."""
 
 
 def accuracy_metrics(
@@ -31,7 +31,7 @@ def accuracy_metrics(
     config: RadioConfig,
     area: Extent | None = None,
 ) -> tuple[Metric, ...]:
-    """Compare recovered maps with the truth: at their own resolution, and on a fine lattice."""
+    """Compare recovered maps with the truth: at their own resolution, and at `FINE_M`."""
     same = accuracy_on(world, geographic, radio, config, geographic.geometry.resolution_m, area)
     fine = accuracy_on(world, geographic, radio, config, FINE_M, area)
     on_fine = Metric("accuracy_area", fine.accuracy, note=f"on a lattice of {FINE_M:g} m")
@@ -41,7 +41,7 @@ def accuracy_metrics(
 def sizes_metrics(
     world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
 ) -> tuple[Metric, Metric]:
-    """Return the accuracy of one drive with the sizes of all obstacles known, and with none."""
+    """Return the accuracy of a drive's maps recovered with all obstacle sizes known, and none."""
     with_sizes, without = (
         _recovered_accuracy(world, scans, trajectory, config, recovery)
         for recovery in _with_and_without_sizes(world, config.recovery)
@@ -56,7 +56,7 @@ def sizes_metrics(
 def variant_metrics(
     world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
 ) -> tuple[Metric, ...]:
-    """Return the accuracy of one drive for every R_e of the figures, with and without sizes."""
+    """Return the accuracy of a drive for every R_e of the figures, with and without sizes."""
     radii_m = {
         "cell": config.explore.resolution_m,
         "robot": config.explore.driving.robot_radius_m,
@@ -87,7 +87,7 @@ def _recovered_accuracy(
     config: RunConfig,
     recovery: RecoveryConfig,
 ) -> RadioAccuracy:
-    """Accuracy of a drive recovered with other settings."""
+    """Return the accuracy of a drive's maps recovered with other settings."""
     resolution_m = config.explore.resolution_m
     geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
     geographic = recover_scans(scans, trajectory, config.mapping, recovery, geometry=geometry)
@@ -103,9 +103,9 @@ def accuracy_on(
     resolution_m: float,
     area: Extent | None = None,
 ) -> RadioAccuracy:
-    """Compare recovered maps with the truth on a lattice of the given cells.
+    """Compare recovered maps with the truth at a given resolution.
 
-    With an area that the robot was not to leave, only what lies in it counts.
+    Only cells in the area count that the robot was not to leave, if there is one.
     """
     truth = truth_map(world, resolution_m, area=area)
     return radio_accuracy(
@@ -119,7 +119,7 @@ def accuracy_on(
 
 
 def _common(extent: Extent, area: Extent | None) -> Extent:
-    """What two rectangles share."""
+    """Return the intersection of two rectangles."""
     if area is None:
         return extent
     return (

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiling ahead of the first run, as an image of a container or an installation wants it."""
+"""Compilation of all kernels before the first run, for container images and installations."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from slarm_graph.radio.line_of_sight import line_of_sight_past_cells
 
 _BACKENDS = ("pose_graph", "gmapping")
 _WORLD = "paper_room"
-"""Has closures, walls and shadows: all that a recording may call for."""
+"""Has loop closures, walls and shadowed cells, so that its runs call most kernels."""
 
 
 def compile_kernels() -> None:
-    """Have everything compiled and kept that a run with a radio map calls, by running one."""
+    """Compile and cache every kernel of a run with a radio map, by running each backend."""
     access_points = load_world(_WORLD).access_points
     with tempfile.TemporaryDirectory() as out:
         for backend in _BACKENDS:
@@ -39,7 +39,7 @@ def compile_kernels() -> None:
 
 
 def _compile_searches() -> None:
-    """Places that are come back to after a long way are searched, roughly at first."""
+    """Call the coarse-to-fine search, which only loop closures after a long path need."""
     wall = np.array([[-1.0, 1.0, 1.0, 1.0], [1.0, 1.0, 1.0, -1.0]])
     grid = build_likelihood_grid(wall, resolution_m=0.1, sigma_m=0.3)
     points = np.array([[0.5, 1.0], [1.0, 0.5]])
@@ -47,6 +47,6 @@ def _compile_searches() -> None:
 
 
 def _compile_sight_without_heights() -> None:
-    """A recording does not tell how high obstacles are."""
+    """Call the line of sight past obstacles of unknown height, which only recordings need."""
     geometry = GridGeometry(0.0, 0.0, 1.0, 3, 3)
     line_of_sight_past_cells(geometry, np.eye(3, dtype=np.bool_), (0.5, 2.5, 2.0), 0.3)

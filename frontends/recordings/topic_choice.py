@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics are the chosen robot's: scans, odometry, tf; where unclear, the flag that tells."""
+"""Choice of the topics of scans, odometry and tf; errors name the option for ambiguous ones."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def choose_scan_topic(topics: Sequence[Topic], wanted: str | None, frame_of: Fra
 
 
 def _way(topics: Sequence[Topic]) -> str:
-    """What to do where there are clouds or images of depth instead of scans."""
+    """Return advice where there are point clouds or depth images instead of scans."""
     for kind, tool in (
         ("sensor_msgs/msg/PointCloud2", "pointcloud_to_laserscan"),
         ("sensor_msgs/msg/Image", "depthimage_to_laserscan"),
@@ -56,10 +56,10 @@ def _way(topics: Sequence[Topic]) -> str:
 def choose_odom_topic(
     topics: Sequence[Topic], wanted: str | None, scan: Topic, scans: Sequence[Topic]
 ) -> tuple[Topic | None, list[str]]:
-    """Return the topic with nav_msgs/Odometry, and what to tell of the choice.
+    """Return the topic with nav_msgs/Odometry, and notices on the choice.
 
-    The topic is None where tf or nothing has to do. Of several the one beside the scans is taken,
-    else /odom; what belongs to another robot's scans is not considered.
+    The topic is None where tf or nothing is used instead. Of several the one in the scans'
+    namespace is taken, else /odom; topics of another robot's scans are not considered.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def _absolute(name: str) -> str:
 
 
 def listed(topics: Iterable[Topic], frame_of: FrameOf | None = None) -> str:
-    """Write topics with type, frame, count and rate."""
+    """Format topics with type, frame, count and rate."""
     return (
         ", ".join(
             f"{topic.name} ({topic.msgtype}{f' in {frame_of(topic)}' if frame_of else ''}, "
@@ -107,17 +107,17 @@ def listed(topics: Iterable[Topic], frame_of: FrameOf | None = None) -> str:
 
 
 def namespace(name: str) -> str:
-    """Return what stands before the last slash: `/robot1` of `/robot1/scan`, nothing of `/scan`."""
+    """Return the namespace of a topic: `/robot1` of `/robot1/scan`, empty of `/scan`."""
     return name.rpartition("/")[0]
 
 
 def within(space: str, other: str) -> bool:
-    """Whether a namespace is another one or lies in it."""
+    """Whether a namespace equals another one or lies in it."""
     return other == "" or space == other or space.startswith(f"{other}/")
 
 
 def own(topics: Sequence[Topic], scan: Topic, scans: Sequence[Topic]) -> list[Topic]:
-    """Leave out the topics that belong to the robot of another scan topic.
+    """Drop the topics that belong to the robot of another scan topic.
 
     A topic does when its namespace holds another scan topic but not the chosen one. Lasers of one
     robot often have namespaces of their own, hence a namespace alone tells nothing.
@@ -135,7 +135,7 @@ def own(topics: Sequence[Topic], scan: Topic, scans: Sequence[Topic]) -> list[To
 def choose_tf_topics(
     topics: Sequence[Topic], scan: Topic, scans: Sequence[Topic], wanted: str | None
 ) -> tuple[list[Topic], list[str]]:
-    """Return the tf topics of the robot whose scans are used, and what to tell of the choice.
+    """Return the tf topics of the robot whose scans are used, and notices on the choice.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Do the scans and the odometry tell of the same motion? Else, which mounting would explain it.
+"""Check whether scans and odometry agree on the motion, and which wrong mounting would explain it.
 
-Pairs of scans are matched without a word from the odometry. A laser that looks elsewhere than its
-transform says turns every matched translation by the same angle; one that hangs upside down, or
-odometry with a wrong sign, turns every rotation round; a wheel of another size stretches all steps.
+Pairs of scans are matched without the odometry. A laser whose transform has a wrong angle turns
+every matched translation by that angle; one that hangs upside down, or odometry with a wrong sign,
+reverses every rotation; a wheel of another size scales all steps.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ STEP_M, STEP_RAD = 0.2, 0.2
 """Motion between the scans of a pair: far more than a match is wrong by (1 cm), far less than what
 makes two views differ. Halved, the angle of a step is twice as uncertain."""
 REACH_M, REACH_RAD = 0.9, 0.7
-"""How far the matching looks for a step, in every direction; steps up to two thirds of it count."""
+"""Search window of the matching, in every direction; steps up to two thirds of it are used."""
 MOST_PAIRS = 40
-"""MotionPairs that are matched at most, spread over the recording: a third of a second."""
+"""Most pairs that are matched, spread over the recording: a third of a second."""
 LEAST_PAIRS = 8
-"""Fewer matches prove nothing: one of them in ten goes wrong in repetitive places."""
+"""Fewest matches for a conclusion: one in ten is wrong in repetitive places."""
 CERTAIN_M = 0.05
-"""A match less certain than this [m] in any direction, as along a corridor, tells no direction."""
+"""Largest standard deviation [m] of a match in any direction; larger ones, as along a corridor,
+determine no direction."""
 STRAIGHT_RAD = 0.1
-"""Steps with less rotation tell the direction; the lever arm of the laser blurs that of others."""
+"""Largest rotation of a step used for the direction; the laser's lever arm distorts others."""
 NOTICED_RAD = math.radians(6.0)
-"""Differences that are told: over eight real robots the mean of the steps is off by 0.2 to 2.3
+"""Least reported angle: over eight real robots the mean of the steps is off by 0.2 to 2.3
 degrees, which is how well mountings are known."""
 UNANIMOUS = 0.9
 """Mean resultant length of the angles between steps (1 when all are equal; 0.9 is a spread of 26
@@ -43,12 +44,12 @@ LONGEST_STEP_M = 5.0
 """Between scans no robot drives as far: at the slowest rate in use, a scan a second, it would be at
 5 m/s; millimetres taken for metres are a thousandfold."""
 SCALE = 1.5
-"""Ratio of lengths that is told; wheels that slip are within a tenth or two."""
+"""Least reported ratio of lengths; slipping wheels are within a tenth or two."""
 
 
 @dataclass(frozen=True, slots=True)
 class MotionPairs:
-    """Steps between scans as matched and as the odometry tells them, (N, 3) each [m, m, rad]."""
+    """Steps between scans, as matched and by the odometry, (N, 3) each [m, m, rad]."""
 
     matched: Floats
     odometry: Floats
@@ -57,12 +58,12 @@ class MotionPairs:
 def disagreement(
     scan_at: Callable[[int], LaserScan], poses: Floats, known: NDArray[np.bool_]
 ) -> str:
-    """Say how scans and odometry contradict each other throughout; nothing when they agree.
+    """Return a notice on how scans and odometry contradict each other; empty when they agree.
 
     Parameters
     ----------
     scan_at : callable
-        Gives the scan of a number.
+        Returns the scan of an index.
     poses : (M, 3)
         `odom_from_robot` at every scan.
     known : (M,) bool
@@ -71,7 +72,7 @@ def disagreement(
     if told := _too_far(poses[known]):
         return told
     pairs = _matched_pairs(scan_at, poses, _steps(poses, known))
-    for contradiction in (_standing, _turned_round, _mounted_otherwise, _stretched):
+    for contradiction in (_stands_still, _rotation_reversed, _mounting_turned, _scale_differs):
         if told := contradiction(pairs):
             return told
     return ""
@@ -102,7 +103,7 @@ def _steps(poses: Floats, known: NDArray[np.bool_]) -> list[tuple[int, int]]:
 def _matched_pairs(
     scan_at: Callable[[int], LaserScan], poses: Floats, steps: list[tuple[int, int]]
 ) -> MotionPairs:
-    """Match the scans of every pair from no guess at all; what is uncertain is left out."""
+    """Match the scans of every pair without initial guess; uncertain matches are dropped."""
     from slarm_graph.frontends.scans.matcher import CorrelativeConfig, CorrelativeMatcher
     from slarm_graph.frontends.scans.scan_filter import points_for_matching
 
@@ -135,7 +136,7 @@ def _too_far(poses: Floats) -> str:
     )
 
 
-def _standing(pairs: MotionPairs) -> str:
+def _stands_still(pairs: MotionPairs) -> str:
     """Whether the scans tell of no motion at all."""
     seen, told = (
         np.column_stack([np.hypot(p[:, 0], p[:, 1]), np.abs(p[:, 2])])
@@ -150,7 +151,7 @@ def _standing(pairs: MotionPairs) -> str:
     )
 
 
-def _turned_round(pairs: MotionPairs) -> str:
+def _rotation_reversed(pairs: MotionPairs) -> str:
     """Whether all rotations have the other sign."""
     turning = np.abs(pairs.odometry[:, 2]) > STRAIGHT_RAD
     ratio = pairs.matched[turning, 2] / pairs.odometry[turning, 2]
@@ -164,7 +165,7 @@ def _turned_round(pairs: MotionPairs) -> str:
     )
 
 
-def _mounted_otherwise(pairs: MotionPairs) -> str:
+def _mounting_turned(pairs: MotionPairs) -> str:
     """Whether all translations are turned by one angle."""
     straight = _straight(pairs)
     matched, odometry = pairs.matched[straight], pairs.odometry[straight]
@@ -183,7 +184,7 @@ def _mounted_otherwise(pairs: MotionPairs) -> str:
     )
 
 
-def _stretched(pairs: MotionPairs) -> str:
+def _scale_differs(pairs: MotionPairs) -> str:
     """Whether all translations are longer or shorter by one ratio."""
     straight = _straight(pairs)
     lengths = [np.hypot(p[straight, 0], p[straight, 1]) for p in (pairs.odometry, pairs.matched)]
@@ -200,7 +201,7 @@ def _stretched(pairs: MotionPairs) -> str:
 
 
 def _straight(pairs: MotionPairs) -> NDArray[np.bool_]:
-    """Steps long and straight enough to tell a direction."""
+    """Return which steps are long and straight enough to determine a direction."""
     length = np.hypot(pairs.odometry[:, 0], pairs.odometry[:, 1])
     return np.asarray(
         (length >= 0.5 * STEP_M)

@@ -1,6 +1,6 @@
 # SPDX-FileCopyrightText: 2026 slarm-graph contributors
 # SPDX-License-Identifier: Apache-2.0
-"""Trials on the workers of a dask cluster, also of one that shares no files with this machine."""
+"""Trials on the workers of a dask cluster, with or without a shared file system."""
 
 from __future__ import annotations
 
@@ -13,40 +13,40 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from slarm_graph.app.fork_server import ForkServer
 from slarm_graph.app.outcomes import carry_out, read_outcome
-from slarm_graph.app.template import Template
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 
 Files = dict[str, bytes]
-"""Contents by path, relative to the folder that they share."""
+"""Contents of files by their path relative to a common folder."""
 
 
 def carry_out_on_worker(trial: Trial, stop: str) -> Outcome:
-    """Run a trial on a worker that sees the comparison's folder.
+    """Run a trial on a worker that shares the comparison's folder.
 
     Parameters
     ----------
     trial : Trial
     stop : str
-        Name of the event by which runs are asked to stop.
+        Name of the dask event that asks runs to stop.
     """
     import distributed
 
     event = distributed.Event(stop)
-    return carry_out(trial, _template(), lambda: bool(event.is_set()))
+    return carry_out(trial, _fork_server(), lambda: bool(event.is_set()))
 
 
 @cache
-def _template() -> Template:
-    """Return what a worker starts all its runs with."""
-    template = Template()
-    atexit.register(template.close)
-    return template
+def _fork_server() -> ForkServer:
+    """Return the fork server of this worker."""
+    server = ForkServer()
+    atexit.register(server.close)
+    return server
 
 
 def carry_out_uploaded(trial: Trial, files: Files, stop: str) -> Files:
-    """Run a trial on a worker that sees nothing of ours, and return its run folder."""
+    """Run a trial on a worker without a shared file system; return its run folder's files."""
     with tempfile.TemporaryDirectory(prefix="slarm-") as place:
         folder = Path(place)
         for name, content in files.items():
@@ -59,15 +59,15 @@ def carry_out_uploaded(trial: Trial, files: Files, stop: str) -> Files:
         return found or {"problem.txt": outcome.problem.encode()}
 
 
-class Elsewhere:
-    """Sends sources out and takes run folders back."""
+class UploadingClient:
+    """Sends trials with their sources to a cluster and stores the run folders that come back."""
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self._sent: dict[str, Any] = {}
 
     def submit(self, pool: Any, trial: Trial, stop: str) -> Future[Outcome]:
-        """Hand a trial with its source to the scheduler; a source is sent once."""
+        """Submit a trial with its source; each source is sent once."""
         place = trial.source.place
         if place not in self._sent:
             files = _source_files(trial)
@@ -79,11 +79,11 @@ class Elsewhere:
 
 
 def _deliver(done: Any, trial: Trial, outcome: Future[Outcome]) -> None:
-    """Unpack a run folder that came back, and tell what is in it."""
+    """Write the run folder that came back, and resolve the future with its outcome."""
     try:
         files = done.result()
         shutil.rmtree(trial.folder, ignore_errors=True)
-        trial.take_folder()
+        trial.assign_folder()
         for name, content in files.items():
             path = (trial.folder / name).resolve()
             if trial.folder.resolve() in path.parents:
@@ -95,7 +95,7 @@ def _deliver(done: Any, trial: Trial, outcome: Future[Outcome]) -> None:
 
 
 def _source_files(trial: Trial) -> Files:
-    """Read a source and every file that the options name, by their names on the worker."""
+    """Read a source and every file that the options name; keys are their paths on the worker."""
     source, files = Path(trial.source.place), Files()
     if source.is_dir():
         files |= {f"{source.name}/{name}": data for name, data in _contents(source).items()}
@@ -107,10 +107,10 @@ def _source_files(trial: Trial) -> Files:
 
 
 def _moved(trial: Trial, folder: Path) -> Trial:
-    """Return a trial as it is on the worker."""
+    """Return the trial with the paths that it has on the worker."""
 
     def there(word: str) -> str:
-        """Return where a file named here lies there; other words as they are."""
+        """Return a file's path on the worker; other words unchanged."""
         path = folder / "source" / Path(word).name
         return str(path) if Path(word).is_absolute() and path.exists() else word
 
