@@ -61,6 +61,6 @@ def relocation_notice(relocations: Floats) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        f"placed by what was seen before and after: {count_of(count, 'scan')} that could have had"
-        f" another place, up to {distance_m.max():.2f} m from where the tracker had it",
+        f"{count_of(count, 'ambiguous scan')} matched again with what was seen before and after,"
+        f" moved by up to {distance_m.max():.2f} m",
     )

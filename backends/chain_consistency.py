@@ -13,7 +13,7 @@ from slarm_graph.frontends.scans.closures import GATE_CHI2
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.geometry import Pose2
 
-_CHAINS = (ConstraintKind.ODOMETRY, ConstraintKind.WHEELS)
+_CHAINS = (ConstraintKind.SCAN_MATCH, ConstraintKind.ODOMETRY)
 
 
 def contradicts_both_chains(closure: Constraint, steps: Sequence[Constraint]) -> bool:

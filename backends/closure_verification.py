@@ -26,7 +26,7 @@ from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, transform_points
 
-CONTRADICTED = "walls and free space of places beside it contradict each other with it"
+CONTRADICTED = "with it walls would stand in the free space of neighbouring places"
 _MAX_TRIALS = 3
 """Groups of closures removed, or added, on trial at a time, those of most contradiction first."""
 _COMPARED = 20

@@ -22,6 +22,7 @@ from slarm_graph.backends.path_interpolation import (
 from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
+from slarm_graph.counts import count_of
 from slarm_graph.errors import RunFailed
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.loop_closure import LoopCloser
@@ -225,7 +226,9 @@ class GraphBuilder:
     def _row(self, closure: Closure, weight: float) -> tuple[float | int | str, ...]:
         stamp_s = self._stamps_ns[self._graph.keyframes[closure.keyframe].scan] * 1e-9
         x, y, theta = (float(v) for v in closure.submap_from_keyframe)
-        verdict = closure.reason or ("accepted" if weight >= OUTVOTED else "outvoted by the graph")
+        verdict = closure.reason or (
+            "accepted" if weight >= OUTVOTED else "outlier of the optimised graph"
+        )
         return (
             stamp_s,
             closure.submap,
@@ -245,9 +248,9 @@ def _gated_notice(gated: int) -> tuple[str, ...]:
     if not gated:
         return ()
     return (
-        f"{gated} finds of old places agree with each other, but lie farther from where the graph"
-        " has them than both may err by, and were turned down: places look alike, or a stretch of"
-        " the path is wrong; see loop_closures.csv",
+        f"{count_of(gated, 'loop closure')} that agree with each other were rejected, being"
+        " farther from the graph than their covariances allow: either different places look alike,"
+        " or part of the path is wrong; see loop_closures.csv",
     )
 
 
@@ -257,6 +260,6 @@ def _contradicted_notice(closures: Sequence[Closure]) -> tuple[str, ...]:
     if not count:
         return ()
     return (
-        f"{count} loop closures that agree with each other were left out: with them walls stand in"
-        " what was looked through from places beside; see loop_closures.csv",
+        f"{count_of(count, 'loop closure')} that agree with each other were rejected: with them"
+        " walls would stand in the free space of neighbouring places; see loop_closures.csv",
     )

@@ -56,7 +56,7 @@ def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
     factors = clamping_factors(total)
     covariance, shared = _symmetric(total * factors), _symmetric(matches * factors)
     step = before.between(last)
-    return Constraint(node - 1, node, step, covariance, ConstraintKind.ODOMETRY, shared)
+    return Constraint(node - 1, node, step, covariance, ConstraintKind.SCAN_MATCH, shared)
 
 
 def _match_covariance(keyframe: Keyframe) -> Floats:
@@ -83,7 +83,7 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
     readings = _ODOMETRY_FLOOR + _transformed(first, motion) + last
     both = (wheels.total_covariance() + readings, wheels.total_covariance_if_working() + readings)
     total, nominal = (_symmetric(covariance * clamping_factors(covariance)) for covariance in both)
-    return Constraint(node - 1, node, motion, total, ConstraintKind.WHEELS, unfailed=nominal)
+    return Constraint(node - 1, node, motion, total, ConstraintKind.ODOMETRY, unfailed=nominal)
 
 
 def closure_constraint(

@@ -81,7 +81,7 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
     if not doubtful:
         return ()
     is_inlier = (weights[doubtful] >= _INLIER).reshape(-1, 2)
-    steps = sum(c.kind is ConstraintKind.ODOMETRY for c in constraints)
+    steps = sum(c.kind is ConstraintKind.SCAN_MATCH for c in constraints)
     counts = {
         "the matches": int((is_inlier[:, 0] & ~is_inlier[:, 1]).sum()),
         "the odometry": int((is_inlier[:, 1] & ~is_inlier[:, 0]).sum()),
@@ -90,17 +90,17 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
     }
     counted = ", ".join(f"{words} in {count}" for words, count in counts.items() if count)
     return (
-        f"matches of scans and odometry contradict each other in {len(is_inlier)} of"
-        f" {count_of(steps, 'step')} of the graph: believed are {counted}",
+        f"scan matching and odometry contradict each other in {len(is_inlier)} of"
+        f" {count_of(steps, 'step')} of the graph: accepted {counted}",
     )
 
 
 def contradictory_steps(constraints: Sequence[Constraint]) -> list[int]:
     """Return the indices, in pairs, of steps whose match and odometry fail a chi-square test."""
-    by_wheels = {c.i: k for k, c in enumerate(constraints) if c.kind is ConstraintKind.WHEELS}
+    by_wheels = {c.i: k for k, c in enumerate(constraints) if c.kind is ConstraintKind.ODOMETRY}
     indices = []
     for k, c in enumerate(constraints):
-        other = by_wheels.get(c.i) if c.kind is ConstraintKind.ODOMETRY else None
+        other = by_wheels.get(c.i) if c.kind is ConstraintKind.SCAN_MATCH else None
         if other is None:
             continue
         if _contradict(_difference(c, constraints[other]), c, constraints[other]):

@@ -34,7 +34,7 @@ def sliding_window(
     for c in reversed(constraints):
         if c.j >= first:
             kept.append(_renumbered(c, first, nodes))
-        elif c.kind is ConstraintKind.ODOMETRY:
+        elif c.kind is ConstraintKind.SCAN_MATCH:
             break
     return PoseGraph(np.array([np.zeros(3), *nodes[first:]]), tuple(kept))
 

@@ -40,7 +40,7 @@ _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
 OUTVOTED = 0.5
 """Weight below which graduated non-convexity has rejected a closure: it ends at 0 or 1."""
-GATED = "farther from where the graph has it than both may err by"
+GATED = "farther from the graph than the covariances allow"
 _MAX_VIEW_DISTANCE_M, _DISTANCE_BIN_M = 3.0, 1.0
 """Distance of the view centres of an old submap and a keyframe that may share a view, and bin in
 which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail

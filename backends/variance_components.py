@@ -23,7 +23,7 @@ from slarm_graph.geometry import Floats, adjoints, between
 
 _ROUNDS = 5
 """After which factors of rooms move by less than 1 %, but those on their way to `_MIN_FACTOR`."""
-_MATCH_KINDS = (ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE)
+_MATCH_KINDS = (ConstraintKind.SCAN_MATCH, ConstraintKind.LOOP_CLOSURE)
 _REOPTIMIZATIONS = 2
 """Alternations of poses and variances: a third moves no building by 1 %."""
 _MIN_REDUNDANCY = 10.0
@@ -68,7 +68,7 @@ def calibrated(graph: PoseGraph) -> PoseGraph:
     PoseGraph
         The same one where it is empty, singular or too large for covariances.
     """
-    return _scaled_by_kind(graph, tuple(ConstraintKind), (ConstraintKind.ODOMETRY,))
+    return _scaled_by_kind(graph, tuple(ConstraintKind), (ConstraintKind.SCAN_MATCH,))
 
 
 def _scaled_by_kind(

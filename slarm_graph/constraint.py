@@ -43,11 +43,10 @@ class MatchResult:
 
 
 class ConstraintKind(StrEnum):
-    """Where a constraint comes from."""
+    """Where a constraint comes from: wheels, matches along the path, or an old place."""
 
     ODOMETRY = "odometry"
     SCAN_MATCH = "scan_match"
-    WHEELS = "wheels"
     LOOP_CLOSURE = "loop_closure"
 
 

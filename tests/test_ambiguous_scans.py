@@ -91,8 +91,8 @@ def test_a_relocation_has_a_notice_and_a_covariance() -> None:
     """A scan with niches in view is well constrained along the corridor."""
     off = {16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}
     _, closed = built(off)
-    (notice,) = [n for n in closed.notices if "another place" in n]
-    assert "after: 1 scan that" in notice
+    (notice,) = [n for n in closed.notices if "ambiguous" in n]
+    assert notice.startswith("1 ambiguous scan matched again")
     assert f"up to {math.hypot(*closed.relocations[16, :2]):.2f} m" in notice
     along, across, turn = np.sqrt(np.diag(closed.lag_covariances[16]))
     assert 0.0 < across < 0.01

@@ -30,7 +30,7 @@ def true_poses() -> np.ndarray:
 def measured_graph(truth: np.ndarray, rng: np.random.Generator, noise: float = 1.0) -> PoseGraph:
     """A chain measured twice, two closures, with so many times the noise of Q, at its optimum."""
     root = noise * np.linalg.cholesky(Q)
-    pairs = [(k, k + 1, kind) for k in range(NODES - 1) for kind in ("odometry", "wheels")]
+    pairs = [(k, k + 1, kind) for k in range(NODES - 1) for kind in ("scan_match", "odometry")]
     pairs += [(0, NODES - 2, "loop_closure"), (1, NODES - 3, "loop_closure")]
     constraints = []
     for i, j, kind in pairs:

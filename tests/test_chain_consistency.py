@@ -15,7 +15,7 @@ from slarm_graph.geometry import Floats, Pose2, between, compose
 STEP, COUNT = np.array([1.0, 0.1, 0.08]), 20
 NOISE = np.array([0.03, 0.02, 0.02])
 SURE = np.diag([1e-3, 1e-3, 1e-3]) ** 2
-MATCHES, WHEELS = ConstraintKind.ODOMETRY, ConstraintKind.WHEELS
+MATCHES, WHEELS = ConstraintKind.SCAN_MATCH, ConstraintKind.ODOMETRY
 
 
 def chain(kind: ConstraintKind, sigmas: Floats = NOISE, turned: float = 0.0) -> list[Constraint]:

@@ -116,7 +116,7 @@ def test_measurements_a_building_apart_leave_a_solvable_graph() -> None:
     sure = np.diag([1e-4, 1e-4, 1e-4])
     steps = [
         Constraint(0, 1, Pose2(x), sure, kind)
-        for x, kind in ((5000.0, ConstraintKind.WHEELS), (0.0, ConstraintKind.ODOMETRY))
+        for x, kind in ((5000.0, ConstraintKind.ODOMETRY), (0.0, ConstraintKind.SCAN_MATCH))
     ]
     solution = optimize_robustly(
         PoseGraph(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), tuple(steps))
@@ -146,7 +146,7 @@ def step_sigmas(readings: Iterable[Reading]) -> Floats:
     for reading in readings:
         builder.add_scan(tracker.track(reading))
     edges = builder.close_loops().graph.constraints
-    steps = [e.covariance for e in edges if e.kind is ConstraintKind.ODOMETRY]
+    steps = [e.covariance for e in edges if e.kind is ConstraintKind.SCAN_MATCH]
     return np.sqrt(np.median([np.diag(s) for s in steps], axis=0))
 
 

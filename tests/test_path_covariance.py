@@ -52,12 +52,12 @@ def coarse_and_fine(nodes: int, closed: bool) -> tuple[PoseGraph, PoseGraph, np.
     """One drive as a graph of nodes, as one of all its scans, and the scans nodes stand at."""
     poses = bent_path(BETWEEN * (nodes - 1) + 1)
     at = BETWEEN * np.arange(nodes)
-    steps = [constraint(poses[at], k, k + 1, Q, "odometry") for k in range(nodes - 1)]
+    steps = [constraint(poses[at], k, k + 1, Q, "scan_match") for k in range(nodes - 1)]
     fine = []
     for k in range(len(poses) - 1):
         after = BETWEEN * (k // BETWEEN + 1)
         carry = Pose2.from_array(between(poses[k + 1], poses[after])).adjoint()
-        fine.append(constraint(poses, k, k + 1, carry @ (Q / BETWEEN) @ carry.T, "odometry"))
+        fine.append(constraint(poses, k, k + 1, carry @ (Q / BETWEEN) @ carry.T, "scan_match"))
     if closed:
         loop = np.diag([1e-4, 2e-4, 1e-5])
         steps.append(constraint(poses[at], 0, nodes - 2, loop, "loop_closure"))
@@ -130,7 +130,7 @@ def test_covariances_are_in_the_robots_frame() -> None:
     """A robot that drives sideways through the map is unsure ahead, which is the map's y."""
     poses = np.array([[0.0, float(k), np.pi / 2] for k in range(3)])
     ahead = np.diag([0.04, 0.0001, 1e-8])
-    steps = tuple(constraint(poses[::2], k, k + 1, ahead, "odometry") for k in range(1))
+    steps = tuple(constraint(poses[::2], k, k + 1, ahead, "scan_match") for k in range(1))
     found = path_covariances(PoseGraph(poses[::2], steps), np.array([0, 2]), poses, EVEN[:3])
     assert found is not None
     np.testing.assert_allclose(np.diag(found[1])[:2], [0.02, 0.00005], rtol=1e-3)
@@ -140,7 +140,7 @@ def test_wheels_beside_matches_make_a_step_surer() -> None:
     coarse, fine, at = coarse_and_fine(2, False)
     twice = replace(
         coarse,
-        constraints=(*coarse.constraints, constraint(coarse.poses, 0, 1, Q, "wheels")),
+        constraints=(*coarse.constraints, constraint(coarse.poses, 0, 1, Q, "odometry")),
     )
     alone, both = (
         path_covariances(graph, at, fine.poses, EVEN[: len(fine.poses)])
@@ -171,7 +171,7 @@ def test_the_unsure_step_has_the_doubt() -> None:
     """Nine tenths of a step's variance in its first half leave a tenth of it to the second."""
     poses = np.array([[float(k), 0.0, 0.0] for k in range(3)])
     wide = np.diag([0.04, 0.04, 1e-8])
-    steps = (constraint(poses[::2], 0, 1, wide, "odometry"),)
+    steps = (constraint(poses[::2], 0, 1, wide, "scan_match"),)
     found = path_covariances(
         PoseGraph(poses[::2], steps), np.array([0, 2]), poses, np.array([7.0, 0.9, 0.1])
     )

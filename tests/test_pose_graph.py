@@ -166,9 +166,9 @@ def test_present_pose_follows_the_robot(lap: Drive, finished: PoseGraphBackend) 
         ).map_from_robot()
         == Pose2()
     )
+    first = finished.result().trajectory.poses[0]
     moved = finished.map_from_robot().as_array()
     expected = between(truth[0], truth[-1])
-    first = finished.result().trajectory.poses[0]
     error = between(expected, between(first, moved))
     assert np.hypot(error[0], error[1]) < 0.03
     assert abs(error[2]) < 0.01

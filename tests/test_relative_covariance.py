@@ -29,7 +29,7 @@ def relative_of(poses: Floats, covariances: list[Floats]) -> RelativeCovariances
     relative = RelativeCovariances()
     for i, covariance in enumerate(covariances):
         measured = Pose2.from_array(between(poses[i], poses[i + 1]))
-        relative.add(Constraint(i, i + 1, measured, covariance, ConstraintKind.ODOMETRY))
+        relative.add(Constraint(i, i + 1, measured, covariance, ConstraintKind.SCAN_MATCH))
     return relative
 
 
@@ -71,7 +71,7 @@ def test_of_parallel_constraints_the_most_precise_counts() -> None:
         relative = relative_of(poses, covariances[:1])
         for scale in order:
             covariance = scale * covariances[1]
-            relative.add(Constraint(1, 2, measured, covariance, ConstraintKind.ODOMETRY))
+            relative.add(Constraint(1, 2, measured, covariance, ConstraintKind.SCAN_MATCH))
         assert np.allclose(relative.covariances(poses, 2)[1], covariances[1])
 
 
@@ -79,10 +79,10 @@ def test_of_parallel_constraints_the_most_precise_counts() -> None:
 def test_two_measurements_of_a_step_are_fused_or_inflated(apart_m: float) -> None:
     """Fused where they agree, the gradient is zero; else the other lies within two sigmas."""
     one = Constraint(
-        0, 1, Pose2(1.0, 0.0, 0.1), np.diag([0.04, 0.02, 0.01]) ** 2, ConstraintKind.ODOMETRY
+        0, 1, Pose2(1.0, 0.0, 0.1), np.diag([0.04, 0.02, 0.01]) ** 2, ConstraintKind.SCAN_MATCH
     )
     there = one.i_from_j @ Pose2(apart_m, 0.0, 0.0)
-    other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.WHEELS)
+    other = Constraint(0, 1, there, np.diag([0.08, 0.03, 0.02]) ** 2, ConstraintKind.ODOMETRY)
     fused = fused_step(one, other)
     covariance = fused.covariance
     if apart_m < 0.1:
@@ -105,7 +105,7 @@ def test_a_constraint_of_uncertain_heading_is_no_short_path() -> None:
     relative = RelativeCovariances()
     for variances in ([1e-4, 1e-4, 1e-2], [2e-4, 2e-4, 1e-6]):
         covariance = np.diag(variances)
-        relative.add(Constraint(0, 1, measured, covariance, ConstraintKind.ODOMETRY))
+        relative.add(Constraint(0, 1, measured, covariance, ConstraintKind.SCAN_MATCH))
     assert np.allclose(np.diag(relative.covariances(poses, 1)[0]), [2e-4, 2e-4, 1e-6])
 
 

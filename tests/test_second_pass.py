@@ -36,7 +36,7 @@ def square(*closures: Pose2) -> ClosedGraph:
         [(0, 0, 0), (4, 0, np.pi / 2), (4, 4, np.pi), (0, 4, -np.pi / 2), (0, 0, 0)], dtype=float
     )
     covariance = np.diag(SIGMAS) ** 2
-    step = Constraint(0, 1, Pose2(4, 0, np.pi / 2), covariance, ConstraintKind.ODOMETRY)
+    step = Constraint(0, 1, Pose2(4, 0, np.pi / 2), covariance, ConstraintKind.SCAN_MATCH)
     loops = tuple(
         Constraint(0, 4, seen, covariance, ConstraintKind.LOOP_CLOSURE) for seen in closures
     )
@@ -97,7 +97,7 @@ def chained() -> ClosedGraph:
     closed = square(Pose2())
     covariance, poses = np.diag(SIGMAS) ** 2, [Pose2.from_array(p) for p in closed.graph.poses]
     steps = tuple(
-        Constraint(k, k + 1, a.between(b), covariance, ConstraintKind.ODOMETRY)
+        Constraint(k, k + 1, a.between(b), covariance, ConstraintKind.SCAN_MATCH)
         for k, (a, b) in enumerate(itertools.pairwise(poses))
     )
     lags = np.tile(np.diag([1e-5, 2e-5, 3e-6]), (len(closed.poses), 1, 1))

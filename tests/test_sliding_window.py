@@ -15,7 +15,7 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, Pose2, between, compose, wrap_angles
 
 COUNT = 12
-STEP, CLOSURE = ConstraintKind.ODOMETRY, ConstraintKind.LOOP_CLOSURE
+STEP, CLOSURE = ConstraintKind.SCAN_MATCH, ConstraintKind.LOOP_CLOSURE
 
 
 def constraint(rng: np.random.Generator, i: int, j: int, kind: ConstraintKind) -> Constraint:
@@ -60,7 +60,7 @@ def test_contradictory_steps_become_their_mixture(seed: int) -> None:
     one = constraint(rng, 3, 4, STEP)
     apart = rng.normal(size=3) * [1.0, 1.0, 0.3]
     end = compose(one.i_from_j.as_array(), apart)
-    other = replace(constraint(rng, 3, 4, ConstraintKind.WHEELS), i_from_j=Pose2.from_array(end))
+    other = replace(constraint(rng, 3, 4, ConstraintKind.ODOMETRY), i_from_j=Pose2.from_array(end))
     along = [apart @ np.linalg.solve(c.covariance, apart) for c in (one, other)]
     share = along[1] / sum(along)
     found = _mixture(one, other)

@@ -23,14 +23,14 @@ from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Floats, Pose2, between
 
-ODOMETRY, WHEELS, CLOSURE = (
+SCAN_MATCH, ODOMETRY, CLOSURE = (
+    ConstraintKind.SCAN_MATCH,
     ConstraintKind.ODOMETRY,
-    ConstraintKind.WHEELS,
     ConstraintKind.LOOP_CLOSURE,
 )
 TRUE = {
-    ODOMETRY: np.diag([0.01, 0.01, 0.004]) ** 2,
-    WHEELS: np.diag([0.02, 0.01, 0.01]) ** 2,
+    SCAN_MATCH: np.diag([0.01, 0.01, 0.004]) ** 2,
+    ODOMETRY: np.diag([0.02, 0.01, 0.01]) ** 2,
     CLOSURE: np.diag([0.02, 0.02, 0.006]) ** 2,
 }
 LAP = 40
@@ -41,7 +41,7 @@ def laps(claimed: dict[ConstraintKind, float], count: int = 3 * LAP) -> PoseGrap
     rng = np.random.default_rng(3)
     angles = 2.0 * np.pi * np.arange(count) / LAP
     truth = np.stack([6.0 * np.sin(angles), -6.0 * np.cos(angles), angles], axis=1)
-    ties = [(k, k + 1, kind) for k in range(count - 1) for kind in (ODOMETRY, WHEELS)]
+    ties = [(k, k + 1, kind) for k in range(count - 1) for kind in (SCAN_MATCH, ODOMETRY)]
     ties += [(k % LAP, k, CLOSURE) for k in range(LAP, count)]
     drawn = []
     for i, j, kind in ties:
@@ -68,24 +68,24 @@ def test_learned_covariances_are_those_that_errors_were_drawn_from(claimed: floa
 
 def test_each_kind_has_a_factor_of_its_own() -> None:
     """Poses follow what was claimed surest, so that its residuals come out somewhat small."""
-    found = calibrated(laps({ODOMETRY: 1.0, WHEELS: 2.0, CLOSURE: 4.0}))
+    found = calibrated(laps({SCAN_MATCH: 1.0, ODOMETRY: 2.0, CLOSURE: 4.0}))
     for kind in TRUE:
         assert factors(found, kind) == pytest.approx(1.0, rel=0.45)
 
 
 def test_what_neighbours_share_is_left_as_it_is_claimed() -> None:
     graph = laps(dict.fromkeys(TRUE, 9.0))
-    found = calibrated(halves(graph, ODOMETRY))
-    assert (factors(found, ODOMETRY) > 4.5).all()
-    assert (factors(found, ODOMETRY) < 5.0).all()
+    found = calibrated(halves(graph, SCAN_MATCH))
+    assert (factors(found, SCAN_MATCH) > 4.5).all()
+    assert (factors(found, SCAN_MATCH) < 5.0).all()
     assert factors(found, CLOSURE) == pytest.approx(1.0, rel=0.35)
 
 
 def test_a_chain_tells_nothing_of_its_errors() -> None:
     graph = laps(dict.fromkeys(TRUE, 9.0))
-    steps = tuple(c for c in graph.constraints if c.kind is ODOMETRY)
+    steps = tuple(c for c in graph.constraints if c.kind is SCAN_MATCH)
     chain = replace(graph, constraints=steps)
-    assert factors(calibrated(chain), ODOMETRY) == pytest.approx(9.0)
+    assert factors(calibrated(chain), SCAN_MATCH) == pytest.approx(9.0)
 
 
 def test_graphs_without_constraints_or_of_a_single_pose_are_handed_back() -> None:
@@ -95,7 +95,10 @@ def test_graphs_without_constraints_or_of_a_single_pose_are_handed_back() -> Non
 
 def test_poses_follow_what_closures_turned_out_to_be_worth() -> None:
     """The same draws under their true covariances say where poses belong."""
-    graph, right = laps({ODOMETRY: 1.0, WHEELS: 1.0, CLOSURE: 25.0}), laps(dict.fromkeys(TRUE, 1.0))
+    graph, right = (
+        laps({SCAN_MATCH: 1.0, ODOMETRY: 1.0, CLOSURE: 25.0}),
+        laps(dict.fromkeys(TRUE, 1.0)),
+    )
     found = reoptimized(graph)
     before, after = (np.abs(g.poses - right.poses)[:, :2].max() for g in (graph, found))
     assert after < 0.3 * before
@@ -111,7 +114,7 @@ def halves(graph: PoseGraph, kind: ConstraintKind) -> PoseGraph:
 
 
 def test_what_closures_share_is_learned_for_covariances_and_not_for_poses() -> None:
-    graph = laps({ODOMETRY: 1.0, WHEELS: 1.0, CLOSURE: 25.0})
+    graph = laps({SCAN_MATCH: 1.0, ODOMETRY: 1.0, CLOSURE: 25.0})
     mixed = halves(graph, CLOSURE)
     found, free = calibrated(mixed), calibrated(graph)
     np.testing.assert_allclose(factors(found, CLOSURE), factors(free, CLOSURE))
@@ -121,9 +124,11 @@ def test_what_closures_share_is_learned_for_covariances_and_not_for_poses() -> N
 
 def test_poses_go_on_with_what_odometry_claims() -> None:
     """It was learned along the way: with nothing else to be learned nothing moves."""
-    graph = laps({ODOMETRY: 1.0, WHEELS: 25.0, CLOSURE: 1.0})
-    told = [replace(c, shared=c.covariance) for c in graph.constraints if c.kind is not WHEELS]
-    fixed = replace(graph, constraints=(*told, *(c for c in graph.constraints if c.kind is WHEELS)))
+    graph = laps({SCAN_MATCH: 1.0, ODOMETRY: 25.0, CLOSURE: 1.0})
+    told = [replace(c, shared=c.covariance) for c in graph.constraints if c.kind is not ODOMETRY]
+    fixed = replace(
+        graph, constraints=(*told, *(c for c in graph.constraints if c.kind is ODOMETRY))
+    )
     np.testing.assert_allclose(reoptimized(fixed).poses, graph.poses, atol=1e-5)
 
 

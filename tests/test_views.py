@@ -144,5 +144,5 @@ def test_a_corridor_is_not_found_along_the_wall_of_a_hall(
     found = SubmapMatcher(loops, matching, keyframes, submaps).align(6, 2, np.zeros(3))
     assert found.score > loops.min_submap_score
     assert np.abs(found.submap_from_keyframe).max() < 0.1
-    assert ("do not speak for it" not in found.reason) == is_believed
+    assert ("do not support it" not in found.reason) == is_believed
     assert is_believed == (not found.reason)

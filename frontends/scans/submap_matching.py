@@ -200,7 +200,7 @@ class SubmapMatcher:
         """Return the reason where walls and free space do not support a pose (3,); else empty."""
         if self.evidence_against(query, target, pose, _NEIGHBOURS) < _MAX_EVIDENCE_AGAINST_NAT:
             return ""
-        return "walls and free space of the two places do not speak for it"
+        return "walls and free space of the two places do not support it"
 
     def evidence_against(self, query: int, target: int, pose: Floats, neighbours: int = 0) -> float:
         """Return the evidence of both submaps' views against a relative pose (3,) [nat]."""

@@ -130,7 +130,7 @@ class ScanTracker:
             if max(change[0], change[1]) > _MISTIMED_M or change[2] > _MISTIMED_RAD:
                 points = points_for_matching(scan, self._config, rate, middle)
                 candidates = self._candidates(points, priors)
-        self._update_hypotheses(candidates, priors, span_s, len(points))
+        self._update_hypotheses(candidates, priors, span_s)
         self._last_stamp_ns = reading.stamp_ns
         return self._tracked(reading, points, rate if sweep_s else None, middle)
 
@@ -150,7 +150,6 @@ class ScanTracker:
         candidates: Sequence[Sequence[PoseCandidate]],
         priors: Sequence[PosePrior],
         span_s: float,
-        count: int,
     ) -> None:
         """Branch every hypothesis into its candidates, prune; commit if unambiguous or too far."""
         branches: list[PathHypothesis] = []
@@ -270,4 +269,4 @@ def _failure_reason(local_map: LocalMap, points: Floats, min_points: int) -> str
         return "first scan"
     if len(points) < min_points:
         return f"only {count_of(len(points), 'return')}"
-    return "fits nowhere it could be"
+    return "fits at no pose that is possible"
