@@ -181,7 +181,14 @@ def _status(kind: str, name: str, place: str) -> PartStatus:
         part = _loaded(kind, name, place)
     except BadInput as error:
         return PartStatus(kind, name, place, problem=str(error))
-    return PartStatus(kind, name, place, (part.__doc__ or "").strip().partition("\n")[0])
+    return PartStatus(kind, name, place, _summary(part))
+
+
+def _summary(part: Any) -> str:
+    """Return the first line of a part's docstring; of a Typer group, of its help."""
+    group = getattr(part, "info", None)
+    text = getattr(group, "help", None) or part.__doc__ or ""
+    return str(text).strip().partition("\n")[0]
 
 
 def _loaded(kind: str, name: str, place: str) -> Any:

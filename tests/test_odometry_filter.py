@@ -322,8 +322,8 @@ def test_a_gap_shorter_than_the_usual_one_is_a_step() -> None:
     odom = Pose2()
     for span_s in (2.4, 2.4, 1.2):
         odom = odom @ Pose2(0.4, 0.0, 0.1)
-        for one_story in odometry.predict(span_s, odom):
-            assert np.linalg.eigvalsh(one_story.covariance).min() > 0.0
+        for mode in odometry.predict(span_s, odom):
+            assert np.linalg.eigvalsh(mode.covariance).min() > 0.0
     true_fit = OdometryFilter()
     true_fit.predict(0.1, Pose2())
     true_fit.predict(0.1, Pose2(0.4, 0.0, 0.1))

@@ -111,7 +111,7 @@ def test_false_matches_lie_at_every_scale_alike() -> None:
 
 
 def test_a_slip_in_a_room_contradicts_no_match(room: Sequence[Reading]) -> None:
-    """Wheels that spin for a scan are told from a match that is false: the graph has one story."""
+    """Wheels that spin for a scan are told from a match that is false: the graph has one path."""
     tracker = ScanTracker(FrontendConfig())
     held = []
     for k, reading in enumerate(room):

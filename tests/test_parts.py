@@ -103,6 +103,7 @@ def test_what_is_built_in_can_be_used(kind: str) -> None:
     for place in parts._built_in(kind).values():
         assert not statuses[place].problem
         assert statuses[place].summary
+        assert "Typer" not in statuses[place].summary
 
 
 def test_an_unknown_name_is_answered_with_the_known_ones() -> None:

@@ -200,7 +200,7 @@ def test_a_pickled_tracker_goes_on_alike(lap: tuple[list[Reading], Floats]) -> N
         assert ours.is_keyframe == theirs.is_keyframe
 
 
-def test_local_frame_and_motion_tell_the_same_story(lap: tuple[list[Reading], Floats]) -> None:
+def test_local_frame_and_motion_agree(lap: tuple[list[Reading], Floats]) -> None:
     pose = Pose2()
     for tracked in follow(lap[0][:60]):
         pose = pose @ tracked.motion
@@ -231,7 +231,7 @@ def test_odometry_that_stands_still_does_not_hold_the_robot_back(shared_data) ->
     assert np.mean(away_m < 0.1) > 0.7
 
 
-def test_a_scan_that_decides_for_another_story_revises_the_one_before(
+def test_a_scan_that_decides_for_another_hypothesis_revises_the_one_before(
     lap: tuple[list[Reading], Floats], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two places fit scan 2; scan 3 fits beside the less likely one, and there alone."""

@@ -30,7 +30,7 @@ not."""
 
 
 class Ggmr:
-    """The literal algorithm in closed loop: every step is decided on the map so far.
+    """Algorithm 1 of the paper in closed loop: every step is decided on the map so far.
 
     A cell that was next several times without the robot reaching it is skipped, so that a map that
     keeps changing cannot hold the robot forever.

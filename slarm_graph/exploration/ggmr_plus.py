@@ -57,7 +57,7 @@ class GgmrPlusConfig(Stage):
 
 
 class GgmrPlus:
-    """Ours: the same seam as `ggmr`, less driving."""
+    """Coverage by contour lanes in the order of a short tour: what `ggmr` covers, in less time."""
 
     settings: ClassVar[type[Stage]] = GgmrPlusConfig
 

@@ -76,7 +76,7 @@ class RadioSurveyConfig(Stage):
 
 
 class RadioSurvey:
-    """Goes where a radio map gains most certainty per second."""
+    """Drive where the measured radio map's variance falls most per second of driving."""
 
     settings: ClassVar[type[Stage]] = RadioSurveyConfig
 
