@@ -48,22 +48,22 @@ class RadioSurveyConfig(Stage):
     """The explorer `radio-survey`."""
 
     certainty_db: float = Field(default=2.0, gt=0)
-    """It stops when the map's standard deviation, the root of its mean square over the floor, is
-    no greater; above `model_sd_db`, below which no drive can bring it."""
+    """Standard deviation of the map, as root mean square over the floor, at which the survey ends;
+    more than `model_sd_db`, which no drive can reduce."""
     range_m: float = Field(default=3.0, gt=0)
-    """Where shadowing's correlation has fallen to 0.14 (some metres indoors, TR 38.901, 7.5-6)."""
+    """Distance at which the correlation of shadow fading is 0.14 (TR 38.901, Table 7.5-6: some
+    metres indoors)."""
     field_sd_db: float = Field(default=4.0, gt=0)
-    """Standard deviation of shadowing (TR 38.901, Table 7.5-6: 3 to 8 dB indoors)."""
+    """Standard deviation of shadow fading (TR 38.901, Table 7.5-6: 3 to 8 dB indoors)."""
     noise_sd_db: float = Field(default=3.0, gt=0)
-    """Of a reading about it: fading of which some is averaged."""
+    """Standard deviation of a single reading: small-scale fading, partly averaged."""
     model_sd_db: float = Field(default=1.0, ge=0)
-    """What the map is off besides shadowing: the propagation model's terms, walls that are a cell
-    off. On drives in the world paper_room and dead_ends it came to 0.2 to 1.5 dB, 1.0 in the
-    middle."""
+    """Error of the map besides shadow fading: terms of the propagation model, walls a cell off. On
+    drives in the worlds paper_room and dead_ends it was 0.2 to 1.5 dB, median 1.0."""
     readings_per_s: float = Field(default=5.0, gt=0)
-    """What is counted on ahead; what was heard is known."""
+    """Rate of readings expected on the legs to come."""
     node_side_m: float = Field(default=0.5, gt=0)
-    """Side of the pieces of floor that are planned on; well below the range."""
+    """Side of the squares of floor that are planned on; well below `range_m`."""
 
     @model_validator(mode="after")
     def _can_be_reached(self) -> Self:
