@@ -86,3 +86,12 @@ def test_only_the_steps_between_the_nodes_count() -> None:
     assert not contradicts_both_chains(after, steps)
     over = Constraint(4, 10, Pose2.from_array(there), SURE, ConstraintKind.LOOP_CLOSURE)
     assert contradicts_both_chains(over, steps)
+
+
+def test_an_uncertain_closure_is_not_rejected() -> None:
+    steps = [*chain(MATCHES), *chain(WHEELS)]
+    there = Pose2.from_array(compose(driven(COUNT), np.array([8.0, 0.0, 0.0])))
+    for sigma_m, is_rejected in ((1e-3, True), (4.0, False)):
+        covariance = np.diag([sigma_m, sigma_m, 0.1]) ** 2
+        closure = Constraint(0, COUNT, there, covariance, ConstraintKind.LOOP_CLOSURE)
+        assert contradicts_both_chains(closure, steps) == is_rejected

@@ -191,3 +191,14 @@ def test_of_submaps_the_latest_used_are_kept() -> None:
     cache.clear()
     assert cache.of(submaps[1], way) == 6
     assert math.isclose(made[5][1, 2], 0.0, abs_tol=1e-12)
+
+
+def test_the_pyramid_of_a_local_map_is_that_of_its_present_grid() -> None:
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    for start in (Pose2(), Pose2(0.6, 0.2, 0.4)):
+        local_map.add(room_points(start), start)
+        assert local_map.grid is not None
+        present = build_pyramid(local_map.grid, levels=5)
+        assert np.array_equal(local_map.levels().cells, present.cells)
+    assert local_map.levels() is local_map.levels()
+    assert local_map.kept_state()["_levels"] is None
