@@ -55,6 +55,10 @@ class ReadingLog:
         """Of every reading, (N,) [ns]."""
         return np.array(self._stamps_ns, dtype=np.int64)
 
+    def latest_stamps_ns(self, count: int) -> NDArray[np.int64]:
+        """Return the stamps of the latest readings, at most `count` of them [ns]."""
+        return np.array(self._stamps_ns[-count:], dtype=np.int64)
+
     @property
     def signals(self) -> Sequence[tuple[int, Signal]]:
         """Signal strengths that came with readings, with their stamps [ns]."""

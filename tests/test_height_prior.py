@@ -22,7 +22,7 @@ from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
 from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, height_group, plan_kind
-from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
 from slarm_graph.world import Solid
 
 CONFIG = RadioConfig()
@@ -211,7 +211,8 @@ def test_what_is_handed_over_is_what_is_used():
 def test_one_drive_is_judged_with_and_without_sizes():
     scans, trajectory = scanned_room(0.01, 0.0)
     config = RunConfig(explore=ExploreConfig(resolution_m=0.1))
-    known, unknown = sizes_metrics(WORLD, scans, trajectory, with_prior(WORLD, config))
+    drawn = fine_map(scans, trajectory, config.mapping, 0.1)
+    known, unknown = sizes_metrics(WORLD, drawn, trajectory, with_prior(WORLD, config))
     assert (known.name, unknown.name) == ("accuracy_with_sizes", "accuracy_without_sizes")
     assert 0.8 < unknown.value < known.value
     assert known.value > 0.985

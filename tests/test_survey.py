@@ -106,6 +106,17 @@ def test_a_jump_has_it_drawn_anew_soon(
     assert drawn == []
 
 
+def test_without_a_new_reading_the_last_result_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A result costs seconds; it is no part of a snapshot, which would be larger by it."""
+    whole, drawn, _ = surveyed(monkeypatch, {}, 20)
+    assert whole.rebuild() is whole.rebuild()
+    assert drawn == [20]
+    whole.take_in(Reading(2_100_000_000, SCAN, Pose2(0.02, 0.0, 0.0)), Pose2())
+    assert len(whole.rebuild().trajectory.stamps_ns) == 21
+    assert drawn == [20, 21]
+    assert whole.kept_state()["_corrected"] is None
+
+
 def test_the_first_reading_is_at_the_start(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever the backend's frame is; from there on its poses are moved alike."""
     whole, _, _ = surveyed(monkeypatch, {}, 40)

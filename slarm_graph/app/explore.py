@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from slarm_graph import backends, parts
-from slarm_graph.access_points import RadioMap
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
@@ -37,14 +36,13 @@ from slarm_graph.eval.metrics import Metric
 from slarm_graph.exploration.closed_loop import ClosedLoop, Exploration
 from slarm_graph.files.states import SavedStates
 from slarm_graph.frontends.simulation.simulator import make_world
-from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
 from slarm_graph.radio.measured.rss_log import heard_with
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
-from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 
@@ -95,8 +93,9 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         maps = (grid, geographic, radio)
         subject = Subject(slam.trajectory, truth, Pose2(), None, *maps, drive.report, verdict)
         assert radio is not None, "a world that is explored has access points"
-        accuracy = _accuracy(world, config, log, slam.trajectory, geographic, radio)
-        metrics = in_table_order((*accuracy, *assess(subject)))
+        own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
+        others = _accuracy_otherwise(world, config, log, slam.trajectory)
+        metrics = in_table_order((*own, *others, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
         run = Run(
@@ -124,19 +123,14 @@ def with_prior(world: WorldMap, config: RunConfig) -> RunConfig:
     return config.model_copy(update={"recovery": recovery})
 
 
-def _accuracy(
-    world: WorldMap,
-    config: RunConfig,
-    log: ReadingLog,
-    trajectory: Trajectory,
-    geographic: GeographicMap,
-    radio: RadioMap,
+def _accuracy_otherwise(
+    world: WorldMap, config: RunConfig, log: ReadingLog, trajectory: Trajectory
 ) -> tuple[Metric, ...]:
-    """Compare the maps with the world, also with other settings of recovery where configured."""
-    own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
-    drive = (world, log.scans, trajectory, config)
-    others = variant_metrics(*drive) if config.explore.judge_variants else ()
-    return (*own, *sizes_metrics(*drive), *others)
+    """Compare maps recovered with other settings with the world."""
+    drawn = fine_map(log.scans, trajectory, config.mapping, config.explore.resolution_m)
+    drive = (world, drawn, trajectory, config)
+    variants = variant_metrics(*drive) if config.explore.judge_variants else ()
+    return (*sizes_metrics(*drive), *variants)
 
 
 class LiveFiles:

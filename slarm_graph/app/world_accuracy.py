@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from slarm_graph.access_points import RadioMap
 from slarm_graph.config import RadioConfig, RecoveryConfig, RunConfig
 from slarm_graph.eval.metrics import Metric
@@ -14,8 +12,7 @@ from slarm_graph.eval.radio_scores import RadioAccuracy
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
-from slarm_graph.readings import LaserScan
-from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import FineMap, recover, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
@@ -39,11 +36,11 @@ def accuracy_metrics(
 
 
 def sizes_metrics(
-    world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
+    world: WorldMap, drawn: FineMap, trajectory: Trajectory, config: RunConfig
 ) -> tuple[Metric, Metric]:
     """Return the accuracy of a drive's maps recovered with all obstacle sizes known, and none."""
     with_sizes, without = (
-        _recovered_accuracy(world, scans, trajectory, config, recovery)
+        _recovered_accuracy(world, drawn, trajectory, config, recovery)
         for recovery in _with_and_without_sizes(world, config.recovery)
     )
     heights = f"line of sight: Brier score {without.los_brier:.4f}"
@@ -54,7 +51,7 @@ def sizes_metrics(
 
 
 def variant_metrics(
-    world: WorldMap, scans: Sequence[LaserScan], trajectory: Trajectory, config: RunConfig
+    world: WorldMap, drawn: FineMap, trajectory: Trajectory, config: RunConfig
 ) -> tuple[Metric, ...]:
     """Return the accuracy of a drive for every R_e of the figures, with and without sizes."""
     radii_m = {
@@ -67,7 +64,7 @@ def variant_metrics(
         both = _with_and_without_sizes(world, config.recovery)
         for sizes, recovery in zip(("with", "without"), both, strict=True):
             expanded = recovery.model_copy(update={"expansion_radius_m": radius_m})
-            score = _recovered_accuracy(world, scans, trajectory, config, expanded)
+            score = _recovered_accuracy(world, drawn, trajectory, config, expanded)
             name = f"accuracy_re_{key}_{sizes}_sizes"
             found.append(Metric(name, score.accuracy, note=f"R_e = {score.expansion_radius_m:g} m"))
     return tuple(found)
@@ -82,7 +79,7 @@ def _with_and_without_sizes(
 
 def _recovered_accuracy(
     world: WorldMap,
-    scans: Sequence[LaserScan],
+    drawn: FineMap,
     trajectory: Trajectory,
     config: RunConfig,
     recovery: RecoveryConfig,
@@ -90,7 +87,9 @@ def _recovered_accuracy(
     """Return the accuracy of a drive's maps recovered with other settings."""
     resolution_m = config.explore.resolution_m
     geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
-    geographic = recover_scans(scans, trajectory, config.mapping, recovery, geometry=geometry)
+    geographic = recover(
+        drawn.grid, trajectory, recovery, end_points=drawn.end_points_m, geometry=geometry
+    )
     radio = radio_map(geographic, world.access_points, config.radio)
     return accuracy_on(world, geographic, radio, config.radio, resolution_m, config.explore.area)
 

@@ -74,6 +74,7 @@ class Survey:
         self.dt_s = 0.0
         self._next_rebuild = _REBUILD_READINGS
         self._last_rebuild = 0
+        self._corrected: SlamResult | None = None
         self._has_moved = False
         self.is_torn = False
         """Whether the map was inconsistent at the last check."""
@@ -106,8 +107,9 @@ class Survey:
         return self._last_rebuild != self.readings and (self._has_moved or old)
 
     def kept_state(self) -> dict[str, object]:
-        """Exclude from a snapshot what has its own, or is read again."""
-        return {k: v for k, v in vars(self).items() if k not in ("_backend", "log")}
+        """Exclude from a snapshot what has its own, is read again, or can be made again."""
+        kept = {k: v for k, v in vars(self).items() if k not in ("_backend", "log")}
+        return {**kept, "_corrected": None}
 
     def take_in(self, reading: Reading, world_from_robot: Pose2) -> None:
         """Localise a reading and integrate its scan into the map; the true pose is only stored."""
@@ -135,7 +137,12 @@ class Survey:
         self.live.stand_by(reading.scan, self.pose)
 
     def rebuild(self) -> SlamResult:
-        """Render map and coverage anew from the backend's corrected trajectory."""
+        """Render map and coverage anew from the backend's corrected trajectory.
+
+        Without a new reading the last result stands.
+        """
+        if self._corrected is not None and self._last_rebuild == self.readings:
+            return self._corrected
         self._has_moved = False
         self._last_rebuild = self.readings
         self._next_rebuild = math.ceil(self.readings * _REBUILD_GROWTH) + _REBUILD_READINGS
@@ -149,11 +156,12 @@ class Survey:
             self._judged, self.is_torn = self.readings, verdict == "inconsistent"
         self.live.follow(self.log.scans, trajectory, every)
         self.live.heard_m = trajectory.poses[self._heard, :2]
+        self._corrected = corrected
         return corrected
 
     def _latest_motion(self) -> Trajectory:
         """The last two poses as estimated online; one at first."""
-        return Trajectory(self.log.stamps_ns[-2:], np.array(self._believed[-2:]))
+        return Trajectory(self.log.latest_stamps_ns(2), np.array(self._believed[-2:]))
 
     def _jumped(self, before: Pose2, reading: Reading) -> bool:
         """Whether the backend moved the robot by more than it drove."""

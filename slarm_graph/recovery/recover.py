@@ -166,12 +166,38 @@ def recover_scans(
     grid : OccupancyGrid, optional
         Rendered from the same; used where it is fine enough.
     """
-    fine_m = min(_COARSEST_M, geometry.resolution_m)
+    fine = fine_map(scans, trajectory, mapping, geometry.resolution_m, grid)
+    return recover(fine.grid, trajectory, config, end_points=fine.end_points_m, geometry=geometry)
+
+
+@dataclass(frozen=True, slots=True)
+class FineMap:
+    """A drive's map at 0.05 m or finer: what is recovered from, whatever the settings.
+
+    Parameters
+    ----------
+    grid : OccupancyGrid
+    end_points_m : (N, 2) float64
+        Laser returns in the map.
+    """
+
+    grid: OccupancyGrid
+    end_points_m: Floats
+
+
+def fine_map(
+    scans: Sequence[LaserScan],
+    trajectory: Trajectory,
+    mapping: MappingConfig,
+    resolution_m: float,
+    grid: OccupancyGrid | None = None,
+) -> FineMap:
+    """Draw the map that cells of a resolution are recovered from; `grid` is used if fine enough."""
+    fine_m = min(_COARSEST_M, resolution_m)
     fine = mapping.model_copy(update={"resolution_m": fine_m})
     if grid is None or grid.geometry.resolution_m != fine_m:
         grid = render(scans, trajectory, fine)
-    points = end_points_m(scans, trajectory, fine)
-    return recover(grid, trajectory, config, end_points=points, geometry=geometry)
+    return FineMap(grid, end_points_m(scans, trajectory, fine))
 
 
 def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
