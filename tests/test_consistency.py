@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import gtsam
 import numpy as np
@@ -31,6 +32,7 @@ from slarm_graph.consistency.evidence import (
     wrong_place_evidence,
 )
 from slarm_graph.consistency.tears import _differences
+from slarm_graph.consistency.verdict import checked_share
 from slarm_graph.consistency.visits import thinned_by_motion
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
 from slarm_graph.readings import LaserScan
@@ -318,3 +320,39 @@ def test_evidence_is_a_likelihood_ratio() -> None:
     assert (wrong_place_evidence(n - wrong, wrong) > 20).all()
     sum_of_two = 2 * wrong_place_evidence(np.array([7]), np.array([5]))
     np.testing.assert_allclose(wrong_place_evidence(np.array([14]), np.array([10])), sum_of_two)
+
+
+class SomeVisits(SimpleNamespace):
+    """Stretches of the path and where they are."""
+
+    path_m: Floats
+
+    def __len__(self) -> int:
+        return len(self.path_m)
+
+
+@pytest.mark.parametrize(
+    ("path_m", "x_m", "pairs", "share"),
+    [
+        ([(0, 10), (10, 14), (30, 36)], (0, 0, 0), [(0, 2)], 0.8),
+        ([(0, 10), (10, 14), (30, 36)], (0, 0, 0), [(0, 2), (1, 2)], 1.0),
+        ([(0, 10), (14.9, 20)], (0, 0), [(0, 1)], 0.0),  # not yet away
+        ([(0, 10), (15.1, 20)], (0, 0), [(0, 1)], 1.0),
+        ([(0, 10), (20.1, 30)], (0, 5), [(0, 1)], 1.0),
+        ([(0, 10), (19.9, 30)], (0, 5), [(0, 1)], 0.0),  # on its way from there
+        ([(0, 0), (0, 0)], (0, 0), [(0, 1)], 0.0),  # it stood all the time
+        ([(0, 10), (30, 36)], (0, 0), [], 0.0),
+    ],
+)
+def test_share_of_the_path_seen_again(
+    path_m: list[tuple[float, float]],
+    x_m: tuple[float, ...],
+    pairs: list[tuple[int, int]],
+    share: float,
+) -> None:
+    """By length: what two visits have in common counts when the robot had left and come back."""
+    visits = SomeVisits(
+        path_m=np.array(path_m, dtype=np.float64), poses=np.array([(x, 0.0, 0.0) for x in x_m])
+    )
+    both = SimpleNamespace(visits=np.array(pairs, dtype=np.int64).reshape(-1, 2))
+    assert checked_share(visits, both) == pytest.approx(share)  # type: ignore[arg-type]

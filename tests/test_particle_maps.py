@@ -130,7 +130,8 @@ def test_the_pool_ends_where_it_is_told() -> None:
 def test_much_memory_is_told_before() -> None:
     assert memory_notice(30, ParticleMapsConfig()) == ()
     (notice,) = memory_notice(1000, ParticleMapsConfig(delta_m=0.02))
-    assert "1000 particles with 0.02 m cells may need" in notice
+    # half of 2500 x 2500 cells of twenty bytes each, a thousand times
+    assert "1000 particles with 0.02 m cells may need 62500 MB for 50 m x 50 m" in notice
 
 
 def test_a_snapshot_holds_the_cells_and_little_else() -> None:
