@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether covariances are as large as errors: NEES in simulated worlds, chi2 of real graphs.
 
-    python benchmarks/bench_covariance.py worlds [--backend NAME] [--worlds 2] [--seed 0]
+    python benchmarks/bench_covariance.py worlds [--backend NAME] [--worlds 8] [--seed 0]
     python benchmarks/bench_covariance.py graphs intel.clf.gz fr079.bag ...
 
 NEES is the squared error of a pose, in its body frame and as seen from the first pose, whitened by
@@ -139,9 +139,17 @@ def world_rows(backend: str, worlds: int, seed: int) -> Iterator[str]:
         told = ", ".join(f"{m:.2f}" for m in means) or "unknown"
         yield (
             f"| {backend} | {sensors.view_deg:.0f} | {sensors.range_m} | {sensors.noise_m}"
-            f" | {sensors.slip} | {told} | {np.mean(means or [np.nan]):.2f}"
+            f" | {sensors.slip} | {told} | {_mean_and_error(means)}"
             f" | {np.mean(medians or [np.nan]):.2f} | {max(ates):.4f} |"
         )
+
+
+def _mean_and_error(values: list[float]) -> str:
+    """Return a mean and its standard error: the poses of one drive err together."""
+    if len(values) < 2:
+        return f"{np.mean(values or [np.nan]):.2f}"
+    error = np.std(values, ddof=1) / math.sqrt(len(values))
+    return f"{np.mean(values):.2f} +- {error:.2f}"
 
 
 def graph_rows(recordings: list[Path]) -> Iterator[str]:
@@ -164,7 +172,7 @@ def main() -> None:
     parser.add_argument("what", choices=("worlds", "graphs"))
     parser.add_argument("recordings", nargs="*", type=Path)
     parser.add_argument("--backend", default="pose_graph")
-    parser.add_argument("--worlds", type=int, default=2)
+    parser.add_argument("--worlds", type=int, default=8)
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     worlds = given.what == "worlds"
