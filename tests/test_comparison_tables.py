@@ -40,6 +40,12 @@ def outcomes() -> list[Outcome]:
     return [*good, Outcome("a.bag", "x", 3, "failed", "it broke"), Outcome("b.bag", "x", 0, "ok")]
 
 
+def test_a_problem_is_told_once_with_how_often_it_came() -> None:
+    failed = [Outcome("a.bag", "x", seed, "failed", "it broke") for seed in range(2)]
+    other = Outcome("a.bag", "x", 2, "failed", "it stopped")
+    assert groups([*failed, other])[0].problems == "2 x failed: it broke; failed: it stopped"
+
+
 def test_failures_stay_in_the_count_and_are_told() -> None:
     median, mean = summary_tables(outcomes())
     assert median.columns == ("source", "backend", "n", "ok", "ATE, RMSE [m]", "problems")

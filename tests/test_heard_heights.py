@@ -224,8 +224,10 @@ def low_and_high():
     solids = [box(2.6, 0.9, 0.8), box(2.6, 3.6, 1.5), box(5.5, 2.4, np.inf)]
     geographic = room(solids, HeightPrior(3.0, 0.2).levels_m("furniture"))
     config, rng = MeasuredConfig(node_side_m=0.3), np.random.default_rng(0)
-    readings = heard_in(solids, 5)
-    return solids, geographic, infer_heights(geographic, readings, [AP], RADIO, config, rng)
+    readings, told = heard_in(solids, 5), []
+    heard = infer_heights(geographic, readings, [AP], RADIO, config, rng, told.append)
+    assert set(told) == {"heights of 2 obstacles by what is heard behind them"}
+    return solids, geographic, heard
 
 
 def test_heights_are_heard(low_and_high):

@@ -200,3 +200,12 @@ def test_a_plane_that_one_of_two_paths_tells_is_that_of_both() -> None:
     one, other = planes_of(line, path_of(np.zeros((20, 3))))
     assert one is other
     assert not one.sure
+
+
+def test_a_line_tells_its_plane_by_the_turns_however_the_body_is_mounted() -> None:
+    """A camera that looks up or down turns about the axis of the room, not about its own."""
+    places = np.column_stack([np.linspace(0.0, 9.0, 60), np.zeros(60), np.zeros(60)])
+    yaw = Rotation.from_rotvec(np.outer(0.4 * np.sin(np.arange(60)), [0.0, 0.0, 1.0]))
+    for mounted in (Rotation.identity(), Rotation.from_euler("yx", [0.7, 1.1])):
+        found = plane_of(path_of(places, yaw * mounted))
+        assert (found.name, found.sure) == ("x-y", True)

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import read_spatial, read_trajectory, trajectory_file, tum_text
-from slarm_graph.files.trajectory_columns import stamp_ns
+from slarm_graph.files.trajectory_columns import columns_by_custom, stamp_ns
 from slarm_graph.spatial import SpatialTrajectory
 from slarm_graph.stamps import ns_to_seconds, seconds_to_ns
 from slarm_graph.trajectory import Trajectory
@@ -250,3 +250,10 @@ def test_stamps_in_nanoseconds_fit_64_bits_or_are_refused(stamp: int) -> None:
     else:
         with pytest.raises(ValueError, match="64 bits"):
             stamp_ns(str(stamp), "ns")
+
+
+def test_a_whole_number_in_front_is_nanoseconds_in_euroc() -> None:
+    """A stamp with a point may be seconds: that is told by how large they are."""
+    state = ["1.5"] * 16
+    assert columns_by_custom(["1403636579758555392", *state], commas=True).unit == "ns"
+    assert columns_by_custom(["1403636579.75", *["2"] * 16], commas=True).unit == ""
