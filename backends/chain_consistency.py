@@ -11,7 +11,7 @@ import numpy as np
 from slarm_graph.constraint import Constraint, ConstraintKind
 from slarm_graph.frontends.scans.closures import GATE_CHI2
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Pose2, transform_covariances
 
 _CHAINS = (ConstraintKind.SCAN_MATCH, ConstraintKind.ODOMETRY)
 
@@ -39,7 +39,7 @@ def _is_rejected(closure: Constraint, steps: Sequence[Constraint], kind: Constra
         if node not in step_to:
             return False
         step = step_to[node]
-        pose, adjoint = pose @ step.i_from_j, step.i_from_j.inverse().adjoint()
-        covariance = adjoint @ covariance @ adjoint.T + step.covariance
+        pose, back = pose @ step.i_from_j, step.i_from_j.inverse().as_array()
+        covariance = transform_covariances(back, covariance) + step.covariance
     residual = pose.between(closure.i_from_j).as_array()
     return squared_mahalanobis(residual, covariance + closure.covariance) > GATE_CHI2

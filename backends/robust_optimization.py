@@ -16,7 +16,7 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
-from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
+from slarm_graph.geometry import Floats, Pose2, between, symmetric, wrap_angles
 
 _SLIP_SIGMAS = 2.0
 """Scale of the Cauchy kernel on steps: half of it makes mit-csail hard_1_of_2 8 % better, double
@@ -143,7 +143,7 @@ def fused_step(one: Constraint, other: Constraint) -> Constraint:
     gain = np.linalg.solve(total, one.covariance).T
     fused = one.covariance - gain @ one.covariance
     mean = one.i_from_j @ Pose2.from_array(gain @ difference)
-    return replace(one, i_from_j=mean, covariance=np.asarray(0.5 * (fused + fused.T)))
+    return replace(one, i_from_j=mean, covariance=symmetric(fused))
 
 
 def _mixture(one: Constraint, other: Constraint) -> Constraint:

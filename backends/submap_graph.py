@@ -31,7 +31,15 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import GATE_CHI2, GATE_SIGMAS, Closure, ClosureCandidates
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
-from slarm_graph.geometry import Floats, Pose2, adjoints, between, compose, invert, transform_points
+from slarm_graph.geometry import (
+    Floats,
+    Pose2,
+    between,
+    compose,
+    invert,
+    transform_covariances,
+    transform_points,
+)
 
 _SLIP_SIGMAS = 3.0
 """Wider than for the finished graph: while driving few closures contradict odometry."""
@@ -156,11 +164,10 @@ class SubmapGraph:
 
         In the body frames of j, whichever of the two is the older one [m^2, m rad, rad^2].
         """
-        anchors = [self._anchor(k).local_from_robot for k in range(len(self._nodes))]
-        adjoint = adjoints(invert([pose.as_array() for pose in anchors]))[j]
+        anchors = [self._anchor(k).local_from_robot.as_array() for k in range(len(self._nodes))]
         total = np.array(self._drift_covariances)
         covariances = total[np.maximum(i, j)] - total[np.minimum(i, j)]
-        return np.asarray(adjoint @ covariances @ adjoint.transpose(0, 2, 1))
+        return transform_covariances(invert(anchors)[j], covariances)
 
     def apply_gate(self, closures: Sequence[Closure]) -> list[Closure]:
         """Reject closures beyond the chi-square gate of their own and the graph's covariance."""
@@ -307,10 +314,9 @@ class SubmapGraph:
         self._nodes.append(compose(self._nodes[-1], step.i_from_j.as_array()))
         self._steps.append(step)
         self._relative.add(step)
-        adjoint = self.keyframes[k].local_from_robot.adjoint()
-        self._drift_covariances.append(
-            self._drift_covariances[-1] + adjoint @ step.covariance @ adjoint.T
-        )
+        here = self.keyframes[k].local_from_robot.as_array()
+        drift = transform_covariances(here, step.covariance)
+        self._drift_covariances.append(self._drift_covariances[-1] + drift)
 
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._starts[node]]
