@@ -17,13 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.kalman import kalman_update
 from slarm_graph.frontends.scans.odometry_noise import OdometryNoise
 from slarm_graph.frontends.scans.small_matrix import (
-    add3,
     add_diagonal3,
     add_vectors3,
-    invert3,
-    matmul3,
     matvec3,
     sandwich3,
     scaled3,
@@ -205,8 +203,10 @@ def _calibration_update(
         noise[k] = variance_factors[0][k] * model[k] + 2.0 * variance_factors[1][k] * nominal[k]
         noise[k] = noise[k] if informative[k] else _UNINFORMATIVE
     inflated = _student_t_variances(residual, noise, sandwich3(jacobian, covariance))
-    errors, covariance = _kalman_update(errors, covariance, jacobian, residual, inflated)
-    aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _VARIANCE_DOUBLES_M)
+    R = add_diagonal3(np.zeros((3, 3)), inflated)
+    errors, covariance = kalman_update(errors, covariance, residual, R, jacobian)
+    growth = 1.0 + math.hypot(increment[0], increment[1]) / _VARIANCE_DOUBLES_M
+    aged = scaled3(symmetric3(covariance), growth)
     shrink = 1.0
     for k in range(3):
         shrink = min(shrink, _PRIOR_SIGMA[k] * _PRIOR_SIGMA[k] / aged[k, k])
@@ -235,16 +235,3 @@ def _student_t_variances(residual: Floats, noise: Floats, systematic: Floats) ->
             1.0, (_DEGREES_OF_FREEDOM + squared_residual) / (_DEGREES_OF_FREEDOM + 1.0)
         )
     return out
-
-
-@kernel
-def _kalman_update(
-    errors: Floats, covariance: Floats, jacobian: Floats, residual: Floats, noise: Floats
-) -> tuple[Floats, Floats]:
-    """Kalman update of a state (3,) and its covariance by a residual (3,), in Joseph's form."""
-    S = add_diagonal3(sandwich3(jacobian, covariance), noise)
-    gain = matmul3(matmul3(covariance, jacobian.T), invert3(S))
-    I_KH = add3(np.eye(3), scaled3(matmul3(gain, jacobian), -1.0))
-    R = add_diagonal3(np.zeros((3, 3)), noise)
-    joseph = add3(sandwich3(I_KH, covariance), sandwich3(gain, R))
-    return add_vectors3(errors, matvec3(gain, residual)), symmetric3(joseph)
