@@ -28,7 +28,7 @@ from slarm_graph.frontends.scans.small_matrix import (
     subtract3,
     symmetric3,
 )
-from slarm_graph.frontends.scans.small_pose import wrapped
+from slarm_graph.frontends.scans.small_pose import DEGREES_OF_FREEDOM, wrapped
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
@@ -44,13 +44,6 @@ _PER_ANGLE = np.array([0.03, 0.03, 0.10])
 """The same per radian turned [m/rad, m/rad, rad/rad]."""
 _UNINFORMATIVE = 1e6
 """Variance of an uninformative measurement [m^2, rad^2]: a kilometre."""
-_DEGREES_OF_FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution of residuals, as Lange, Little and Taylor ("Robust
-Statistical Modeling Using the t Distribution", JASA 84, 1989) advise where they are not estimated:
-a residual of five sigmas counts a sixth. With half a hall is 0.072 m in place of 0.075 (mean of
-three) and edmonton 0.89 in place of 0.71 (one of three draws), with double 0.092 and 0.68, with no
-tails 0.090 in place of 0.079 (of eight); mit-csail and fr-clinic 5.6 m deep move less than by
-draws."""
 _MIN_MOTION_M, _MIN_MOTION_RAD = 0.005, 0.005
 """Shorter steps carry no information on the systematic errors."""
 
@@ -231,7 +224,6 @@ def _student_t_variances(residual: Floats, noise: Floats, systematic: Floats) ->
     out = np.empty(3)
     for k in range(3):
         squared_residual = residual[k] * residual[k] / (noise[k] + systematic[k, k])
-        out[k] = noise[k] * max(
-            1.0, (_DEGREES_OF_FREEDOM + squared_residual) / (_DEGREES_OF_FREEDOM + 1.0)
-        )
+        factor = (DEGREES_OF_FREEDOM + squared_residual) / (DEGREES_OF_FREEDOM + 1.0)
+        out[k] = noise[k] * max(1.0, factor)
     return out
