@@ -231,12 +231,8 @@ def interpolate_covariances(
     ----------
     known : (U, 3, 3) float64
         At the scans `scans`, in their body frames.
-    scans : (U,) int64
-        Ascending.
-    poses : (S, 3) float64
-        `map_from_robot` at every scan.
-    variances : (S,) float64
-        Of the step to every scan [m^2].
+    scans, poses, variances : (U,) int64, (S, 3) float64, (S,) float64
+        As of `path_covariances`.
 
     Returns
     -------
