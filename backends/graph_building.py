@@ -125,7 +125,7 @@ class GraphBuilder:
         self._wheels = chained(self._wheels, tracked.wheels)
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
-        elif tracked.is_open and tracked.match:
+        elif tracked.is_ambiguous and tracked.match:
             self._ambiguous[len(self._local) - 1] = tracked.points_m
 
     @property
