@@ -19,6 +19,7 @@ from slarm_graph.backends.graph_constraints import closure_constraint, matched_s
 from slarm_graph.backends.path_interpolation import interpolate_corrections
 from slarm_graph.backends.relative_covariance import RelativeCovariances
 from slarm_graph.backends.robust_optimization import (
+    INLIER_WEIGHT,
     RobustSolution,
     fused_step,
     optimize_robustly,
@@ -46,8 +47,6 @@ _SLIP_SIGMAS = 3.0
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever their number has grown by the factor, all are optimised, else
 the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
-OUTVOTED = 0.5
-"""Weight below which graduated non-convexity has rejected a closure: it ends at 0 or 1."""
 GATED = "farther from the graph than the covariances allow"
 _MAX_VIEW_DISTANCE_M, _DISTANCE_BIN_M = 3.0, 1.0
 """Distance of the view centres of an old submap and a keyframe that may share a view, and bin in
@@ -146,7 +145,7 @@ class SubmapGraph:
         return [
             e
             for e, weight in zip(self._edges, weights.tolist(), strict=True)
-            if e.kind is ConstraintKind.LOOP_CLOSURE and weight >= OUTVOTED
+            if e.kind is ConstraintKind.LOOP_CLOSURE and weight >= INLIER_WEIGHT
         ]
 
     def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
