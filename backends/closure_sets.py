@@ -19,7 +19,7 @@ from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
 from slarm_graph.frontends.scans.small_pose import log_det_2pi, squared_mahalanobis
-from slarm_graph.geometry import Floats, adjoints, between, compose, invert
+from slarm_graph.geometry import between, compose, invert, transform_covariances
 
 _MIN_SET = 3
 """Closures that must agree: two may by chance where a corridor repeats itself."""
@@ -189,21 +189,16 @@ def pairwise_consistent(
         )
     )
     one, other = compose(measured[0], between(*new)), compose(between(*old), measured[1])
-    covariance = _CLOSURE_COVARIANCE + _transformed(_CLOSURE_COVARIANCE, between(new[1], new[0]))
     nodes = np.array([graph.node_of(c.keyframe) for c in closures], dtype=np.int64)[pairs.T]
-    covariance = covariance + graph.dead_reckoning_covariances(*nodes)
     targets = np.array([c.submap for c in closures], dtype=np.int64)[pairs.T]
-    covariance = covariance + _transformed(
-        graph.dead_reckoning_covariances(*targets), invert(measured[1])
+    covariance = (
+        _CLOSURE_COVARIANCE
+        + transform_covariances(between(new[1], new[0]), _CLOSURE_COVARIANCE)
+        + graph.dead_reckoning_covariances(*nodes)
+        + transform_covariances(invert(measured[1]), graph.dead_reckoning_covariances(*targets))
     )
     residual = between(one, other)
     squared = np.einsum(
         "pi,pi->p", residual, np.linalg.solve(covariance, residual[..., None])[..., 0]
     )
     return np.asarray((squared < CHI2_1_PERCENT) & (keyframe[0] != keyframe[1]))
-
-
-def _transformed(covariances: Floats, poses: Floats) -> Floats:
-    """Covariances (P, 3, 3), or one, by the adjoint in the frames that poses (P, 3) lead from."""
-    adjoint = adjoints(poses)
-    return np.asarray(adjoint @ covariances @ adjoint.transpose(0, 2, 1))

@@ -21,7 +21,8 @@ from slarm_graph.backends.closure_sets import (
     agreeing_groups,
     consistent_sets,
 )
-from slarm_graph.backends.submap_graph import GATED, OUTVOTED, SubmapGraph
+from slarm_graph.backends.robust_optimization import INLIER_WEIGHT
+from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, transform_points
@@ -56,13 +57,13 @@ def verify_closures(
     evidence = overlap_evidence(graph, matcher)
     while _contradiction(evidence) > DECISIVE_NAT:
         heartbeat("weighing closures by what the places beside them saw")
-        inliers = (graph.optimize_robustly()[1] >= OUTVOTED).tolist()
+        inliers = (graph.optimize_robustly()[1] >= INLIER_WEIGHT).tolist()
         trials = []
         for trial in (
             *_without_groups(graph, evidence),
             *_with_groups(graph, evidence, heartbeat),
         ):
-            if (trial.optimize_robustly(heartbeat)[1] >= OUTVOTED).tolist() != inliers:
+            if (trial.optimize_robustly(heartbeat)[1] >= INLIER_WEIGHT).tolist() != inliers:
                 trials.append((overlap_evidence(trial, matcher), trial))
         best = min(trials, key=lambda t: float(t[0][:, 2].sum()), default=(evidence, graph))
         removed = _contradiction(evidence) - _contradiction(best[0])
@@ -132,7 +133,7 @@ def _accepted_and_rejected(graph: SubmapGraph) -> tuple[list[Closure], list[Clos
     """Split closures into inliers, and those that the gate or robust optimisation rejected."""
     accepted, rejected = [], []
     for closure, weight in zip(graph.closures, graph.optimize_robustly()[1].tolist(), strict=True):
-        if weight >= OUTVOTED:
+        if weight >= INLIER_WEIGHT:
             accepted.append(closure)
         elif closure.reason in ("", GATED):
             rejected.append(closure)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, silent
-from slarm_graph.backends.chain_consistency import contradicts_both_chains
+from slarm_graph.backends.chain_consistency import contradict_both_chains
 from slarm_graph.backends.closure_sets import MAX_COVISIBLE_M, consistent_sets, contested_closures
 from slarm_graph.backends.closure_verification import verify_closures
 from slarm_graph.backends.submap_graph import SubmapGraph
@@ -88,9 +88,8 @@ def close_loops_offline(
         )
         graph = reassess_closures(graph, contested, heartbeat)
     graph = verify_closures(graph, matcher, heartbeat)
-    steps = graph.pose_graph().constraints
-    rejected = consistent_sets(graph.gated(), graph)
-    return graph, sum(not contradicts_both_chains(graph.edge(c), steps) for c in rejected)
+    rejected = map(graph.edge, consistent_sets(graph.gated(), graph))
+    return graph, contradict_both_chains(rejected, graph.pose_graph().constraints).count(False)
 
 
 def reassess_closures(

@@ -19,7 +19,8 @@ from slarm_graph.backends.path_interpolation import (
     odometry_variance,
     step_variance,
 )
-from slarm_graph.backends.submap_graph import OUTVOTED, SubmapGraph
+from slarm_graph.backends.robust_optimization import INLIER_WEIGHT
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.constraint import PoseGraph
 from slarm_graph.counts import count_of
@@ -125,7 +126,7 @@ class GraphBuilder:
         self._wheels = chained(self._wheels, tracked.wheels)
         if tracked.is_keyframe:
             self._add_keyframe(tracked)
-        elif tracked.is_open and tracked.match:
+        elif tracked.is_ambiguous and tracked.match:
             self._ambiguous[len(self._local) - 1] = tracked.points_m
 
     @property
@@ -227,7 +228,7 @@ class GraphBuilder:
         stamp_s = self._stamps_ns[self._graph.keyframes[closure.keyframe].scan] * 1e-9
         x, y, theta = (float(v) for v in closure.submap_from_keyframe)
         verdict = closure.reason or (
-            "accepted" if weight >= OUTVOTED else "outlier of the optimised graph"
+            "accepted" if weight >= INLIER_WEIGHT else "outlier of the optimised graph"
         )
         return (
             stamp_s,

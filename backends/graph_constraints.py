@@ -15,7 +15,7 @@ from slarm_graph.frontends.scans.closures import Closure
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.wheel_motion import chained
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, symmetric, transform_covariances
 
 _ODOMETRY_FLOOR = np.diag([0.003, 0.003, 0.0015]) ** 2
 """Least of a keyframe's match to the local map [m, m, rad]. With half of it, and of the closures',
@@ -49,12 +49,13 @@ def matched_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint:
     before, last = keyframes[0].local_from_robot, keyframes[-1].local_from_robot
     matches, floor = np.zeros((3, 3)), np.zeros((3, 3))
     for keyframe in keyframes[1:]:
-        to_last = keyframe.local_from_robot.between(last)
-        matches += _transformed(_CORRELATION_FACTOR * _match_covariance(keyframe), to_last)
-        floor += _transformed(_ODOMETRY_FLOOR, to_last)
+        last_from_keyframe = keyframe.local_from_robot.between(last).inverse().as_array()
+        match = _CORRELATION_FACTOR * _match_covariance(keyframe)
+        matches += transform_covariances(last_from_keyframe, match)
+        floor += transform_covariances(last_from_keyframe, _ODOMETRY_FLOOR)
     total = matches + floor
     factors = clamping_factors(total)
-    covariance, shared = _symmetric(total * factors), _symmetric(matches * factors)
+    covariance, shared = symmetric(total * factors), symmetric(matches * factors)
     step = before.between(last)
     return Constraint(node - 1, node, step, covariance, ConstraintKind.SCAN_MATCH, shared)
 
@@ -80,9 +81,10 @@ def wheels_step(node: int, keyframes: Sequence[Keyframe]) -> Constraint | None:
         return None
     motion = Pose2.from_array(wheels.motion)
     first, last = (keyframes[k].lag_covariance + np.diag(wheels.reading_variances) for k in (0, -1))
-    readings = _ODOMETRY_FLOOR + _transformed(first, motion) + last
+    before = transform_covariances(motion.inverse().as_array(), first)
+    readings = _ODOMETRY_FLOOR + before + last
     both = (wheels.total_covariance() + readings, wheels.total_covariance_if_working() + readings)
-    total, nominal = (_symmetric(covariance * clamping_factors(covariance)) for covariance in both)
+    total, nominal = (symmetric(covariance * clamping_factors(covariance)) for covariance in both)
     return Constraint(node - 1, node, motion, total, ConstraintKind.ODOMETRY, unfailed=nominal)
 
 
@@ -100,12 +102,14 @@ def closure_constraint(
     anchor : Keyframe
         The node's.
     """
-    from_anchor = keyframe.local_from_robot.between(anchor.local_from_robot)
-    measured = Pose2.from_array(closure.submap_from_keyframe) @ from_anchor
-    match = _transformed(invert3(closure.information + _INFORMATION_FLOOR), from_anchor)
-    covariance = _symmetric(match + _transformed(_CLOSURE_FLOOR, from_anchor))
+    keyframe_from_anchor = keyframe.local_from_robot.between(anchor.local_from_robot)
+    measured = Pose2.from_array(closure.submap_from_keyframe) @ keyframe_from_anchor
+    anchor_from_keyframe = keyframe_from_anchor.inverse().as_array()
+    own = invert3(closure.information + _INFORMATION_FLOOR)
+    match, floor = (transform_covariances(anchor_from_keyframe, c) for c in (own, _CLOSURE_FLOOR))
+    covariance = symmetric(match + floor)
     kind = ConstraintKind.LOOP_CLOSURE
-    return Constraint(closure.submap, node, measured, covariance, kind, _symmetric(match))
+    return Constraint(closure.submap, node, measured, covariance, kind, symmetric(match))
 
 
 def clamping_factors(covariance: Floats) -> Floats:
@@ -119,13 +123,3 @@ def clamping_factors(covariance: Floats) -> Floats:
     sigmas = np.sqrt(np.diag(covariance))
     least = _UNINFORMED / np.maximum(sigmas, _UNINFORMED)
     return np.outer(least, least)
-
-
-def _transformed(covariance: Floats, motion: Pose2) -> Floats:
-    """Covariance (3, 3) of a pose, by the adjoint in the body frame that a motion leads to."""
-    adjoint = motion.inverse().adjoint()
-    return np.asarray(adjoint @ covariance @ adjoint.T)
-
-
-def _symmetric(covariance: Floats) -> Floats:
-    return np.asarray(0.5 * (covariance + covariance.T))

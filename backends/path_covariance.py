@@ -18,7 +18,7 @@ from scipy.sparse.linalg import splu
 
 from slarm_graph.backends.path_interpolation import bracketing_anchors
 from slarm_graph.constraint import ConstraintKind, PoseGraph
-from slarm_graph.geometry import Floats, adjoints, between
+from slarm_graph.geometry import Floats, adjoints, between, symmetric, transform_covariances
 
 _MAX_NODES = 1000
 """The time grows with the square of the nodes: 400 take 0.3 s, 3000 half a minute. Larger graphs
@@ -83,18 +83,17 @@ def path_covariances(
     if nodes is None:
         return None
     before, after, share = bracketing_anchors(scans, variances)
-    from_a = adjoints(between(poses, poses[scans[before]]))
-    from_b = adjoints(between(poses, poses[scans[after]]))
+    from_a, from_b = (between(poses, poses[scans[node]]) for node in (before, after))
     s = np.minimum(share, 1.0)[:, None, None]
-    cross = transformed(nodes.cross[before], from_a, from_b)
-    step = transformed(nodes.steps[before], from_b)
+    cross = transform_covariances(from_a, nodes.cross[before], from_b)
+    step = transform_covariances(from_b, nodes.steps[before])
     total = (
-        (1.0 - s) ** 2 * transformed(nodes.own[before], from_a)
-        + s**2 * transformed(nodes.own[after], from_b)
+        (1.0 - s) ** 2 * transform_covariances(from_a, nodes.own[before])
+        + s**2 * transform_covariances(from_b, nodes.own[after])
         + s * (1.0 - s) * (cross + cross.swapaxes(1, 2) + step)
         + np.maximum(share - 1.0, 0.0)[:, None, None] * step
     )
-    return _symmetric(total)
+    return symmetric(total)
 
 
 def covariance_notices(graph: PoseGraph, covariances: Floats | None) -> tuple[str, ...]:
@@ -119,7 +118,7 @@ def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
     joint = None if steps is None else joint_covariances(graph, *pairs)
     if steps is None or joint is None:
         return None
-    return NodeCovariances(_symmetric(joint[every]), joint[len(every) :], steps)
+    return NodeCovariances(symmetric(joint[every]), joint[len(every) :], steps)
 
 
 def joint_covariances(
@@ -232,12 +231,8 @@ def interpolate_covariances(
     ----------
     known : (U, 3, 3) float64
         At the scans `scans`, in their body frames.
-    scans : (U,) int64
-        Ascending.
-    poses : (S, 3) float64
-        `map_from_robot` at every scan.
-    variances : (S,) float64
-        Of the step to every scan [m^2].
+    scans, poses, variances : (U,) int64, (S, 3) float64, (S,) float64
+        As of `path_covariances`.
 
     Returns
     -------
@@ -246,15 +241,8 @@ def interpolate_covariances(
     """
     before, after, share = bracketing_anchors(scans, variances)
     s = np.minimum(share, 1.0)[:, None, None]
-    from_before = transformed(known[before], adjoints(between(poses, poses[scans[before]])))
-    from_after = transformed(known[after], adjoints(between(poses, poses[scans[after]])))
-    return _symmetric((1.0 - s) * from_before + s * from_after)
-
-
-def transformed(covariances: Floats, left: Floats, right: Floats | None = None) -> Floats:
-    """Transform covariances (N, 3, 3) by adjoints (N, 3, 3) of the rows and of the columns."""
-    return np.asarray(left @ covariances @ (left if right is None else right).swapaxes(1, 2))
-
-
-def _symmetric(covariances: Floats) -> Floats:
-    return np.asarray(0.5 * (covariances + covariances.swapaxes(1, 2)))
+    one, other = (
+        transform_covariances(between(poses, poses[scans[node]]), known[node])
+        for node in (before, after)
+    )
+    return symmetric((1.0 - s) * one + s * other)

@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import dijkstra
 
 from slarm_graph.constraint import Constraint
-from slarm_graph.geometry import Floats, adjoints, between
+from slarm_graph.geometry import Floats, between, transform_covariances
 from slarm_graph.kernels import kernel
 
 _LEVER_M = 2.0
@@ -166,8 +166,7 @@ def _transformed(covariances: Floats, levers: Floats) -> Floats:
     variances = covariances[:, 2, 2]
     is_nonlinear = variances > _LINEAR_RAD**2
     linear_levers = np.where(is_nonlinear[:, None], levers * [0.0, 0.0, 1.0], levers)
-    adjoint = adjoints(linear_levers)
-    out = adjoint @ covariances @ adjoint.transpose(0, 2, 1)
+    out = transform_covariances(linear_levers, covariances)
     circle = is_nonlinear * np.minimum(variances, 1.0) * (levers[:, :2] ** 2).sum(axis=1)
     out[:, [0, 1], [0, 1]] += circle[:, None]
-    return np.asarray(out)
+    return out

@@ -16,13 +16,13 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
-from slarm_graph.geometry import Floats, Pose2, between, wrap_angles
+from slarm_graph.geometry import Floats, Pose2, between, symmetric, wrap_angles
 
 _SLIP_SIGMAS = 2.0
 """Scale of the Cauchy kernel on steps: half of it makes mit-csail hard_1_of_2 8 % better, double
 2 % worse; plain recordings stay, edmonton moves less than by 2 mm of noise in its ranges."""
-_INLIER = 0.5
-"""Truncated least squares ends with weights of 0 or 1: the middle separates them."""
+INLIER_WEIGHT = 0.5
+"""Weight from which a constraint is an inlier: truncated least squares ends with 0 or 1."""
 _MIN_WEIGHT = 1e-6
 """Keeps an inflated step of (1 m)^2 within the covariances that `check_graph` lets pass."""
 
@@ -60,7 +60,7 @@ def optimize_robustly(graph: PoseGraph, heartbeat: Heartbeat = silent) -> Robust
     closures = [k for k, c in enumerate(inflated) if c.kind is ConstraintKind.LOOP_CLOSURE]
     suspects = sorted({*closures, *doubtful})
     hard = optimize_gnc(PoseGraph(soft.poses, inflated + mixtures), suspects, heartbeat=heartbeat)
-    is_inlier = hard.weights >= _INLIER
+    is_inlier = hard.weights >= INLIER_WEIGHT
     is_inlier[len(inflated) :] = False
     kept = [c for c, ok in zip(inflated + mixtures, is_inlier.tolist(), strict=True) if ok]
     joined = {(c.i, c.j) for c in kept}
@@ -80,7 +80,7 @@ def step_notices(constraints: Sequence[Constraint], weights: Floats) -> tuple[st
     doubtful = contradictory_steps(constraints)
     if not doubtful:
         return ()
-    is_inlier = (weights[doubtful] >= _INLIER).reshape(-1, 2)
+    is_inlier = (weights[doubtful] >= INLIER_WEIGHT).reshape(-1, 2)
     steps = sum(c.kind is ConstraintKind.SCAN_MATCH for c in constraints)
     counts = {
         "the matches": int((is_inlier[:, 0] & ~is_inlier[:, 1]).sum()),
@@ -143,7 +143,7 @@ def fused_step(one: Constraint, other: Constraint) -> Constraint:
     gain = np.linalg.solve(total, one.covariance).T
     fused = one.covariance - gain @ one.covariance
     mean = one.i_from_j @ Pose2.from_array(gain @ difference)
-    return replace(one, i_from_j=mean, covariance=np.asarray(0.5 * (fused + fused.T)))
+    return replace(one, i_from_j=mean, covariance=symmetric(fused))
 
 
 def _mixture(one: Constraint, other: Constraint) -> Constraint:

@@ -21,14 +21,14 @@ from numpy.random import Generator
 
 from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.motion_model import motion_covariance
-from slarm_graph.backends.path_covariance import path_covariances, transformed
+from slarm_graph.backends.path_covariance import path_covariances
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.config import GmappingConfig
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
-from slarm_graph.geometry import Floats, adjoints, between, compose, wrap_angles
+from slarm_graph.geometry import Floats, between, compose, transform_covariances, wrap_angles
 
 MISSED_SIGMAS = math.sqrt(CHI2_1_PERMILLE)
 """Mahalanobis distance from which a closure is missed: the root of the chi-square quantile of
@@ -87,7 +87,7 @@ def second_moments(poses: Floats, closed: ClosedGraph) -> Floats | None:
         return None
     offsets = between(poses, closed.poses)
     offsets[:, 2] = wrap_angles(offsets[:, 2])
-    about_path = transformed(covariances + closed.lag_covariances, adjoints(offsets))
+    about_path = transform_covariances(offsets, covariances + closed.lag_covariances)
     return about_path + offsets[:, :, None] * offsets[:, None, :]
 
 

@@ -19,6 +19,7 @@ from slarm_graph.backends.graph_constraints import closure_constraint, matched_s
 from slarm_graph.backends.path_interpolation import interpolate_corrections
 from slarm_graph.backends.relative_covariance import RelativeCovariances
 from slarm_graph.backends.robust_optimization import (
+    INLIER_WEIGHT,
     RobustSolution,
     fused_step,
     optimize_robustly,
@@ -31,15 +32,21 @@ from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.frontends.scans.closures import GATE_CHI2, GATE_SIGMAS, Closure, ClosureCandidates
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
-from slarm_graph.geometry import Floats, Pose2, adjoints, between, compose, invert, transform_points
+from slarm_graph.geometry import (
+    Floats,
+    Pose2,
+    between,
+    compose,
+    invert,
+    transform_covariances,
+    transform_points,
+)
 
 _SLIP_SIGMAS = 3.0
 """Wider than for the finished graph: while driving few closures contradict odometry."""
 _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever their number has grown by the factor, all are optimised, else
 the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
-OUTVOTED = 0.5
-"""Weight below which graduated non-convexity has rejected a closure: it ends at 0 or 1."""
 GATED = "farther from the graph than the covariances allow"
 _MAX_VIEW_DISTANCE_M, _DISTANCE_BIN_M = 3.0, 1.0
 """Distance of the view centres of an old submap and a keyframe that may share a view, and bin in
@@ -138,7 +145,7 @@ class SubmapGraph:
         return [
             e
             for e, weight in zip(self._edges, weights.tolist(), strict=True)
-            if e.kind is ConstraintKind.LOOP_CLOSURE and weight >= OUTVOTED
+            if e.kind is ConstraintKind.LOOP_CLOSURE and weight >= INLIER_WEIGHT
         ]
 
     def sigmas_between(self, i: int, j: int) -> tuple[float, float]:
@@ -156,11 +163,10 @@ class SubmapGraph:
 
         In the body frames of j, whichever of the two is the older one [m^2, m rad, rad^2].
         """
-        anchors = [self._anchor(k).local_from_robot for k in range(len(self._nodes))]
-        adjoint = adjoints(invert([pose.as_array() for pose in anchors]))[j]
+        anchors = [self._anchor(k).local_from_robot.as_array() for k in range(len(self._nodes))]
         total = np.array(self._drift_covariances)
         covariances = total[np.maximum(i, j)] - total[np.minimum(i, j)]
-        return np.asarray(adjoint @ covariances @ adjoint.transpose(0, 2, 1))
+        return transform_covariances(invert(anchors)[j], covariances)
 
     def apply_gate(self, closures: Sequence[Closure]) -> list[Closure]:
         """Reject closures beyond the chi-square gate of their own and the graph's covariance."""
@@ -307,10 +313,9 @@ class SubmapGraph:
         self._nodes.append(compose(self._nodes[-1], step.i_from_j.as_array()))
         self._steps.append(step)
         self._relative.add(step)
-        adjoint = self.keyframes[k].local_from_robot.adjoint()
-        self._drift_covariances.append(
-            self._drift_covariances[-1] + adjoint @ step.covariance @ adjoint.T
-        )
+        here = self.keyframes[k].local_from_robot.as_array()
+        drift = transform_covariances(here, step.covariance)
+        self._drift_covariances.append(self._drift_covariances[-1] + drift)
 
     def _anchor(self, node: int) -> Keyframe:
         return self.keyframes[self._starts[node]]

@@ -19,7 +19,7 @@ from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.path_covariance import joint_covariances
 from slarm_graph.backends.pose_graph_optimizer import chi2_each, optimize
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.geometry import Floats, adjoints, between
+from slarm_graph.geometry import Floats, adjoints, between, transform_covariances
 
 _ROUNDS = 5
 """After which factors of rooms move by less than 1 %, but those on their way to `_MIN_FACTOR`."""
@@ -106,9 +106,9 @@ def redundancies(graph: PoseGraph) -> Floats | None:
     if joint is None:
         return None
     at_i, at_j, both = joint.reshape(3, -1, 3, 3)
-    back = adjoints(between(graph.poses[j], graph.poses[i]))
-    cross = back @ both
-    estimated = at_j + back @ at_i @ back.swapaxes(1, 2) - cross - cross.swapaxes(1, 2)
+    j_from_i = between(graph.poses[j], graph.poses[i])
+    cross = adjoints(j_from_i) @ both
+    estimated = at_j + transform_covariances(j_from_i, at_i) - cross - cross.swapaxes(1, 2)
     measured = np.array([c.covariance for c in graph.constraints])
     return np.asarray(3.0 - np.trace(np.linalg.solve(measured, estimated), axis1=1, axis2=2))
 

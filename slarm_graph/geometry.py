@@ -93,21 +93,30 @@ class Pose2:
             [scale * (a * self.x + b * self.y), scale * (a * self.y - b * self.x), self.theta]
         )
 
-    def adjoint(self) -> Floats:
-        """Adjoint matrix (3, 3): `a_from_b exp(v) = exp(Ad v) a_from_b`."""
-        adjoint: Floats = adjoints(self.as_array()[None])[0]
-        return adjoint
-
 
 def adjoints(a_from_b: Floats) -> Floats:
-    """Adjoints (N, 3, 3) of poses (N, 3): they carry errors in frame b to frame a."""
-    x, y, theta = a_from_b.T
-    out = np.zeros((len(a_from_b), 3, 3))
-    out[:, 0, 0] = out[:, 1, 1] = np.cos(theta)
-    out[:, 1, 0] = np.sin(theta)
-    out[:, 0, 1] = -out[:, 1, 0]
-    out[:, 0, 2], out[:, 1, 2], out[:, 2, 2] = y, -x, 1.0
+    """Adjoints (..., 3, 3) of poses (..., 3): `a_from_b exp(v) = exp(Ad v) a_from_b`."""
+    x, y, theta = a_from_b[..., 0], a_from_b[..., 1], a_from_b[..., 2]
+    out = np.zeros((*theta.shape, 3, 3))
+    out[..., 0, 0] = out[..., 1, 1] = np.cos(theta)
+    out[..., 1, 0] = np.sin(theta)
+    out[..., 0, 1] = -out[..., 1, 0]
+    out[..., 0, 2], out[..., 1, 2], out[..., 2, 2] = y, -x, 1.0
     return out
+
+
+def transform_covariances(
+    a_from_b: Floats, covariances: Floats, a_from_c: Floats | None = None
+) -> Floats:
+    """Map covariances (..., 3, 3) of errors in frames b (rows) and c (columns) into frames a."""
+    rows = adjoints(a_from_b)
+    columns = rows if a_from_c is None else adjoints(a_from_c)
+    return np.asarray(rows @ covariances @ columns.swapaxes(-1, -2))
+
+
+def symmetric(matrices: NDArray[np.floating]) -> Floats:
+    """Return the mean of matrices (..., N, N) and their transposes."""
+    return np.asarray(0.5 * (matrices + matrices.swapaxes(-1, -2)))
 
 
 def _sinc_terms(angle_rad: float) -> tuple[float, float]:

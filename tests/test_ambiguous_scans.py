@@ -56,14 +56,16 @@ def tracked(scan: int, pose: Floats, estimate: Floats, **other: object) -> Track
     return TrackedScan(scan * 10**9, seen(pose), place, Pose2(STEP_M), sure, match, **kept)
 
 
-def built(misplaced: dict[int, Floats], *, is_open: bool = True) -> tuple[Floats, ClosedGraph]:
+def built(misplaced: dict[int, Floats], *, is_ambiguous: bool = True) -> tuple[Floats, ClosedGraph]:
     """True poses (S, 3), and the graph of scans of which the tracker placed some elsewhere."""
     true = np.zeros((SCANS, 3))
     true[:, 0] = STEP_M * np.arange(SCANS)
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     for k, pose in enumerate(true):
         here = misplaced.get(k, pose)
-        builder.add_scan(tracked(k, pose, here, is_keyframe=k not in misplaced, is_open=is_open))
+        builder.add_scan(
+            tracked(k, pose, here, is_keyframe=k not in misplaced, is_ambiguous=is_ambiguous)
+        )
     return true, builder.close_loops()
 
 
@@ -76,7 +78,7 @@ def test_a_misplaced_scan_is_relocated(off_m: float) -> None:
 
 
 def test_an_unambiguous_scan_stays() -> None:
-    true, closed = built({16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}, is_open=False)
+    true, closed = built({16: np.array([STEP_M * 16 + 0.2, 0.0, 0.0])}, is_ambiguous=False)
     assert closed.poses[16, 0] - true[16, 0] == pytest.approx(0.2, abs=0.02)
     assert not closed.relocations.any()
 
@@ -171,5 +173,5 @@ def test_before_the_first_submap_nothing_is_relocated() -> None:
     builder = GraphBuilder(PoseGraphConfig(), FrontendConfig())
     start, off = np.zeros(3), np.array([0.1, 0.0, 0.0])
     builder.add_scan(tracked(0, start, start))
-    builder.add_scan(tracked(1, start, off, is_keyframe=False, is_open=True))
+    builder.add_scan(tracked(1, start, off, is_keyframe=False, is_ambiguous=True))
     assert builder.close_loops().poses.shape == (2, 3)

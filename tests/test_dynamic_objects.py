@@ -184,7 +184,7 @@ def test_who_overtakes_drags_no_robot_along(way_m: float, seed: int) -> None:
     """A robot that sees a pillar or two is overtaken by somebody."""
     rng = np.random.default_rng(seed)
     pillars = np.array([[x, 2.5, 0.3] for x in np.arange(-4.0, 40.0, 6.0)])
-    tracker, truth, off_m, is_open = ScanTracker(FrontendConfig()), np.zeros(3), [], []
+    tracker, truth, off_m, is_ambiguous = ScanTracker(FrontendConfig()), np.zeros(3), [], []
     for k in range(100):
         somebody = [-7.0 + way_m * k, -1.2, 0.25]
         noise_m = rng.normal(0.0, 0.03, len(BEAMS))
@@ -192,10 +192,10 @@ def test_who_overtakes_drags_no_robot_along(way_m: float, seed: int) -> None:
         odometry = Pose2(truth[0] * 1.002, 0.0, 0.0)
         tracked = tracker.track(Reading((k + 1) * 200_000_000, scan, odometry))
         off_m.append(math.hypot(*(tracked.local_from_robot.as_array() - truth)[:2]))
-        is_open.append(tracked.is_open)
+        is_ambiguous.append(tracked.is_ambiguous)
         truth += [0.06, 0.0, 0.0]
     assert max(off_m) < 0.4  # 0.9 to 2.2 where nobody may walk, or not on
-    assert 0 < sum(is_open) < 50  # who walks there could be what stands elsewhere
+    assert 0 < sum(is_ambiguous) < 50  # who walks there could be what stands elsewhere
 
 
 def test_a_log_may_begin_at_zero() -> None:

@@ -16,7 +16,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.blocks import find_blocks
-from slarm_graph.radio.measured.build_map import _make_problem, build_measured_map, free_floor
+from slarm_graph.radio.measured.build_map import build_measured_map, free_floor
 from slarm_graph.radio.measured.files import (
     LAYERS,
     read_measured_npz,
@@ -25,6 +25,7 @@ from slarm_graph.radio.measured.files import (
     write_measured_netcdf,
     write_measured_npz,
 )
+from slarm_graph.radio.measured.fit import Problem
 from slarm_graph.radio.measured.locate import _over_map, _Search
 from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
@@ -170,7 +171,7 @@ def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
         alone = noise + doubt * shared[shared == count][0]
         assert says == pytest.approx(count / alone)
     mean, here = MeanFunction(floor(), AP, 0.5, 0.25), drive(np.random.default_rng(1), 400)
-    found = _make_problem(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
+    found = Problem.of(FloorField(nodes), mean, placed(here, np.zeros(400)), Receiver())
     map_variance_db2 = mean.map_design_and_variance(here)[1]
     assert map_variance_db2.max() > 0.0
     np.testing.assert_allclose(

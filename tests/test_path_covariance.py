@@ -14,7 +14,6 @@ from slarm_graph.app.run_folder import create_run_folder
 from slarm_graph.app.run_report import uncertainty
 from slarm_graph.backend import SlamResult
 from slarm_graph.backends.path_covariance import (
-    adjoints,
     interpolate_covariances,
     node_covariances,
     path_covariances,
@@ -24,7 +23,7 @@ from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectory_covariances import TrajectoryCovariance
-from slarm_graph.geometry import Pose2, between, compose
+from slarm_graph.geometry import Pose2, adjoints, between, compose
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.trajectory import Trajectory
 
@@ -56,7 +55,7 @@ def coarse_and_fine(nodes: int, closed: bool) -> tuple[PoseGraph, PoseGraph, np.
     fine = []
     for k in range(len(poses) - 1):
         after = BETWEEN * (k // BETWEEN + 1)
-        carry = Pose2.from_array(between(poses[k + 1], poses[after])).adjoint()
+        carry = adjoints(between(poses[k + 1], poses[after]))
         fine.append(constraint(poses, k, k + 1, carry @ (Q / BETWEEN) @ carry.T, "scan_match"))
     if closed:
         loop = np.diag([1e-4, 2e-4, 1e-5])
@@ -121,7 +120,7 @@ def test_scans_after_the_last_node_go_on() -> None:
     assert found is not None
     # Without a loop nothing is learnt from what comes after: as if the step had been measured,
     # but that each share is seen from the node before.
-    carry = Pose2.from_array(between(fine.poses[-1], coarse.poses[-2])).adjoint()
+    carry = adjoints(between(fine.poses[-1], coarse.poses[-2]))
     expected = carry @ (dense(fine)[at[-2]] + Q) @ carry.T
     np.testing.assert_allclose(found[-1], expected, rtol=1e-5)
 
@@ -201,14 +200,13 @@ def test_filling_carries_along_a_lever() -> None:
 
 
 def carried_by_hand(poses: np.ndarray, known: np.ndarray) -> np.ndarray:
-    adjoint = Pose2.from_array(between(poses[2], poses[0])).adjoint()
+    adjoint = adjoints(between(poses[2], poses[0]))
     return np.asarray(adjoint @ known @ adjoint.T)
 
 
 def test_adjoints_are_those_of_single_poses() -> None:
     poses = bent_path(7)
-    expected = [Pose2.from_array(pose).adjoint() for pose in poses]
-    np.testing.assert_allclose(adjoints(poses), expected)
+    np.testing.assert_array_equal(adjoints(poses), [adjoints(pose) for pose in poses])
 
 
 def test_a_run_folder_tells_where_the_backend_knows(tmp_path: Path) -> None:

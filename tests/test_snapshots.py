@@ -236,7 +236,7 @@ def test_any_cut_or_changed_file_is_told_in_one_line(tmp_path: Path) -> None:
     assert refused > 0.9 * len(cut + changed)
 
 
-@pytest.mark.parametrize(("name", "value"), [("FORMAT", 4), ("__version__", "9.9")])
+@pytest.mark.parametrize(("name", "value"), [("FORMAT", 999), ("__version__", "9.9")])
 def test_another_version_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, value: object
 ) -> None:

@@ -20,7 +20,6 @@ from slarm_graph.frontends.scans.small_matrix import (
     matvec3,
     sandwich3,
     scaled3,
-    subtract3,
 )
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
@@ -41,18 +40,16 @@ class KalmanState:
 
 
 @kernel
-def kalman_update(x: Floats, P: Floats, z: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
+def kalman_update(x: Floats, P: Floats, y: Floats, R: Floats, H: Floats) -> tuple[Floats, Floats]:
     """State (3,) and covariance (3, 3) after a measurement, in Joseph's form.
 
     Parameters
     ----------
     x, P : (3,), (3, 3) float64
         Before it.
-    z, R, H : (3,), (3, 3), (3, 3) float64
-        Measurement z = H x with noise of covariance R.
+    y, R, H : (3,), (3, 3), (3, 3) float64
+        Residual z - H x of a measurement z of noise covariance R.
     """
-    cross = matmul3(P, H.T)
-    gain = matmul3(cross, invert3(add3(matmul3(H, cross), R)))
+    gain = matmul3(matmul3(P, H.T), invert3(add3(sandwich3(H, P), R)))
     I_KH = add3(np.eye(3), scaled3(matmul3(gain, H), -1.0))
-    state = add_vectors3(x, matvec3(gain, subtract3(z, matvec3(H, x))))
-    return state, add3(sandwich3(I_KH, P), sandwich3(gain, R))
+    return add_vectors3(x, matvec3(gain, y)), add3(sandwich3(I_KH, P), sandwich3(gain, R))

@@ -96,7 +96,7 @@ def fused_predictions(
     predicted, covariance = integrated_velocity(x, P, span_s)
     fused, fused_covariance = z, R
     if squared_mahalanobis(subtract3(z, predicted), add3(covariance, R)) < CHI2_1_PERCENT:
-        x, P = kalman_update(x, P, z, R, scaled3(np.eye(3), span_s))
+        x, P = kalman_update(x, P, subtract3(z, predicted), R, scaled3(np.eye(3), span_s))
         fused, fused_covariance = integrated_velocity(x, P, span_s)
     correlated = correlated_covariance(
         increment, parameters.variance_factor, parameters.path_variance_factor

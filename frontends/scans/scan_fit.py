@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from slarm_graph.frontends.scans.gauss_newton import refine
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, interpolate
 from slarm_graph.frontends.scans.local_map import LocalMap
-from slarm_graph.frontends.scans.small_pose import SEARCH_REACH, compose3
+from slarm_graph.frontends.scans.small_pose import SEARCH_REACH, compose3, log_student_t
 from slarm_graph.frontends.scans.wall_tangents import wall_tangents
 from slarm_graph.geometry import Floats, between
 from slarm_graph.kernels import kernel, kernel_with
@@ -22,8 +22,6 @@ UNKNOWN_FIT = 0.5
 """Fit of a return in unknown space over the mean fit of true matches: neither for nor against."""
 _PATCH_M = 1.0
 """Correlation length of the returns' fit: a passer-by, a door, a cupboard."""
-_DEGREES_OF_FREEDOM = 4.0
-"""Of Student's t for the fit of true matches: crowds and new furniture come now and then."""
 _MEMORY = 0.05
 """Learning rate per scan of the fit of true matches: surroundings change within some 20 scans."""
 _MIN_SIGMA = 0.08
@@ -206,11 +204,7 @@ class TrueMatchFit:
 
     def log_density(self, fit: float, count: float) -> float:
         """Log density of a fit at a true match, relative to the mode: one-sided Student's t."""
-        return (
-            -0.5
-            * (_DEGREES_OF_FREEDOM + 1.0)
-            * math.log1p(self.sigmas_below(fit, count) ** 2 / _DEGREES_OF_FREEDOM)
-        )
+        return log_student_t(self.sigmas_below(fit, count) ** 2, 1.0)
 
 
 @kernel

@@ -75,7 +75,7 @@ class TrackedScan:
     lag_covariance : (3, 3) float64
         Of the motion from the stamp to the middle of the sweep, where `points_m` were matched.
         Independent per scan: it does not accumulate along a path.
-    is_open : bool
+    is_ambiguous : bool
         Whether the scan has several probable pose candidates, which later scans may decide between.
     """
 
@@ -90,7 +90,7 @@ class TrackedScan:
     wheels: WheelMotion | None = None
     revised: tuple[Floats, ...] = ()
     lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
-    is_open: bool = False
+    is_ambiguous: bool = False
 
 
 class ScanTracker:
@@ -107,7 +107,7 @@ class ScanTracker:
         self._last_history: list[Floats] = []
         self._revised: tuple[Floats, ...] = ()
         self._previous_pose: Floats | None = None
-        self._is_open = False
+        self._is_ambiguous = False
 
     def track(self, reading: Reading) -> TrackedScan:
         """Track the robot's pose to the next reading."""
@@ -155,7 +155,7 @@ class ScanTracker:
         branches: list[PathHypothesis] = []
         for hypothesis, own, prior in zip(self._hypotheses, candidates, priors, strict=True):
             branches += branch(hypothesis, own, prior, span_s)
-        self._is_open = len(branches) > 1
+        self._is_ambiguous = len(branches) > 1
         self._hypotheses = prune(branches)
         best = self._hypotheses[0]
         changed = any(map(_differ, best.history[:-1], self._last_history))
@@ -221,7 +221,7 @@ class ScanTracker:
             best.odometry.wheel_motion(),
             self._revised,
             lag,
-            self._is_open,
+            self._is_ambiguous,
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:

@@ -17,20 +17,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.kalman import kalman_update
 from slarm_graph.frontends.scans.odometry_noise import OdometryNoise
 from slarm_graph.frontends.scans.small_matrix import (
-    add3,
     add_diagonal3,
     add_vectors3,
-    invert3,
-    matmul3,
     matvec3,
     sandwich3,
     scaled3,
     subtract3,
     symmetric3,
 )
-from slarm_graph.frontends.scans.small_pose import wrapped
+from slarm_graph.frontends.scans.small_pose import DEGREES_OF_FREEDOM, wrapped
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
@@ -46,13 +44,6 @@ _PER_ANGLE = np.array([0.03, 0.03, 0.10])
 """The same per radian turned [m/rad, m/rad, rad/rad]."""
 _UNINFORMATIVE = 1e6
 """Variance of an uninformative measurement [m^2, rad^2]: a kilometre."""
-_DEGREES_OF_FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution of residuals, as Lange, Little and Taylor ("Robust
-Statistical Modeling Using the t Distribution", JASA 84, 1989) advise where they are not estimated:
-a residual of five sigmas counts a sixth. With half a hall is 0.072 m in place of 0.075 (mean of
-three) and edmonton 0.89 in place of 0.71 (one of three draws), with double 0.092 and 0.68, with no
-tails 0.090 in place of 0.079 (of eight); mit-csail and fr-clinic 5.6 m deep move less than by
-draws."""
 _MIN_MOTION_M, _MIN_MOTION_RAD = 0.005, 0.005
 """Shorter steps carry no information on the systematic errors."""
 
@@ -205,8 +196,10 @@ def _calibration_update(
         noise[k] = variance_factors[0][k] * model[k] + 2.0 * variance_factors[1][k] * nominal[k]
         noise[k] = noise[k] if informative[k] else _UNINFORMATIVE
     inflated = _student_t_variances(residual, noise, sandwich3(jacobian, covariance))
-    errors, covariance = _kalman_update(errors, covariance, jacobian, residual, inflated)
-    aged = scaled3(covariance, 1.0 + math.hypot(increment[0], increment[1]) / _VARIANCE_DOUBLES_M)
+    R = add_diagonal3(np.zeros((3, 3)), inflated)
+    errors, covariance = kalman_update(errors, covariance, residual, R, jacobian)
+    growth = 1.0 + math.hypot(increment[0], increment[1]) / _VARIANCE_DOUBLES_M
+    aged = scaled3(symmetric3(covariance), growth)
     shrink = 1.0
     for k in range(3):
         shrink = min(shrink, _PRIOR_SIGMA[k] * _PRIOR_SIGMA[k] / aged[k, k])
@@ -231,20 +224,6 @@ def _student_t_variances(residual: Floats, noise: Floats, systematic: Floats) ->
     out = np.empty(3)
     for k in range(3):
         squared_residual = residual[k] * residual[k] / (noise[k] + systematic[k, k])
-        out[k] = noise[k] * max(
-            1.0, (_DEGREES_OF_FREEDOM + squared_residual) / (_DEGREES_OF_FREEDOM + 1.0)
-        )
+        factor = (DEGREES_OF_FREEDOM + squared_residual) / (DEGREES_OF_FREEDOM + 1.0)
+        out[k] = noise[k] * max(1.0, factor)
     return out
-
-
-@kernel
-def _kalman_update(
-    errors: Floats, covariance: Floats, jacobian: Floats, residual: Floats, noise: Floats
-) -> tuple[Floats, Floats]:
-    """Kalman update of a state (3,) and its covariance by a residual (3,), in Joseph's form."""
-    S = add_diagonal3(sandwich3(jacobian, covariance), noise)
-    gain = matmul3(matmul3(covariance, jacobian.T), invert3(S))
-    I_KH = add3(np.eye(3), scaled3(matmul3(gain, jacobian), -1.0))
-    R = add_diagonal3(np.zeros((3, 3)), noise)
-    joseph = add3(sandwich3(I_KH, covariance), sandwich3(gain, R))
-    return add_vectors3(errors, matvec3(gain, residual)), symmetric3(joseph)

@@ -14,7 +14,7 @@ import numpy as np
 
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import BadInput, brief
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, symmetric
 
 _UPPER = np.triu_indices(3)
 """Places of g2o's six numbers in a symmetric 3 x 3 matrix, row by row."""
@@ -52,8 +52,7 @@ def write_g2o(path: Path, graph: PoseGraph) -> None:
         for index, pose in enumerate(graph.poses):
             out.write(f"VERTEX_SE2 {index} {_numbers(pose)}\n")
         for c in graph.constraints:
-            information = np.linalg.inv(c.covariance)
-            upper = (0.5 * (information + information.T))[_UPPER]
+            upper = symmetric(np.linalg.inv(c.covariance))[_UPPER]
             out.write(f"EDGE_SE2 {c.i} {c.j} {_numbers(c.i_from_j.as_array())} {_numbers(upper)}\n")
         if len(graph.poses):
             out.write("FIX 0\n")

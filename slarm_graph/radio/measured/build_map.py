@@ -160,7 +160,7 @@ def fit_access_point(
         part = heard.only(_minutes_subset(heard.times_s, config.search_readings))
         # The loss of each block is a column: four times the search's time, for the same.
         alike = replace(mean, blocks=None)
-        hyper = fit_field(_make_problem(coarse, alike, part, Receiver())).hyper
+        hyper = fit_field(Problem.of(coarse, alike, part, Receiver())).hyper
     if readings.heard.all() and config.saturation_dbm is None:
         return FittedAccessPoint(
             mean, readings, _fit_given(fine, mean, readings, Receiver(), hyper)
@@ -170,17 +170,6 @@ def fit_access_point(
     return FittedAccessPoint(mean, readings, _fit_given(fine, mean, readings, receiver, hyper))
 
 
-def _make_problem(
-    floor: FloorField, mean: MeanFunction, readings: RssReadings, receiver: Receiver
-) -> Problem:
-    design, map_variance_db2 = mean.reading_design_and_variance(readings)
-    slope = mean.distance_slope_db_m(readings.points_m)
-    map_variance_db2 *= floor.nodes.points_in_node(readings.points_m)
-    return Problem(
-        floor, readings, design, mean.coefficients(readings), slope, receiver, map_variance_db2
-    )
-
-
 def _fit_given(
     floor: FloorField,
     mean: MeanFunction,
@@ -188,7 +177,7 @@ def _fit_given(
     receiver: Receiver,
     hyper: Hyperparameters,
 ) -> Fit:
-    return fit_field(_make_problem(floor, mean, readings, receiver), hyper, search=False)
+    return fit_field(Problem.of(floor, mean, readings, receiver), hyper, search=False)
 
 
 def _minutes_subset(times_s: Floats, most: int) -> NDArray[np.int64]:

@@ -16,6 +16,7 @@ from scipy.special import gammaln
 
 from slarm_graph.geometry import Floats
 from slarm_graph.radio.measured.factor import Ints
+from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.posterior import Coefficients, FactoredModel, Posterior
 from slarm_graph.radio.measured.priors import (
     FloorField,
@@ -148,6 +149,17 @@ class Problem:
     _observation: sparse.csr_array | None = None
     _order: Ints | None = None
 
+    @classmethod
+    def of(
+        cls, floor: FloorField, mean: MeanFunction, readings: RssReadings, receiver: Receiver
+    ) -> Problem:
+        """Return the regression of readings about a propagation model."""
+        design, map_variance_db2 = mean.reading_design_and_variance(readings)
+        map_variance_db2 *= floor.nodes.points_in_node(readings.points_m)
+        slope = mean.distance_slope_db_m(readings.points_m)
+        coefficients = mean.coefficients(readings)
+        return cls(floor, readings, design, coefficients, slope, receiver, map_variance_db2)
+
     def drift_times_s(self) -> Floats:
         """Return the times (T,) of the drift's state [s]."""
         return np.unique(np.floor(self.readings.times_s / DRIFT_STEP_S)) * DRIFT_STEP_S
@@ -217,6 +229,16 @@ def fit_field(
             hyper = _maximise_evidence(problem, hyper, expected_dbm, weights)
     posterior, expected_dbm, _ = _laplace_posterior(problem, hyper, expected_dbm)
     return Fit(hyper, posterior, problem.drift_times_s(), len(readings))
+
+
+def factored_at(problem: Problem, fit: Fit) -> tuple[FactoredModel, Floats]:
+    """Return the model factored at a fit, and the Gaussian-equivalent readings (N,) [dBm]."""
+    variance = problem.noise_variance(fit.hyper)
+    expected_dbm = fit.posterior.mean(problem.design, problem.observation())
+    values, weights = gaussian_equivalent(
+        problem.readings.rss_dbm, expected_dbm, variance, problem.receiver, fit.hyper.freedom
+    )
+    return problem.factored(problem.prior(fit.hyper), weights / variance), values
 
 
 def _initial_hyperparameters(problem: Problem) -> Hyperparameters:

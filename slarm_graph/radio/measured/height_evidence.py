@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
+from slarm_graph.radio.measured.fit import Hyperparameters, Problem, factored_at, fit_field
 from slarm_graph.radio.measured.height_sampler import HeightEvidence, marginalised
 from slarm_graph.radio.measured.mean_function import MAP_TERMS, MeanFunction
-from slarm_graph.radio.measured.posterior import FactoredModel
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings
 
 _WALLS = MAP_TERMS.index("wall_db")
 
@@ -60,14 +59,9 @@ class LinkClearances:
 
     def problem(self, floor: FloorField, stopped: Floats) -> Problem:
         """Return the regression when so many obstacles block each link (N,)."""
-        design, map_variance_db2 = self.mean.reading_design_and_variance(self.readings)
-        design[:, _WALLS] -= stopped
-        map_variance_db2 *= floor.nodes.points_in_node(self.readings.points_m)
-        slope = self.mean.distance_slope_db_m(self.readings.points_m)
-        coefficients = self.mean.coefficients(self.readings)
-        return Problem(
-            floor, self.readings, design, coefficients, slope, Receiver(), map_variance_db2
-        )
+        problem = Problem.of(floor, self.mean, self.readings, Receiver())
+        problem.design[:, _WALLS] -= stopped
+        return problem
 
 
 def height_evidence(
@@ -96,8 +90,8 @@ def height_evidence(
     others = stopped - replace(links, lowest_m=own).expected_obstructions(
         levels_m, [shares[k] for k in which]
     )
-    problem, hyper = links.problem(floor, stopped), links.hyper
-    factored, values = _factored(problem, hyper)
+    problem = links.problem(floor, stopped)
+    factored, values = factored_at(problem, fit_field(problem, links.hyper, search=False))
     fixed = np.delete(problem.design, _WALLS, axis=1)
     certain = -problem.design[:, _WALLS] - stopped + others
     columns = (levels_m[None, :, None] > own[:, None, :]).reshape(-1, len(stopped)).T
@@ -106,17 +100,3 @@ def height_evidence(
     means, sds = np.delete(prior.mean, _WALLS), np.delete(prior.sd, _WALLS)
     with_readings, among = marginalised(inner, fixed.shape[1], means, sds)
     return HeightEvidence(with_readings, among, float(prior.mean[_WALLS]), float(prior.sd[_WALLS]))
-
-
-def _factored(problem: Problem, hyper: Hyperparameters) -> tuple[FactoredModel, Floats]:
-    """Model factored under fixed hyperparameters, and the Gaussian-equivalent readings (N,)."""
-    fit = fit_field(problem, hyper, search=False)
-    where, variance = problem.observation(), problem.noise_variance(hyper)
-    values, weights = gaussian_equivalent(
-        problem.readings.rss_dbm,
-        fit.posterior.mean(problem.design, where),
-        variance,
-        problem.receiver,
-        hyper.freedom,
-    )
-    return FactoredModel(problem.prior(hyper), where, weights / variance), values

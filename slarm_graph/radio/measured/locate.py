@@ -15,10 +15,10 @@ import numpy as np
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.config import MeasuredConfig
 from slarm_graph.geometry import Floats
-from slarm_graph.radio.measured.fit import Hyperparameters, Problem, fit_field
+from slarm_graph.radio.measured.fit import Hyperparameters, Problem, factored_at, fit_field
 from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.priors import FloorField
-from slarm_graph.radio.measured.readings import Receiver, RssReadings, gaussian_equivalent
+from slarm_graph.radio.measured.readings import Receiver, RssReadings
 
 STEPS_M = (1.0, 0.25)
 """Steps of the lattice over the map, and of that around its best point; the posterior is wider than
@@ -148,21 +148,11 @@ class _Search:
     ) -> None:
         # Positions are compared on the map without shifts: less time, and no other answer.
         self._mean, self._heard = mean, heard
-        self._coefficients = mean.coefficients(heard)
-        design, map_variance_db2 = mean.reading_design_and_variance(heard)
-        map_variance_db2 *= floor.nodes.points_in_node(heard.points_m)
-        slope = mean.distance_slope_db_m(heard.points_m)
-        problem = Problem(
-            floor, heard, design, self._coefficients, slope, Receiver(), map_variance_db2
-        )
+        problem = Problem.of(floor, mean, heard, Receiver())
+        self._coefficients = problem.coefficients
         fit = fit_field(problem, start, search=again)
         self.hyper = fit.hyper
-        variance = problem.noise_variance(fit.hyper)
-        expected = fit.posterior.mean(problem.design, problem.observation())
-        self._values, weights = gaussian_equivalent(
-            heard.rss_dbm, expected, variance, Receiver(), fit.hyper.freedom
-        )
-        self._model = problem.factored(problem.prior(fit.hyper), weights / variance)
+        self._model, self._values = factored_at(problem, fit)
         self._part: _Search | None = None
         if len(heard) > _EVERY * _FEW:
             some = heard.only(np.arange(0, len(heard), _EVERY))
