@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
-from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT
+from slarm_graph.frontends.scans.significance import CHI2_1_PERCENT, DECISIVE_NAT
 from slarm_graph.frontends.scans.small_pose import log_det_2pi, squared_mahalanobis
 from slarm_graph.geometry import between, compose, invert, transform_covariances
 
@@ -32,12 +32,11 @@ _CLOSURE_COVARIANCE = np.diag([0.05, 0.05, 0.02]) ** 2
 """Of one closure [m, m, rad]: a cell, and what a cell subtends at 2.5 m."""
 _NEIGHBOURS_M = 40.0
 """Path length between two closures up to which drift leaves the test of them sharp."""
-DECISIVE_NAT = 5.0
-"""Log-odds from which the graph itself counts as one closure more: the odds of 150 to 1 that a
-closure needs. Without it one of six draws of edmonton is 0.99 m in place of 0.76, one ward 0.027 in
-place of 0.020, one hall 0.066 in place of 0.077; a dozen others stay."""
 MAX_COVISIBLE_M = 10.0
 """Distance up to which two submaps may show the same walls."""
+REVISIT_M = 15.0
+"""Path length from which a return is a revisit, and within which a closure decides what overlaps:
+the local map has dropped what lies farther behind."""
 
 Pairs = NDArray[np.int64]
 """Indices (P, 2) of two closures each."""

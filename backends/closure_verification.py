@@ -16,14 +16,15 @@ import numpy as np
 
 from slarm_graph.backend import Heartbeat
 from slarm_graph.backends.closure_sets import (
-    DECISIVE_NAT,
     MAX_COVISIBLE_M,
+    REVISIT_M,
     agreeing_groups,
     consistent_sets,
 )
 from slarm_graph.backends.robust_optimization import INLIER_WEIGHT
 from slarm_graph.backends.submap_graph import GATED, SubmapGraph
 from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.significance import DECISIVE_NAT
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, transform_points
 
@@ -33,8 +34,6 @@ _MAX_TRIALS = 3
 _COMPARED = 20
 """Older submaps that each is compared with, the nearest ones, so that the cost is linear in path
 length, however often a place is revisited. With half or double a hall stays (two draws)."""
-_AFFECTED_M = 15.0
-"""Path length from a closure within which it decides what overlaps: a visit's."""
 
 
 def verify_closures(
@@ -157,6 +156,6 @@ def _contradiction_near(
     is_near = np.zeros(len(evidence), dtype=np.bool_)
     for c in group:
         ends_m = graph.path_length_at_submap(c.submap), graph.path_length_at(c.keyframe)
-        near = np.abs(lengths_m[:, :, None] - ends_m) < _AFFECTED_M
+        near = np.abs(lengths_m[:, :, None] - ends_m) < REVISIT_M
         is_near |= near[:, [0, 1], [0, 1]].all(axis=1) if both else near.any(axis=(1, 2))
     return _contradiction(evidence[is_near])

@@ -19,9 +19,14 @@ from numpy.typing import NDArray
 
 from slarm_graph.backend import Heartbeat, silent
 from slarm_graph.backends.chain_consistency import contradict_both_chains
-from slarm_graph.backends.closure_sets import MAX_COVISIBLE_M, consistent_sets, contested_closures
+from slarm_graph.backends.closure_sets import (
+    MAX_COVISIBLE_M,
+    REVISIT_M,
+    consistent_sets,
+    contested_closures,
+)
 from slarm_graph.backends.closure_verification import verify_closures
-from slarm_graph.backends.submap_graph import SubmapGraph
+from slarm_graph.backends.submap_graph import COVISIBLE_M, SubmapGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import (
@@ -40,12 +45,8 @@ of revisits two in three are among the ten most similar; twice as many find no m
 _PROPAGATED = 4
 """Nodes that a closure is propagated to on either side, 10 m, and submaps beside its own that these
 may match."""
-_REVISIT_M = 15.0
-"""Path length from which a return is a revisit: the local map has dropped what lies behind."""
 _MAX_SIGMA_M, _MAX_SIGMA_RAD = 0.5, 0.15
 """Uncertainty up to which matching from the predicted pose finds the place without a search."""
-_COVISIBLE_M = 3.0
-"""Distance of submaps that show the same walls."""
 
 _Candidate = tuple[int, int, Floats]
 """Query submap, target submap, and initial guess (3,) of the first in the second [m, m, rad]."""
@@ -139,7 +140,7 @@ def _near_candidates(graph: SubmapGraph, tried: set[tuple[int, int]]) -> Iterato
     for j, old in _without_closure(graph):
         distance_m = np.hypot(*(centers[old] - centers[j]).T)
         i = int(old[np.argmin(distance_m)])
-        if distance_m.min() > _COVISIBLE_M or (i, j) in tried:
+        if distance_m.min() > COVISIBLE_M or (i, j) in tried:
             continue
         sigma_m, sigma_rad = graph.sigmas_between(i, j)
         if sigma_m > _MAX_SIGMA_M or sigma_rad > _MAX_SIGMA_RAD:
@@ -155,7 +156,7 @@ def _similar_candidates(
     nodes = graph.poses()
     for j, old in _without_closure(graph):
         sigmas_m, _ = graph.sigmas_from(j)
-        reach_m = GATE_SIGMAS * sigmas_m[old] + _COVISIBLE_M
+        reach_m = GATE_SIGMAS * sigmas_m[old] + COVISIBLE_M
         possible = old[np.hypot(*(nodes[old] - nodes[j])[:, :2].T) < reach_m + MAX_COVISIBLE_M]
         fresh = np.array([i for i in possible.tolist() if (i, j) not in tried], dtype=np.int64)
         if not len(fresh):
@@ -164,7 +165,7 @@ def _similar_candidates(
             i = match.place
             tried.add((i, j))
             shift = between(between(nodes[i], nodes[j]), match.place_from_query)
-            if math.hypot(shift[0], shift[1]) > GATE_SIGMAS * sigmas_m[i] + _COVISIBLE_M:
+            if math.hypot(shift[0], shift[1]) > GATE_SIGMAS * sigmas_m[i] + COVISIBLE_M:
                 continue
             yield j, i, match.place_from_query
 
@@ -202,7 +203,7 @@ def _propagated_one_way(
         targets = np.arange(
             max(current.submap - _PROPAGATED, 0), min(current.submap + _PROPAGATED + 1, query)
         )
-        targets = targets[lengths_m[targets] < lengths_m[query] - _REVISIT_M]
+        targets = targets[lengths_m[targets] < lengths_m[query] - REVISIT_M]
         if not len(targets):
             return
         old = between(nodes[current.submap], nodes[targets])
@@ -221,6 +222,6 @@ def _without_closure(graph: SubmapGraph) -> Iterator[tuple[int, NDArray[np.int64
     """Yield nodes that no closure ties to an older one, with the submaps a revisit may match."""
     lengths_m, closed = graph.path_lengths_m(), graph.nodes_with_closure()
     for j in range(len(graph.submaps)):
-        old = np.flatnonzero(lengths_m[: len(graph.submaps)] < lengths_m[j] - _REVISIT_M)
+        old = np.flatnonzero(lengths_m[: len(graph.submaps)] < lengths_m[j] - REVISIT_M)
         if len(old) and j not in closed:
             yield j, old

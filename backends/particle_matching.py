@@ -21,11 +21,10 @@ from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel, kernel_with
 
 _MIN_COSINE = 0.5
-"""Least cosine between the normals of a point and of a cell it is associated with."""
+"""Least cosine between the normals of a point and of a cell it is associated with; and least length
+of the mean of a cell's normals, by which it has one."""
 _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
-_ALIGNED = 0.5
-"""A cell has a normal when the mean of its points' normals is at least this long."""
 _FUSED = frozenset({"reassoc", "contract"})
 """Permitted floating-point rewrites. A callee inlined into its first caller inherits them, so both
 are declared: bytes must not depend on which was compiled first."""
@@ -107,7 +106,7 @@ def associate(
                     continue
                 cx, cy = cells[tile, at, 3], cells[tile, at, 4]
                 size = math.sqrt(cx * cx + cy * cy)
-                smooth = size > _ALIGNED * n
+                smooth = size > _MIN_COSINE * n
                 if directed and smooth and nx * cx + ny * cy < _MIN_COSINE * size:
                     continue
                 best = distance

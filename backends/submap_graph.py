@@ -48,8 +48,8 @@ _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever their number has grown by the factor, all are optimised, else
 the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
 GATED = "farther from the graph than the covariances allow"
-_MAX_VIEW_DISTANCE_M, _DISTANCE_BIN_M = 3.0, 1.0
-"""Distance of the view centres of an old submap and a keyframe that may share a view, and bin in
+COVISIBLE_M, _DISTANCE_BIN_M = 3.0, 1.0
+"""Distance of the view centres of a submap and a keyframe that show the same walls, and bin in
 which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail
 hard_1_of_2 falls from one outcome (0.041 m) to another (0.033), plain it stays."""
 _URGENT_M, _URGENT_RAD = 0.1, 0.02
@@ -217,7 +217,7 @@ class SubmapGraph:
         centers = compose(nodes, self._centers[:count])
         distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
         bound_m = np.minimum(GATE_SIGMAS * sigma_m, self._config.loops.window_m)
-        near = np.flatnonzero(distance < _MAX_VIEW_DISTANCE_M + bound_m)
+        near = np.flatnonzero(distance < COVISIBLE_M + bound_m)
         # Of equally near submaps the oldest first: later visits are then all tied to the first one.
         near = near[np.lexsort((near, np.floor(distance[near] / _DISTANCE_BIN_M)))]
         return ClosureCandidates(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])

@@ -25,7 +25,13 @@ from slarm_graph.frontends.scans.correlative import search
 from slarm_graph.frontends.scans.likelihood_grid import mean_likelihood
 from slarm_graph.frontends.scans.line_search import LineSearchMatch, line_search_match
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
-from slarm_graph.frontends.scans.submaps import Keyframe, Submap, SubmapCache, likelihood_of
+from slarm_graph.frontends.scans.submaps import (
+    FINE_GRIDS,
+    Keyframe,
+    Submap,
+    SubmapCache,
+    likelihood_of,
+)
 from slarm_graph.frontends.scans.wall_faces import align_by_faces
 from slarm_graph.frontends.scans.wall_sides import own_surfaces, share_from_behind, wall_sides
 from slarm_graph.geometry import Floats, Pose2, between, compose, one_per_cell, transform_points
@@ -36,9 +42,8 @@ returns of one wall have correlated errors, by the submap's distortion. Half and
 by 0.3 %."""
 _START_INFORMATION = np.diag([1 / 0.5**2, 1 / 0.5**2, 1 / 0.2**2])
 """Information of a searched or predicted start: five cells of 0.1 m and an angular step."""
-_COARSE_GRIDS, _FINE_GRIDS = 64, 24
-"""Submaps cached: the result is the same with any number. Half of these fine ones are rebuilt in 2
-to 4 % more cases, double in 10 % fewer."""
+_COARSE_GRIDS = 64
+"""Submaps cached for searches: the result is the same with any number."""
 _QUERY_RANGE_M = 12.0
 """Range of the returns used in a search: an angular step moves farther ones past a wall."""
 _QUERY_POINTS = 250
@@ -48,8 +53,6 @@ _NEVER = -1_000_000
 _BACKOFF, _MAX_BACKOFF = 1.5, 16.0
 """Factor on the time to the next search per failed one, and its bound: paths that never return cost
 little."""
-_MAX_FAILED_SEARCHES = 100
-"""Bound of the count: the back-off reached its own long before, and powers stay finite."""
 _MAX_FROM_BEHIND = 0.5
 """Largest share of walls matched from their unknown side: true closures have few, the far side of a
 thin wall all."""
@@ -64,12 +67,12 @@ class LoopCloser:
         coarse = matching.model_copy(
             update={"resolution_m": config.search_resolution_m, "sigma_m": config.search_sigma_m}
         )
-        self._fine = SubmapCache(_FINE_GRIDS, partial(likelihood_of, matching=matching))
+        self._fine = SubmapCache(FINE_GRIDS, partial(likelihood_of, matching=matching))
         self._coarse = SubmapCache(_COARSE_GRIDS, partial(_pyramid, matching=coarse))
-        self._sides = SubmapCache(_FINE_GRIDS, wall_sides)
+        self._sides = SubmapCache(FINE_GRIDS, wall_sides)
         self._tentative: list[Closure] = []
         self._last_match = self._last_search = _NEVER
-        self._failed_searches = 0
+        self._backoff = 1.0
         self._tried: dict[int, int] = {}
 
     def forget_prepared(self) -> None:
@@ -111,7 +114,7 @@ class LoopCloser:
             ):
                 reason = "a second match disagrees"
             if not reason:
-                self._failed_searches = 0
+                self._backoff = 1.0
                 closures += [first, replace(second, searched=True)]
             else:
                 closures.append(replace(first, reason=f"not confirmed: {reason}"))
@@ -146,8 +149,10 @@ class LoopCloser:
             self._last_match = k
             for e in np.flatnonzero(is_certain)[: self._config.candidates]:
                 closures.append(self._at_prediction(k, int(e), candidates, keyframes, submaps))
-        backoff = min(_BACKOFF**self._failed_searches, _MAX_BACKOFF)
-        if not is_certain.all() and k - self._last_search >= self._config.search_every * backoff:
+        if (
+            not is_certain.all()
+            and k - self._last_search >= self._config.search_every * self._backoff
+        ):
             self._last_search = k
             self._search(k, np.flatnonzero(~is_certain), candidates, keyframes, submaps)
         return closures
@@ -181,7 +186,7 @@ class LoopCloser:
             return
         query = self._query(k, keyframes)
         windows = [self._window(int(e), candidates) for e in attempts]
-        self._failed_searches = min(self._failed_searches + 1, _MAX_FAILED_SEARCHES)
+        self._backoff = min(_BACKOFF * self._backoff, _MAX_BACKOFF)
         for e, (reach_m, reach_rad) in zip(attempts, windows, strict=True):
             submap = int(candidates.submap[e])
             self._tried[submap] = k

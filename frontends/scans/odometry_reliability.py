@@ -12,7 +12,9 @@ import numpy as np
 from slarm_graph.frontends.scans.closures import GATE_CHI2
 from slarm_graph.geometry import Floats
 
-_FAILS = 1.0 / 300.0
+_PRIOR_STEPS = 300.0
+"""Steps that the prior of the failure rate is worth, one failure in them."""
+_FAILS = 1.0 / _PRIOR_STEPS
 """Prior probability that odometry begins to fail in a step; and that a match is false."""
 RECOVERS = 0.2
 """Probability that a failure ends in a step: slips and jumps last for some scans."""
@@ -20,8 +22,6 @@ _MAX_LOG_ODDS = 600.0
 """Log odds beyond which their exponential overflows a float."""
 _NO_MOTION = 1e-9
 """Motion [m, rad] that is none: what subtracting equal poses kilometres away leaves at most."""
-_PRIOR_STEPS = 300.0
-"""Steps that the prior of the failure rate is worth."""
 
 
 class OdometryReliability:

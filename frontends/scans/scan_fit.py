@@ -25,11 +25,9 @@ _PATCH_M = 1.0
 _MEMORY = 0.05
 """Learning rate per scan of the fit of true matches: surroundings change within some 20 scans."""
 _MIN_SIGMA = 0.08
-"""Of the fit of true matches at least: that of 30 independent patches."""
+"""Of the fit of matches, true or false, at least: that of 30 independent patches."""
 _SUBSAMPLE = 60
 """Returns used for the fit at false matches: the mean needs no more."""
-_MIN_FALSE_SIGMA = 0.08
-"""Of the fit at false matches at least: that of 30 independent patches."""
 _LEAST_SHARE = 0.01
 """Bound of the share of agreeing patches away from 0 and 1, where the logarithm diverges."""
 _WINDOW = np.random.default_rng(1).uniform(-SEARCH_REACH, SEARCH_REACH, (64, 3))
@@ -81,7 +79,7 @@ def false_match_fit(
     """Estimate the fit at false matches from random poses around one (3,) for a scan (K, 2)."""
     subsample = points[:: max(1, len(points) // _SUBSAMPLE)]
     fits = _scan_fits(np.ascontiguousarray(subsample), _around(center), local_map, mean_fit)
-    sigma = max(float(fits.std()), _MIN_FALSE_SIGMA)
+    sigma = max(float(fits.std()), _MIN_SIGMA)
     return FalseMatchFit(float(fits.mean()), sigma, patch_count(points))
 
 
@@ -111,9 +109,7 @@ class LocalOptima:
             np.abs(offset[:, 2]) < _EXCLUDED_RAD
         )
         fits = self.start_fits if is_same.all() else self.fits[~is_same]
-        return FalseMatchFit(
-            float(fits.mean()), max(float(fits.std()), _MIN_FALSE_SIGMA), self.count
-        )
+        return FalseMatchFit(float(fits.mean()), max(float(fits.std()), _MIN_SIGMA), self.count)
 
 
 def local_optima(

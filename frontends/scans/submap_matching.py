@@ -21,9 +21,11 @@ from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_lik
 from slarm_graph.frontends.scans.line_search import LineSearchMatch, line_search_match
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, rejection_reason
 from slarm_graph.frontends.scans.match_information import misfit_discount
+from slarm_graph.frontends.scans.significance import DECISIVE_NAT
 from slarm_graph.frontends.scans.small_matrix import invert3
 from slarm_graph.frontends.scans.static_returns import static_returns
 from slarm_graph.frontends.scans.submaps import (
+    FINE_GRIDS,
     Keyframe,
     Submap,
     SubmapCache,
@@ -53,14 +55,6 @@ _MISFIT = 4.0
 In simulated buildings matches that fit 0.9, 0.7, 0.5 and less were 0.9, 2, 2.5 and 2.8 times as far
 off (68 %) as curvature said; with 4 all are 0.7 to 1.0. Chosen on buildings of even number, right
 for those of odd number, too; half and double leave 1.8 and 0.5."""
-_MAX_EVIDENCE_AGAINST_NAT = -5.0
-"""Evidence against a match below which it is accepted [nat]: odds of 150 to 1 for it, by the walls
-and the free space of both regions. From -1 to -5 nothing moves by more than 1 %; with -10 fewer
-true closures of sparse recordings pass, with -20 fewer of a hall of pillars seen 5.6 m deep (0.26,
-0.41 and 0.28 m in place of 0.16, 0.25 and 0.14), with or without a bar of the score."""
-_MAX_GRIDS = 24
-"""Regions cached: neighbouring ones are used one after the other. Half of these are rebuilt in a
-tenth more cases, double in a quarter fewer."""
 _MAX_VIEWS = 256
 """Cached views of regions: they take a tenth of a megabyte each."""
 
@@ -89,13 +83,13 @@ class SubmapMatcher:
         self._all_returns = keyframes
         self._poses = np.array([k.local_from_robot.as_array() for k in keyframes])
         self._grids: SubmapCache[LikelihoodGrid] = SubmapCache(
-            _MAX_GRIDS, partial(likelihood_of, matching=matching)
+            FINE_GRIDS, partial(likelihood_of, matching=matching)
         )
         wide = matching.model_copy(update={"resolution_m": _WIDE_CELL_M, "sigma_m": _WIDE_M})
         self._wide_grids: SubmapCache[LikelihoodGrid] = SubmapCache(
-            _MAX_GRIDS, partial(likelihood_of, matching=wide)
+            FINE_GRIDS, partial(likelihood_of, matching=wide)
         )
-        self._sides = SubmapCache(_MAX_GRIDS, wall_sides)
+        self._sides = SubmapCache(FINE_GRIDS, wall_sides)
         self._views: SubmapCache[View] = SubmapCache(_MAX_VIEWS, _view)
 
     def region(self, submap: int, neighbours: int = _NEIGHBOURS) -> Submap:
@@ -198,7 +192,7 @@ class SubmapMatcher:
 
     def _contradiction(self, query: int, target: int, pose: Floats) -> str:
         """Return the reason where walls and free space do not support a pose (3,); else empty."""
-        if self.evidence_against(query, target, pose, _NEIGHBOURS) < _MAX_EVIDENCE_AGAINST_NAT:
+        if self.evidence_against(query, target, pose, _NEIGHBOURS) < -DECISIVE_NAT:
             return ""
         return "walls and free space of the two places do not support it"
 

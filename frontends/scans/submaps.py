@@ -25,6 +25,9 @@ from slarm_graph.kernels import kernel
 
 Prepared = TypeVar("Prepared")
 
+FINE_GRIDS = 24
+"""Submaps or regions cached: the result is the same with any number. Half of them are rebuilt in 2
+to 10 % more cases, double in 10 to 25 % fewer."""
 _VIEW_RANGE_M = 8.0
 """Range of the returns that a view center is the mean of: a room or two."""
 
