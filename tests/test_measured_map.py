@@ -16,7 +16,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.blocks import find_blocks
-from slarm_graph.radio.measured.build_map import _make_problem, build_measured_map, free_floor
+from slarm_graph.radio.measured.build_map import _make_problem, build_measured_map
 from slarm_graph.radio.measured.files import (
     LAYERS,
     read_measured_npz,
@@ -159,7 +159,7 @@ def test_a_hollow_block_leaves_the_loss_of_a_wall_in_its_interval():
 
 def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
     """Oracle: dense covariance of readings with an error in common, and what their mean says."""
-    nodes = make_nodes(GRID, free_floor(floor()), 0.4, 10_000)
+    nodes = make_nodes(GRID, floor().free, 0.4, 10_000)
     centers = nodes.centers_m[[3, 3, 3, 40, 40, 90]]
     shared = nodes.points_in_node(centers)
     np.testing.assert_array_equal(shared, [3, 3, 3, 2, 2, 1])
@@ -319,7 +319,7 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     points = drive(rng, 900)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
     mean = MeanFunction(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
-    field = FloorField(make_nodes(GRID, free_floor(geographic), 0.8, 500))
+    field = FloorField(make_nodes(GRID, geographic.free, 0.8, 500))
     search = _Search(field, mean, placed(points, rss))
     lattice = _over_map(mean)
     screened = search.evidences(lattice)
