@@ -17,13 +17,14 @@ from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import early_end_logged
 from slarm_graph.app.job import Run
 from slarm_graph.app.map_images import of_layers, save_map
+from slarm_graph.app.measuring import RadioInput
 from slarm_graph.app.outputs import (
     save_geographic,
     save_readings,
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged, radio_maps, with_heard
+from slarm_graph.app.pipeline import judged, make_radio_maps
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -86,9 +87,8 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
     # readings of signal strength -> heights -> geographic map -> radio maps
-    known, stages = world.access_points, (heard_with(log), slam, config, folder, progress)
-    geographic, heights = with_heard(geographic, known, *stages)
-    radio, measured = radio_maps(geographic, known, *stages)
+    given = RadioInput(heard_with(log), slam, world.access_points, config)
+    geographic, radio, measured, heights = make_radio_maps(geographic, given, folder, progress)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)

@@ -13,7 +13,7 @@ import numpy as np
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.map_images import of_layers, save_map
-from slarm_graph.app.measuring import measured_map, save_measured
+from slarm_graph.app.measuring import RadioInput, measured_map, save_measured
 from slarm_graph.app.outputs import save_radio
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult
@@ -123,10 +123,8 @@ def _measured(
     if trajectory is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
-    measured = measured_map(
-        logs, SlamResult(read_trajectory(trajectory_file(trajectory))), geographic, points, config
-    )
-    assert measured is not None
+    slam = SlamResult(read_trajectory(trajectory_file(trajectory)))
+    measured = measured_map(geographic, RadioInput(logs, slam, points, config))
     names = ", ".join(ap.name for ap in measured.access_points)
     signal = SignalMap.of_measured(measured)
 
