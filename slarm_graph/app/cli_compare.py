@@ -170,7 +170,7 @@ def _compare(
     _print_done(planned)
     with early_end_noted(folder):
         measured = [measure(other, folder.path, planned) for other in others]
-        outcomes = _carried_out(planned, folder, what, run, measured)
+        outcomes = _run_trials(planned, folder, what, run, measured)
         # Only now is known where the laser sits.
         measured = [measure(other, folder.path, planned) for other in others]
         _show(folder, [*outcomes, *measured], what)
@@ -179,7 +179,7 @@ def _compare(
     return OK if all(outcome.status == "ok" for outcome in outcomes) else FAILED
 
 
-def _carried_out(
+def _run_trials(
     planned: Sequence[Trial],
     folder: RunFolder,
     what: str,

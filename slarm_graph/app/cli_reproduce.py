@@ -68,7 +68,7 @@ def reproduce_command(
     folder = _folder(out, name, overwrite)
     with early_end_noted(folder), shown() as progress:
         outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
-    return _shown(folder, outcomes)
+    return _write_page(folder, outcomes)
 
 
 def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
@@ -80,7 +80,7 @@ def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
     return create_run_folder(out, name, overwrite=overwrite, kind="reproduction")
 
 
-def _shown(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
+def _write_page(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
     """Write the page, say where it is, and return the exit code."""
     from slarm_graph.paper.figures import gallery_html
 

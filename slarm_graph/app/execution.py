@@ -46,10 +46,10 @@ def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run
         else:
             folder.note(input=input_facts(job.paths), job=_job_facts(job))
             done = run(job, folder, progress)
-        return _ended(folder, done)
+        return _record_success(folder, done)
 
 
-def _ended(folder: RunFolder, done: Run) -> Run:
+def _record_success(folder: RunFolder, done: Run) -> Run:
     for notice in done.notices():
         _log.info(notice)
     problem = done.log.problem

@@ -24,7 +24,7 @@ from slarm_graph.app.outputs import (
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged, make_radio_maps
+from slarm_graph.app.pipeline import check_consistency, make_radio_maps
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -42,7 +42,7 @@ from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
-from slarm_graph.radio.measured.rss_log import heard_with
+from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
@@ -79,7 +79,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
     # trajectory -> consistency
-    verdict = judged(log, slam, folder, progress)
+    verdict = check_consistency(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         around = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
@@ -87,7 +87,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
     # readings of signal strength -> heights -> geographic map -> radio maps
-    given = RadioInput(heard_with(log), slam, world.access_points, config)
+    given = RadioInput(rss_with_scans(log), slam, world.access_points, config)
     geographic, radio, measured, heights = make_radio_maps(geographic, given, folder, progress)
     # truth -> accuracy and report
     with folder.stage("report", progress):
@@ -158,7 +158,7 @@ class LiveFiles:
         self._folder, self._log, self._loop = folder, log, loop
         self._every_s, self._written_s = every_s, time.monotonic()
 
-    def maybe(self) -> None:
+    def write_if_due(self) -> None:
         """Write when it is due."""
         if time.monotonic() - self._written_s >= self._every_s:
             self.write()
@@ -204,12 +204,12 @@ def _drive(
         try:
             while loop.finished is None and loop.step():
                 progress.advance()
-                live.maybe()
-                checkpoint.maybe()
+                live.write_if_due()
+                checkpoint.write_if_due()
                 if reason := stop.reason():
                     log.stop(reason, by_user=stop.by_user)
                     break
-            checkpoint.last(ended_early=bool(log.problem))
+            checkpoint.write_last(ended_early=bool(log.problem))
         finally:
             live.write()
     return loop.outcome()

@@ -65,11 +65,11 @@ def feed(
             if len(log) in _LOADED_AFTER:
                 return_freed()
             if len(log) > had_before:
-                checkpoint.maybe()
+                checkpoint.write_if_due()
             if reason := stop.reason():
                 log.stop(reason, by_user=stop.by_user)
                 break
-        checkpoint.last(ended_early=bool(log.problem))
+        checkpoint.write_last(ended_early=bool(log.problem))
     log.take_statuses(source)
 
 

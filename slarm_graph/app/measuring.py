@@ -47,15 +47,15 @@ class Signals:
         if not self.are_found:
             return self
         least = config.measured.least_readings
-        kept, told = [], []
+        kept, notices = [], []
         for log in self.logs:
             placed = _placed((log,), slam, config).readings.values()
             if max((int(one.heard.sum()) for one in placed), default=0) >= least:
                 kept.append(log)
             else:
                 few = f"of no access point {least} readings lie on the way"
-                told.append(f"no measured radio map of {log.description}: {few}")
-        return replace(self, logs=tuple(kept), notices=(*self.notices, *told))
+                notices.append(f"no measured radio map of {log.description}: {few}")
+        return replace(self, logs=tuple(kept), notices=(*self.notices, *notices))
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,12 +117,12 @@ def measured_map(
     made = build_measured_map(
         geographic, placed.readings, given.access_points, config.radio, config.measured, heartbeat
     )
-    told = [doubt for log in given.logs for doubt in log.doubts()]
+    notices = [doubt for log in given.logs for doubt in log.doubts()]
     if placed.outside:
-        told.append(
+        notices.append(
             f"{placed.outside} of {total} readings of signal strength outside the way's time"
         )
-    return replace(made, notices=(*told, *made.notices))
+    return replace(made, notices=(*notices, *made.notices))
 
 
 def correct_heights(

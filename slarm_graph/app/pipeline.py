@@ -12,10 +12,10 @@ from slarm_graph import backends
 from slarm_graph.access_points import RadioMap
 from slarm_graph.app.allocation import freeze_garbage_collector, keep_freed_layers
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
+from slarm_graph.app.consistency_check import check_trajectory
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
-from slarm_graph.app.judging import judge
 from slarm_graph.app.measuring import (
     RadioInput,
     correct_heights,
@@ -48,7 +48,7 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.measured.height_posterior import HeightPosterior
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.radio.measured.rss_log import heard_with
+from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
@@ -99,7 +99,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid, config.mapping.large_image)
     # trajectory -> consistency
-    verdict = judged(log, slam, folder, progress)
+    verdict = check_consistency(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress), keep_freed_layers():
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
@@ -108,14 +108,14 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # geographic map and readings of signal strength -> radio maps
     signals = signals.along(slam, config)
     info = replace(info, notices=(*info.notices, *signals.notices))
-    given = RadioInput((*signals.logs, *heard_with(log)), slam, job.access_points, config)
+    given = RadioInput((*signals.logs, *rss_with_scans(log)), slam, job.access_points, config)
     geographic, radio, measured, heights = make_radio_maps(geographic, given, folder, progress)
     # ground truth -> metrics and report
     with folder.stage("report", progress):
         laser = log.robot_from_laser
         if job.truth_is_found:
-            references, said = drop_other_times(references, slam.trajectory, laser)
-            slam = replace(slam, notices=(*slam.notices, *said))
+            references, dropped = drop_other_times(references, slam.trajectory, laser)
+            slam = replace(slam, notices=(*slam.notices, *dropped))
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
         metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
@@ -142,7 +142,7 @@ def _run_backend(
         backend = backends.make(config.backend, config, rng, progress.say)
         freeze_garbage_collector()
     with folder.stage("slam", progress):
-        had_before = _restored(backend, folder)
+        had_before = _restore(backend, folder)
         checkpoint = Checkpoint(
             folder,
             config.checkpoint,
@@ -171,12 +171,12 @@ def _moved_to_start(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
     return slam.transformed(start @ mine_from_robot.inverse())
 
 
-def judged(
+def check_consistency(
     log: ReadingLog, slam: SlamResult, folder: RunFolder, progress: Progress
 ) -> Contradictions:
     """Check the consistency of a trajectory and write the verdict."""
     with folder.stage("consistency", progress):
-        verdict = judge(log, slam.trajectory)
+        verdict = check_trajectory(log, slam.trajectory)
         save_consistency(folder, verdict)
     return verdict
 
@@ -207,7 +207,7 @@ def make_radio_maps(
     return geographic, radio, measured, heights
 
 
-def _restored(backend: SlamBackend, folder: RunFolder) -> int:
+def _restore(backend: SlamBackend, folder: RunFolder) -> int:
     """Restore a backend from the checkpoint; return how many readings it has had."""
     with saved_states(folder.path) as saved:
         if saved is None:

@@ -165,7 +165,7 @@ def save_connections(
     return made
 
 
-def save_places(
+def save_sites(
     made: RadioOverMap,
     height_m: float,
     threshold_dbm: float,
@@ -173,7 +173,7 @@ def save_places(
     folder: RunFolder,
 ) -> tuple[CandidateSite, ...]:
     """Write `one_more.csv`, places for one more access point; return them, the best first."""
-    places = rank_sites(
+    sites = rank_sites(
         made.geographic,
         made.signal,
         make_model(config),
@@ -181,9 +181,9 @@ def save_places(
         height_m=height_m,
         threshold_dbm=threshold_dbm,
     )
-    rows = [tuple(asdict(place).values()) for place in places]
-    folder.write_text("one_more.csv", csv_text(tuple(asdict(places[0])), rows))
-    return places
+    rows = [tuple(asdict(site).values()) for site in sites]
+    folder.write_text("one_more.csv", csv_text(tuple(asdict(sites[0])), rows))
+    return sites
 
 
 def plan_paths(
