@@ -190,16 +190,6 @@ def test_walls_a_cell_off_do_not_make_their_loss_less(off):
     assert made.fitted[0].sd[2] < 0.5
 
 
-def test_probability_above_a_threshold(noisy):
-    geographic, made = noisy
-    likely = made.probability_above(-65.0)[0]
-    mean = made.mean_dbm[0]
-    known = geographic.accessible
-    assert ((likely > 0.5) == (mean > -65.0))[known].all()
-    sure = made.probability_above(-65.0, of_mean=True)[0]
-    np.testing.assert_array_less(np.abs(likely - 0.5)[known] - 1e-6, np.abs(sure - 0.5)[known])
-
-
 def test_what_was_not_heard_counts():
     """Far off nothing is heard: left out, the map is too strong there; counted, it is not."""
     rng = np.random.default_rng(5)
@@ -309,7 +299,7 @@ def test_designs_from_several_positions_are_those_of_each():
     assert len(np.unique(found[:, :, 2].sum(axis=1))) == 3
     for position, design in zip(positions, found, strict=True):
         there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
-        np.testing.assert_allclose(design, there.reading_design(heard))
+        np.testing.assert_allclose(design, there.reading_design_and_variance(heard)[0])
 
 
 def test_part_of_the_readings_rules_out_only_what_all_rule_out():
@@ -326,7 +316,7 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     full = search._evidences_at(lattice)
     for position in lattice[::60]:
         there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
-        design = there.reading_design(search._heard)
+        design = there.reading_design_and_variance(search._heard)[0]
         told = search._model.condition(design, search._coefficients, search._values).log_evidence
         assert search._evidences_at(position[None]) == pytest.approx(told)
     kept = np.isfinite(screened)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.path_loss import shadow_sigma_db
@@ -124,9 +123,3 @@ class Connection:
 
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
 """Points of the CDF that are reported."""
-
-
-def level_cdf(levels_dbm: Layers) -> tuple[Floats, Floats]:
-    """Return the empirical CDF: sorted levels (N,) [dBm], and the share of floor up to each."""
-    known = np.sort(levels_dbm[np.isfinite(levels_dbm)].astype(np.float64))
-    return known, (np.arange(len(known)) + 1.0) / max(len(known), 1)
