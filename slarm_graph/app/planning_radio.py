@@ -157,8 +157,7 @@ def save_connections(
             threshold_dbm=threshold_dbm,
             noise_dbm=noise_dbm,
         )
-    with np.errstate(invalid="ignore"):
-        covered = signal.cells & (signal.best_level_dbm() >= threshold_dbm)
+    covered = signal.covered(threshold_dbm)
     # As a map_server map: free where connected, occupied where not; nav2 takes it as a layer.
     layers = of_layers(signal.cells & ~covered, covered)
     save_map(folder, "connectivity", signal.geometry, layers)

@@ -63,6 +63,11 @@ class SignalMap:
         strongest = np.where(np.isnan(self.level_dbm), -np.inf, self.level_dbm).max(axis=0)
         return np.asarray(np.where(self.cells, strongest, np.nan), dtype=np.float32)
 
+    def covered(self, threshold_dbm: float) -> Mask:
+        """Cells (rows, cols) where the strongest access point is at or above a threshold."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.best_level_dbm() >= threshold_dbm)
+
     def best_server(self) -> NDArray[np.int64]:
         """Index (rows, cols) of the strongest access point; -1 where there is none."""
         levels = np.where(np.isnan(self.level_dbm), -np.inf, self.level_dbm)
