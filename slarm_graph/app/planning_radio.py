@@ -21,7 +21,7 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.run_files import map_file as map_in
-from slarm_graph.files.texts import csv_text
+from slarm_graph.files.texts import csv_of, csv_text
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
@@ -180,8 +180,7 @@ def save_sites(
         height_m=height_m,
         threshold_dbm=threshold_dbm,
     )
-    rows = [tuple(asdict(site).values()) for site in sites]
-    folder.write_text("one_more.csv", csv_text(tuple(asdict(sites[0])), rows))
+    folder.write_text("one_more.csv", csv_of([asdict(site) for site in sites]))
     return sites
 
 

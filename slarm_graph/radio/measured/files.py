@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files.texts import csv_of
 from slarm_graph.radio.columns import (
     GRID,
     ROWS_AT_A_TIME,
@@ -110,11 +110,7 @@ def write_measured_csv(path: Path, measured: MeasuredMap) -> None:
 
 def write_access_points_csv(path: Path, measured: MeasuredMap) -> None:
     """Write what was fitted for every access point, one line each."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = fitted_rows(measured)
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    path.write_text(csv_of(fitted_rows(measured)), encoding="utf-8", newline="")
 
 
 def fitted_rows(measured: MeasuredMap) -> list[dict[str, float | int | str]]:
