@@ -164,11 +164,11 @@ def _compare(
     others: Sequence[External] = (),
 ) -> int:
     """Carry out trials, print and write the comparison; return 1 when one of them failed."""
-    from slarm_graph.app.execution import early_end_noted
+    from slarm_graph.app.execution import record_early_end
     from slarm_graph.app.external import measure
 
     _print_done(planned)
-    with early_end_noted(folder):
+    with record_early_end(folder):
         measured = [measure(other, folder.path, planned) for other in others]
         outcomes = _run_trials(planned, folder, what, run, measured)
         # Only now is known where the laser sits.
@@ -187,7 +187,7 @@ def _run_trials(
     measured: Sequence[Outcome],
 ) -> tuple[Outcome, ...]:
     """Run trials; on an interrupt show the results so far, and how to continue."""
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.progress import show_progress
 
     done: list[Outcome] = []
 
@@ -197,7 +197,7 @@ def _run_trials(
         _print_outcome(outcome)
 
     try:
-        with shown() as progress:
+        with show_progress() as progress:
             return run(planned, tell=tell, progress=progress)
     except KeyboardInterrupt:
         if done:

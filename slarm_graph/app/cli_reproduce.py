@@ -59,14 +59,14 @@ def reproduce_command(
 
     Repeated with the same --name, the command only does the runs that are missing.
     """
-    from slarm_graph.app.execution import early_end_noted
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.execution import record_early_end
+    from slarm_graph.app.progress import show_progress
     from slarm_graph.paper.plan import plan_of
     from slarm_graph.paper.reproduce import reproduce
 
     plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
     folder = _folder(out, name, overwrite)
-    with early_end_noted(folder), shown() as progress:
+    with record_early_end(folder), show_progress() as progress:
         outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
     return _write_page(folder, outcomes)
 

@@ -14,7 +14,7 @@ from slarm_graph import backends, parts
 from slarm_graph.access_points import RadioMap
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
-from slarm_graph.app.feeding import early_end_logged
+from slarm_graph.app.feeding import log_early_end
 from slarm_graph.app.job import Run
 from slarm_graph.app.map_images import of_layers, save_map
 from slarm_graph.app.measuring import RadioInput
@@ -200,7 +200,7 @@ def _drive(
     checkpoint = Checkpoint(folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {}))
     live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
     stop = Stop(config.limits)
-    with stop.on_signals(), early_end_logged(log):
+    with stop.on_signals(), log_early_end(log):
         try:
             while loop.finished is None and loop.step():
                 progress.advance()

@@ -56,7 +56,7 @@ def feed(
         When the source cannot be read.
     """
     progress.start("slam", source.info().scan_count)
-    with stop.on_signals(), early_end_logged(log):
+    with stop.on_signals(), log_early_end(log):
         for reading in source:
             progress.advance()
             if len(log) >= had_before:
@@ -74,7 +74,7 @@ def feed(
 
 
 @contextmanager
-def early_end_logged(log: ReadingLog) -> Iterator[None]:
+def log_early_end(log: ReadingLog) -> Iterator[None]:
     """Note a failure of the block in the log; raise only input errors, or without any reading."""
     try:
         yield
