@@ -26,7 +26,7 @@ from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
 from slarm_graph.polygons import contains
-from slarm_graph.radio.measured.build_map import fit_access_point, free_floor
+from slarm_graph.radio.measured.build_map import fit_access_point
 from slarm_graph.radio.measured.mean_function import MeanFunction
 from slarm_graph.radio.measured.nodes import make_nodes
 from slarm_graph.radio.measured.priors import FloorField
@@ -189,7 +189,7 @@ def main() -> None:
     table = columns(given.folder / "calibration_df.csv")
     anchors = columns(given.folder / "anchors.csv")
     config = MeasuredConfig()
-    nodes = make_nodes(geographic.geometry, free_floor(geographic), config.node_side_m, 20_000)
+    nodes = make_nodes(geographic.geometry, geographic.free, config.node_side_m, 20_000)
     floors = FloorField(nodes), FloorField(nodes)
     folds = block_folds(
         np.column_stack([table["x"], table["y"]]), np.random.default_rng(given.seed)

@@ -27,7 +27,7 @@ from harder import VARIANTS, Recorded, odometry_of
 from planting import FAR_M, LOST_SHARE
 
 from slarm_graph.app.calls import run_backend
-from slarm_graph.app.judging import judge
+from slarm_graph.app.consistency_check import check_trajectory
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.alignment import AlignmentMethod, align
 from slarm_graph.eval.association import associate
@@ -115,7 +115,7 @@ def _run(readings: Sequence[Reading], backend: str) -> tuple[Trajectory, str]:
     for reading in readings:
         log.append(reading)
     estimate = run_backend(readings, config=RunConfig(backend=backend)).trajectory
-    return estimate, judge(log, estimate).verdict
+    return estimate, check_trajectory(log, estimate).verdict
 
 
 def _errors_m(truth: Trajectory, estimate: Trajectory) -> Floats:

@@ -43,7 +43,7 @@ from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.build_map import build_measured_map
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.radio.measured.rss_log import RssLog, heard_with, place
+from slarm_graph.radio.measured.rss_log import RssLog, place, rss_with_scans
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.recovery.recover import recover_scans
@@ -146,7 +146,7 @@ def heard_of(
     """Recover the map of a drive."""
     channel = simulated.receiver.channel
     assert channel is not None
-    (rss,) = heard_with(log)
+    (rss,) = rss_with_scans(log)
     cells = GridGeometry.covering(*world.extent_m(), CELL_M)
     geographic = recover_scans(log.scans, way, config.mapping, config.recovery, geometry=cells)
     return Heard(world, config, channel, way, rss, geographic, log.driven_s)

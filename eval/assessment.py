@@ -53,18 +53,18 @@ def drop_other_times(
     trajectory : Trajectory
     robot_from_laser : Pose2
     """
-    said = []
+    notices = []
     if known.ground_truth is not None:
         try:
             associate(known.ground_truth, trajectory)
         except BadInput as error:
-            known, said = replace(known, ground_truth=None), [f"not compared: {error}"]
+            known, notices = replace(known, ground_truth=None), [f"not compared: {error}"]
     if known.relations is not None:
         try:
             relation_errors(known.relations, trajectory, robot_from_laser)
         except BadInput as error:
-            known, said = replace(known, relations=None), [*said, f"not compared: {error}"]
-    return known, tuple(said)
+            known, notices = replace(known, relations=None), [*notices, f"not compared: {error}"]
+    return known, tuple(notices)
 
 
 def assess(subject: Subject) -> tuple[Metric, ...]:

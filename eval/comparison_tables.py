@@ -201,16 +201,16 @@ def _summary(
     by: str,
 ) -> TextTable:
     names = headlines_of(o for o in outcomes if o.status == "ok")
-    told = any(group.problems for group in found)
+    some_failed = any(group.problems for group in found)
     some_lost = any(group.lost for group in found)
     rows = []
     for g in found:
         counts = (str(g.runs), str(g.ok), *([str(g.lost)] if some_lost else []))
         cells = (written(g.spreads[n]) if n in g.spreads else "-" for n in names)
-        rows.append((g.source, g.variant, *counts, *cells, *([g.problems] if told else [])))
+        rows.append((g.source, g.variant, *counts, *cells, *([g.problems] if some_failed else [])))
     columns = ("source", "backend", "n", "ok", *(["lost"] if some_lost else []))
     titles = tuple(kind_of(name).titled() for name in names)
-    problems = ("problems",) if told else ()
+    problems = ("problems",) if some_failed else ()
     best = _best(found, names, len(columns), by)
     return TextTable(title, (*columns, *titles, *problems), tuple(rows), best)
 

@@ -137,11 +137,11 @@ class RadioAccuracy:
         note = f"|gain error| <= {self.tolerance_db:g} dB; R_e = {self.expansion_radius_m:g} m"
         each = ", ".join(f"{link.access_point} {link.accuracy:.4f}" for link in self.links)
         mean = f"mean of {len(self.links)} access points" if len(self.links) > 1 else ""
-        told = "; ".join(part for part in (note, mean, *self.warnings) if part)
+        notes = "; ".join(part for part in (note, mean, *self.warnings) if part)
         shares = ("coverage_observed", "coverage_visited", "coverage_footprint", "gain_hit")
         others = ("coverage_accessible", "false_accessible", "iou")
         return (
-            Metric("accuracy", self.accuracy, note=told),
+            Metric("accuracy", self.accuracy, note=notes),
             Metric("accuracy_worst_ap", self.worst.accuracy, note=f"of {each}"),
             *(Metric(name, getattr(self, name)) for name in shares + others),
             Metric("los_agreement", self.los_agreement, note=self._unknown_note()),

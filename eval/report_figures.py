@@ -44,7 +44,7 @@ _PAGE_PX, _TALL_PX = 1000.0, 760.0
 """Approximate width of a page, and the largest height of a map in the template."""
 _LETTER_PX, _LINE_PX = 8.0, 18.0
 """Width of a letter and height of a line at the page's font of 13 px [px]."""
-_MOST_TOLD = 500
+_MOST_LABELLED = 500
 """Number of largest obstacles that show name and height on hovering: more than anyone points
 at, and 100 bytes of the page each."""
 _LEAST_M = 1e-6
@@ -104,9 +104,9 @@ def geographic_figure(geographic: GeographicMap) -> Figure:
     _add_legend(fig, (look for state, look in _STATES.items() if state in found))
     known = [solid for solid in geographic.solids if math.isfinite(solid.height_m)]
     known.sort(key=lambda solid: -float(np.ptp(solid.corners_m, axis=0).sum()))
-    _add_outlines(fig, known[:_MOST_TOLD], told=True)
-    _add_outlines(fig, known[_MOST_TOLD:], told=False)
-    _add_heights(fig, known[:_MOST_TOLD], px_per_m(geometry))
+    _add_outlines(fig, known[:_MOST_LABELLED], labelled=True)
+    _add_outlines(fig, known[_MOST_LABELLED:], labelled=False)
+    _add_heights(fig, known[:_MOST_LABELLED], px_per_m(geometry))
     metric_axes(fig, geometry)
     return Figure(fig, "Recovered map by the state of its cells", aspect=aspect(geometry))
 
@@ -153,10 +153,10 @@ def _class_picture(
     return _sharp_uri(palette[cells]), shown
 
 
-def _add_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> None:
+def _add_outlines(fig: go.Figure, solids: Sequence[Solid], *, labelled: bool) -> None:
     """Draw the outlines of obstacles as one trace, in a thousandth of the time of one for each.
 
-    With `told` their corners and centres show name and height on hovering.
+    With `labelled`, their corners and centres show name and height on hovering.
     """
     if not solids:
         return
@@ -166,13 +166,13 @@ def _add_outlines(fig: go.Figure, solids: Sequence[Solid], *, told: bool) -> Non
         for s in solids
     ]
     line = single(np.concatenate(rings))
-    words = [plain(f"{s.name} {_height(s)}") for s in solids] if told else []
+    words = [plain(f"{s.name} {_height(s)}") for s in solids] if labelled else []
     fig.add_scatter(
         x=line[:, 0],
         y=line[:, 1],
         mode="lines",
-        line={"color": _SOLID, "width": 2 if told else 1},
-        hoverinfo="text" if told else "skip",
+        line={"color": _SOLID, "width": 2 if labelled else 1},
+        hoverinfo="text" if labelled else "skip",
         text=[word for word, ring in zip(words, rings, strict=False) for _ in ring] or None,
         showlegend=False,
     )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
+from slarm_graph.raster.bands import by_windows
 from slarm_graph.tiles import KnownTiles, Where
 from slarm_graph.world import Solid
 
@@ -112,9 +113,29 @@ class GeographicMap:
         return np.asarray(self.states == CellState.ACCESSIBLE)
 
     @property
+    def reachable(self) -> Mask:
+        """Cells over which an antenna of the robot can be, see `is_reachable`."""
+        return by_windows(self.where, 0, lambda window: is_reachable(self.states[window]))
+
+    @property
+    def free(self) -> Mask:
+        """Cells known to have no obstacle, see `is_free`."""
+        return by_windows(self.where, 0, lambda window: is_free(self.states[window]))
+
+    @property
     def obstacle(self) -> Mask:
         """Cells that belong to a wall or an obstacle."""
         return np.asarray(self.states == CellState.OBSTACLE)
+
+
+def is_reachable(states: NDArray[np.uint8]) -> Mask:
+    """Accessible cells and those too near to an obstacle for the robot's centre."""
+    return np.asarray((states == CellState.ACCESSIBLE) | (states == CellState.EXPANSION))
+
+
+def is_free(states: NDArray[np.uint8]) -> Mask:
+    """Cells known to have no obstacle, whether the robot can get there or not."""
+    return np.asarray((states != CellState.OBSTACLE) & (states != CellState.UNKNOWN))
 
 
 def as_geographic(grid: OccupancyGrid, default_height_m: float | None = None) -> GeographicMap:

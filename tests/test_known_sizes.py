@@ -14,6 +14,7 @@ from scanned_rooms import WORLD, scanned_room, toured
 
 from slarm_graph.app.world_accuracy import accuracy_on
 from slarm_graph.config import MappingConfig, RadioConfig, RecoveryConfig
+from slarm_graph.files.world_shapes import rectangle_m
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
@@ -21,7 +22,6 @@ from slarm_graph.polygons import contains
 from slarm_graph.radio.radio_map import radio_map
 from slarm_graph.recovery.known_sizes import MeasuredPlan, known_sizes_of, match_size
 from slarm_graph.recovery.recover import recover_scans, with_sizes_of
-from slarm_graph.recovery.wall_shapes import rectangle_m
 from slarm_graph.world import Solid, WorldMap
 
 

@@ -16,7 +16,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.measured.blocks import find_blocks
-from slarm_graph.radio.measured.build_map import build_measured_map, free_floor
+from slarm_graph.radio.measured.build_map import build_measured_map
 from slarm_graph.radio.measured.files import (
     LAYERS,
     read_measured_npz,
@@ -160,7 +160,7 @@ def test_a_hollow_block_leaves_the_loss_of_a_wall_in_its_interval():
 
 def test_readings_of_one_piece_of_floor_share_the_doubt_of_their_walls():
     """Oracle: dense covariance of readings with an error in common, and what their mean says."""
-    nodes = make_nodes(GRID, free_floor(floor()), 0.4, 10_000)
+    nodes = make_nodes(GRID, floor().free, 0.4, 10_000)
     centers = nodes.centers_m[[3, 3, 3, 40, 40, 90]]
     shared = nodes.points_in_node(centers)
     np.testing.assert_array_equal(shared, [3, 3, 3, 2, 2, 1])
@@ -189,16 +189,6 @@ def test_walls_a_cell_off_do_not_make_their_loss_less(off):
     made = build_measured_map(geographic, {"ap": placed(points, rss)}, [AP], RADIO, CONFIG)
     assert abs(made.fitted[0].wall_db - WALL) < 1.0
     assert made.fitted[0].sd[2] < 0.5
-
-
-def test_probability_above_a_threshold(noisy):
-    geographic, made = noisy
-    likely = made.probability_above(-65.0)[0]
-    mean = made.mean_dbm[0]
-    known = geographic.accessible
-    assert ((likely > 0.5) == (mean > -65.0))[known].all()
-    sure = made.probability_above(-65.0, of_mean=True)[0]
-    np.testing.assert_array_less(np.abs(likely - 0.5)[known] - 1e-6, np.abs(sure - 0.5)[known])
 
 
 def test_what_was_not_heard_counts():
@@ -310,7 +300,7 @@ def test_designs_from_several_positions_are_those_of_each():
     assert len(np.unique(found[:, :, 2].sum(axis=1))) == 3
     for position, design in zip(positions, found, strict=True):
         there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
-        np.testing.assert_allclose(design, there.reading_design(heard))
+        np.testing.assert_allclose(design, there.reading_design_and_variance(heard)[0])
 
 
 def test_part_of_the_readings_rules_out_only_what_all_rule_out():
@@ -320,14 +310,14 @@ def test_part_of_the_readings_rules_out_only_what_all_rule_out():
     points = drive(rng, 900)
     rss = true_level(geographic, points) + 2.0 * rng.normal(size=900)
     mean = MeanFunction(geographic, AP, RADIO.antenna_height_m, RADIO.mount_radius_m)
-    field = FloorField(make_nodes(GRID, free_floor(geographic), 0.8, 500))
+    field = FloorField(make_nodes(GRID, geographic.free, 0.8, 500))
     search = _Search(field, mean, placed(points, rss))
     lattice = _over_map(mean)
     screened = search.evidences(lattice)
     full = search._evidences_at(lattice)
     for position in lattice[::60]:
         there = replace(mean, access_point=AccessPoint("there", *position), face_error_cells=0)
-        design = there.reading_design(search._heard)
+        design = there.reading_design_and_variance(search._heard)[0]
         told = search._model.condition(design, search._coefficients, search._values).log_evidence
         assert search._evidences_at(position[None]) == pytest.approx(told)
     kept = np.isfinite(screened)

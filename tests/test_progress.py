@@ -10,7 +10,7 @@ import re
 import pytest
 
 from slarm_graph.app import progress as module
-from slarm_graph.app.progress import Bar, Lines, Pace, shown
+from slarm_graph.app.progress import Bar, Lines, Pace, show_progress
 
 
 class Clock:
@@ -114,7 +114,7 @@ def test_a_heartbeat_is_a_sign_of_life_in_long_steps(clock: Clock) -> None:
 
 
 def test_the_right_kind_for_where_it_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
-    with shown() as progress:
+    with show_progress() as progress:
         assert isinstance(progress, Lines)
     assert capsys.readouterr().err == ""
 

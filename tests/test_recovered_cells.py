@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from slarm_graph.files.world_shapes import rectangle_m
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -26,7 +27,6 @@ from slarm_graph.recovery.coverage import footprint_cells, observed_cells, path_
 from slarm_graph.recovery.grid_cleaning import _small_holes
 from slarm_graph.recovery.obstacles import Block, _depth_m, wall_strips
 from slarm_graph.recovery.returns import cell_keys, returns_of_cells
-from slarm_graph.recovery.wall_shapes import rectangle_m
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import Solid

@@ -205,7 +205,7 @@ def test_obstacles_tell_their_heights_in_one_line() -> None:
     ring = np.array([(0.0, 0.0), (2.0, 0.0), (1.0, 2.0)])
     fig = go.Figure()
     report_figures._add_outlines(
-        fig, [Solid("a <b>", ring, 2.5), Solid("c", ring + 3.0, 1.0)], told=True
+        fig, [Solid("a <b>", ring, 2.5), Solid("c", ring + 3.0, 1.0)], labelled=True
     )
     (trace,) = fig.data
     told = {

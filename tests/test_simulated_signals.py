@@ -17,7 +17,7 @@ from slarm_graph.frontends.simulation.receiver import SignalChannel, shadowing
 from slarm_graph.frontends.simulation.world_recording import SourceFromWorld, waypoints
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
-from slarm_graph.radio.measured.rss_log import heard_with
+from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.radio.propagation.crossings import wall_crossings
 from slarm_graph.radio.propagation.solid_crossings import solid_crossings
 from slarm_graph.reading_log import ReadingLog
@@ -130,9 +130,9 @@ def drive(config):
 
 def test_hearing_changes_nothing_else_and_keeps_its_rate():
     silent, hearing = drive(SignalConfig()), drive(PLAIN)
-    assert heard_with(silent) == ()
+    assert rss_with_scans(silent) == ()
     np.testing.assert_array_equal(silent.scans[-1].ranges_m, hearing.scans[-1].ranges_m)
-    (log,) = heard_with(hearing)
+    (log,) = rss_with_scans(hearing)
     assert log.names == ("ap",)
     assert np.diff(log.stamps_ns).min() == 200_000_000
 

@@ -40,17 +40,17 @@ class Checkpoint:
         self._folder, self._rule, self._take = folder, rule, take
         self._written_s = time.monotonic()
 
-    def maybe(self) -> None:
+    def write_if_due(self) -> None:
         """Write the checkpoint when it is due."""
         if time.monotonic() - self._written_s >= self._rule.every_s:
             self.write()
 
-    def last(self, *, ended_early: bool) -> None:
+    def write_last(self, *, ended_early: bool) -> None:
         """Write the final checkpoint where it will be resumed from or kept; else only when due."""
         if ended_early or self._rule.keep:
             self.write()
         else:
-            self.maybe()
+            self.write_if_due()
 
     def write(self) -> None:
         """Write the checkpoint now; a failure is logged, and the run goes on."""

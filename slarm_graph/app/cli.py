@@ -175,8 +175,8 @@ def _joined_points(arguments: Sequence[str]) -> list[str]:
                     *numbers,
                     *(repr(other) for other in rest[:1] if not other.startswith("-")),
                 ]
-                told = f"got {' '.join(found)}" if found else "got none"
-                raise BadInput(f"{word} needs three numbers X Y Z [m], {told}")
+                problem = f"got {' '.join(found)}" if found else "got none"
+                raise BadInput(f"{word} needs three numbers X Y Z [m], {problem}")
     return joined
 
 

@@ -164,13 +164,13 @@ def _compare(
     others: Sequence[External] = (),
 ) -> int:
     """Carry out trials, print and write the comparison; return 1 when one of them failed."""
-    from slarm_graph.app.execution import early_end_noted
+    from slarm_graph.app.execution import record_early_end
     from slarm_graph.app.external import measure
 
     _print_done(planned)
-    with early_end_noted(folder):
+    with record_early_end(folder):
         measured = [measure(other, folder.path, planned) for other in others]
-        outcomes = _carried_out(planned, folder, what, run, measured)
+        outcomes = _run_trials(planned, folder, what, run, measured)
         # Only now is known where the laser sits.
         measured = [measure(other, folder.path, planned) for other in others]
         _show(folder, [*outcomes, *measured], what)
@@ -179,7 +179,7 @@ def _compare(
     return OK if all(outcome.status == "ok" for outcome in outcomes) else FAILED
 
 
-def _carried_out(
+def _run_trials(
     planned: Sequence[Trial],
     folder: RunFolder,
     what: str,
@@ -187,7 +187,7 @@ def _carried_out(
     measured: Sequence[Outcome],
 ) -> tuple[Outcome, ...]:
     """Run trials; on an interrupt show the results so far, and how to continue."""
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.progress import show_progress
 
     done: list[Outcome] = []
 
@@ -197,7 +197,7 @@ def _carried_out(
         _print_outcome(outcome)
 
     try:
-        with shown() as progress:
+        with show_progress() as progress:
             return run(planned, tell=tell, progress=progress)
     except KeyboardInterrupt:
         if done:

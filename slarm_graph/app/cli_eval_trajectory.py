@@ -92,7 +92,7 @@ def trajectory_command(
         delta_unit,
         numbers(lengths, f"--lengths {lengths}: expected numbers") if lengths else (),
     )
-    files, evaluations = _evaluated(reference, estimates, options)
+    files, evaluations = _evaluate_all(reference, estimates, options)
     for name, found in evaluations.items():
         prefix = f"{name}: " if len(evaluations) > 1 else ""
         show_notices(prefix + notice for notice in found.notices)
@@ -105,7 +105,7 @@ def _seconds(t_offset: str) -> float:
     return numbers(t_offset, f"--t-offset {t_offset}: expected a number", 1)[0]
 
 
-def _evaluated(
+def _evaluate_all(
     reference: Path, estimates: Sequence[Path], options: EvaluationOptions
 ) -> tuple[dict[str, Path], dict[str, Evaluation]]:
     """Return the files of all estimates and their evaluations, by the estimate's name."""
@@ -182,14 +182,14 @@ def consistency_command(
 ) -> None:
     """Check a trajectory against its scans and odometry, without ground truth."""
     from slarm_graph.app.cli_output import show_notices, show_table
-    from slarm_graph.app.judging import judge_file
+    from slarm_graph.app.consistency_check import check_trajectory_file
     from slarm_graph.files.consistency import CONFLICT_COLUMNS, conflict_rows, consistency_json
 
     if len(sources) < 2:
         raise BadInput("two files are needed: slarm eval consistency SOURCE TRAJECTORY")
     *recording, trajectory = sources
     chosen = source_config(odom, scan, None, None, None, None)
-    result, notices = judge_file(recording, trajectory, chosen.source_as_used())
+    result, notices = check_trajectory_file(recording, trajectory, chosen.source_as_used())
     show_notices(notices)
     if as_json:
         print(consistency_json(result), end="")

@@ -93,8 +93,8 @@ def show_text_table(table: TextTable) -> None:
 def show_notices(notices: Iterable[str]) -> None:
     """Print notices and warnings."""
     for notice in notices:
-        told = notice if notice.startswith("warning: ") else f"note: {notice}"
-        print(told, file=sys.stderr)
+        line = notice if notice.startswith("warning: ") else f"note: {notice}"
+        print(line, file=sys.stderr)
 
 
 def show_scans(scans: Sequence[ScanStatus]) -> None:

@@ -67,7 +67,7 @@ OneMore = Annotated[
     ),
 ]
 Point = tuple[float, float]
-_PLACES_SHOWN = 5
+_SITES_SHOWN = 5
 """Printed lines of the ranking; the file has all."""
 
 
@@ -142,17 +142,17 @@ def radio_command(
     show_notices(made.notices)
     print(f"{made.words} -> {folder.path}")
     if wanted is not None:
-        _tell_plan(made, wanted, resolved, folder)
+        _run_plan(made, wanted, resolved, folder)
 
 
-def _tell_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: RunFolder) -> None:
+def _run_plan(made: RadioOverMap, wanted: _Plan, config: RunConfig, folder: RunFolder) -> None:
     """Carry out the plan, write its results and print them."""
-    from slarm_graph.app.planning_radio import plan_paths, save_places
+    from slarm_graph.app.planning_radio import plan_paths, save_sites
 
     level_dbm = wanted.threshold_dbm
-    _tell(made.signal, level_dbm, folder)
+    _print_connections(made.signal, level_dbm, folder)
     if wanted.one_more_z_m is not None:
-        _tell_places(save_places(made, wanted.one_more_z_m, level_dbm, config, folder))
+        _print_sites(save_sites(made, wanted.one_more_z_m, level_dbm, config, folder))
     if wanted.ends is not None:
         outage_s = wanted.longest_outage_s
         for line in plan_paths(made.signal, wanted.ends, level_dbm, outage_s, config, folder):
@@ -190,7 +190,7 @@ def _point(text: str) -> Point:
     return x, y
 
 
-def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
+def _print_connections(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
     """Print how far each access point reaches."""
     from slarm_graph.app.cli_output import show_table
     from slarm_graph.app.planning_radio import save_connections
@@ -213,15 +213,15 @@ def _tell(signal: SignalMap, threshold_dbm: float, folder: RunFolder) -> None:
     show_table(head, rows)
 
 
-def _tell_places(places: Sequence[CandidateSite]) -> None:
+def _print_sites(sites: Sequence[CandidateSite]) -> None:
     """Print the best places for one more access point."""
     from slarm_graph.app.cli_output import show_table
 
-    if not places[0].gained_m2:
+    if not sites[0].gained_m2:
         print("one more access point on a wall connects no more floor")
         return
     rows = [
         (f"{p.x_m:.2f} {p.y_m:.2f} {p.z_m:g}", f"{p.gained_m2:.1f}", f"{p.share:.1%}")
-        for p in places[:_PLACES_SHOWN]
+        for p in sites[:_SITES_SHOWN]
     ]
     show_table(("one more at [m]", "gains [m²]", "connected then"), rows)

@@ -59,16 +59,16 @@ def reproduce_command(
 
     Repeated with the same --name, the command only does the runs that are missing.
     """
-    from slarm_graph.app.execution import early_end_noted
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.execution import record_early_end
+    from slarm_graph.app.progress import show_progress
     from slarm_graph.paper.plan import plan_of
     from slarm_graph.paper.reproduce import reproduce
 
     plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
     folder = _folder(out, name, overwrite)
-    with early_end_noted(folder), shown() as progress:
+    with record_early_end(folder), show_progress() as progress:
         outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
-    return _shown(folder, outcomes)
+    return _write_page(folder, outcomes)
 
 
 def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
@@ -80,7 +80,7 @@ def _folder(out: Path, name: str | None, overwrite: bool) -> RunFolder:
     return create_run_folder(out, name, overwrite=overwrite, kind="reproduction")
 
 
-def _shown(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
+def _write_page(folder: RunFolder, outcomes: Sequence[Outcome]) -> int:
     """Write the page, say where it is, and return the exit code."""
     from slarm_graph.paper.figures import gallery_html
 

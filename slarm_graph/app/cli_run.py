@@ -165,9 +165,9 @@ def _resume(path: Path, config: Path | None, overrides: Sequence[str], show: boo
 
 def _execute(job: Job | ExploreJob, folder: RunFolder, show: bool = False) -> int:
     from slarm_graph.app.execution import execute
-    from slarm_graph.app.progress import shown
+    from slarm_graph.app.progress import show_progress
 
-    with shown() as progress:
+    with show_progress() as progress:
         run = execute(job, folder, progress)
     if show:
         webbrowser.open((folder.path / "report.html").resolve().as_uri())

@@ -80,7 +80,7 @@ def convert_command(
 
     settings = [*(settings or ()), *overriding("source.ros_distro", ros_distro)]
     chosen = source_config(odom, scan, segment, static_tf, config, settings)
-    told = convert(
+    summary = convert(
         sources,
         destination,
         chosen.source,
@@ -89,7 +89,7 @@ def convert_command(
         section=chosen.section,
         simulation=chosen.simulation,
     )
-    print(told)
+    print(summary)
 
 
 def export_command(

@@ -40,10 +40,10 @@ def examine(folder: Path) -> tuple[SelfCheck, ...]:
         SelfCheck("python", sys.version_info >= (3, 11), sys.version.split()[0]),
         *(_package(name, needed=True) for name in _PACKAGES),
         *(_package(name, needed=False) for name in _OPTIONAL),
-        _tried("gtsam with this numpy", _optimise),
-        _tried("numba compiles", _compile),
-        _tried("pictures without a screen", _draw),
-        _tried(f"writing to {folder}", lambda: _write(folder)),
+        _try("gtsam with this numpy", _optimise),
+        _try("numba compiles", _compile),
+        _try("pictures without a screen", _draw),
+        _try(f"writing to {folder}", lambda: _write(folder)),
     )
 
 
@@ -55,7 +55,7 @@ def _package(name: str, *, needed: bool) -> SelfCheck:
         return SelfCheck(name, not needed, missing if needed else "not installed (optional)")
 
 
-def _tried(name: str, attempt: Callable[[], str]) -> SelfCheck:
+def _try(name: str, attempt: Callable[[], str]) -> SelfCheck:
     try:
         return SelfCheck(name, True, attempt())
     except Exception as error:

@@ -38,7 +38,7 @@ def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run
     """
     if isinstance(job, ExploreJob):
         job = replace(job, config=with_prior(job.world, job.config))
-    with _recorded(folder, job.config):
+    with _record(folder, job.config):
         if isinstance(job, ExploreJob):
             folder.write_text("world.yaml", world_to_yaml(job.world))
             folder.note(input={"world": job.world.name})
@@ -46,10 +46,10 @@ def execute(job: Job | ExploreJob, folder: RunFolder, progress: Progress) -> Run
         else:
             folder.note(input=input_facts(job.paths), job=_job_facts(job))
             done = run(job, folder, progress)
-        return _ended(folder, done)
+        return _record_success(folder, done)
 
 
-def _ended(folder: RunFolder, done: Run) -> Run:
+def _record_success(folder: RunFolder, done: Run) -> Run:
     for notice in done.notices():
         _log.info(notice)
     problem = done.log.problem
@@ -69,14 +69,14 @@ def _job_facts(job: Job) -> dict[str, object]:
 
 
 @contextmanager
-def _recorded(folder: RunFolder, config: RunConfig) -> Iterator[None]:
+def _record(folder: RunFolder, config: RunConfig) -> Iterator[None]:
     """Record the configuration, and how the block ended early, if it does; write the log."""
     folder.write_text("config.yaml", config_yaml(config))
     folder.note(seed=config.seed, backend=config.backend)
     with (
-        _logged(folder),
+        _write_log(folder),
         exit_handler(lambda why: _record_end(folder, why), config.limits),
-        early_end_noted(folder),
+        record_early_end(folder),
     ):
         yield
 
@@ -89,7 +89,7 @@ def _record_end(folder: RunFolder, why: str) -> None:
 
 
 @contextmanager
-def early_end_noted(folder: RunFolder) -> Iterator[None]:
+def record_early_end(folder: RunFolder) -> Iterator[None]:
     """Record why the block ended early: `partial` when there are results, else `failed`."""
     try:
         yield
@@ -105,7 +105,7 @@ def early_end_noted(folder: RunFolder) -> Iterator[None]:
 
 
 @contextmanager
-def _logged(folder: RunFolder) -> Iterator[None]:
+def _write_log(folder: RunFolder) -> Iterator[None]:
     """Write the package's log to `log.txt` while the block runs."""
     handler = logging.FileHandler(folder.path / "log.txt", encoding="utf-8")
     handler.setFormatter(logging.Formatter(_LOG_FORMAT))

@@ -13,16 +13,17 @@ import numpy as np
 from slarm_graph import backends, parts
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
 from slarm_graph.app.ending import Stop
-from slarm_graph.app.feeding import early_end_logged
+from slarm_graph.app.feeding import log_early_end
 from slarm_graph.app.job import Run
 from slarm_graph.app.map_images import of_layers, save_map
+from slarm_graph.app.measuring import RadioInput
 from slarm_graph.app.outputs import (
     save_geographic,
     save_readings,
     save_slam,
     save_trajectory,
 )
-from slarm_graph.app.pipeline import judged, radio_maps, with_heard
+from slarm_graph.app.pipeline import check_consistency, make_radio_maps
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
@@ -39,7 +40,7 @@ from slarm_graph.frontends.simulation.simulator import make_world
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry
 from slarm_graph.mapping import render
-from slarm_graph.radio.measured.rss_log import heard_with
+from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
@@ -76,7 +77,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         grid = render(log.scans, slam.trajectory, config.mapping.model_copy(update=cells))
         save_slam(folder, slam, grid)
     # trajectory -> consistency
-    verdict = judged(log, slam, folder, progress)
+    verdict = check_consistency(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         around = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
@@ -84,9 +85,8 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
         save_geographic(folder, geographic)
     # readings of signal strength -> heights -> geographic map -> radio maps
-    known, stages = world.access_points, (heard_with(log), slam, config, folder, progress)
-    geographic, heights = with_heard(geographic, known, *stages)
-    radio, measured = radio_maps(geographic, known, *stages)
+    given = RadioInput(rss_with_scans(log), slam, world.access_points, config)
+    geographic, radio, measured, heights = make_radio_maps(geographic, given, folder, progress)
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
@@ -152,7 +152,7 @@ class LiveFiles:
         self._folder, self._log, self._loop = folder, log, loop
         self._every_s, self._written_s = every_s, time.monotonic()
 
-    def maybe(self) -> None:
+    def write_if_due(self) -> None:
         """Write when it is due."""
         if time.monotonic() - self._written_s >= self._every_s:
             self.write()
@@ -194,16 +194,16 @@ def _drive(
     checkpoint = Checkpoint(folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {}))
     live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
     stop = Stop(config.limits)
-    with stop.on_signals(), early_end_logged(log):
+    with stop.on_signals(), log_early_end(log):
         try:
             while loop.finished is None and loop.step():
                 progress.advance()
-                live.maybe()
-                checkpoint.maybe()
+                live.write_if_due()
+                checkpoint.write_if_due()
                 if reason := stop.reason():
                     log.stop(reason, by_user=stop.by_user)
                     break
-            checkpoint.last(ended_early=bool(log.problem))
+            checkpoint.write_last(ended_early=bool(log.problem))
         finally:
             live.write()
     return loop.outcome()

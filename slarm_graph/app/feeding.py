@@ -56,7 +56,7 @@ def feed(
         When the source cannot be read.
     """
     progress.start("slam", source.info().scan_count)
-    with stop.on_signals(), early_end_logged(log):
+    with stop.on_signals(), log_early_end(log):
         for reading in source:
             progress.advance()
             if len(log) >= had_before:
@@ -65,16 +65,16 @@ def feed(
             if len(log) in _LOADED_AFTER:
                 return_freed()
             if len(log) > had_before:
-                checkpoint.maybe()
+                checkpoint.write_if_due()
             if reason := stop.reason():
                 log.stop(reason, by_user=stop.by_user)
                 break
-        checkpoint.last(ended_early=bool(log.problem))
+        checkpoint.write_last(ended_early=bool(log.problem))
     log.take_statuses(source)
 
 
 @contextmanager
-def early_end_logged(log: ReadingLog) -> Iterator[None]:
+def log_early_end(log: ReadingLog) -> Iterator[None]:
     """Note a failure of the block in the log; raise only input errors, or without any reading."""
     try:
         yield

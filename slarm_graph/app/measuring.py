@@ -47,15 +47,33 @@ class Signals:
         if not self.are_found:
             return self
         least = config.measured.least_readings
-        kept, told = [], []
+        kept, notices = [], []
         for log in self.logs:
             placed = _placed((log,), slam, config).readings.values()
             if max((int(one.heard.sum()) for one in placed), default=0) >= least:
                 kept.append(log)
             else:
                 few = f"of no access point {least} readings lie on the way"
-                told.append(f"no measured radio map of {log.description}: {few}")
-        return replace(self, logs=tuple(kept), notices=(*self.notices, *told))
+                notices.append(f"no measured radio map of {log.description}: {few}")
+        return replace(self, logs=tuple(kept), notices=(*self.notices, *notices))
+
+
+@dataclass(frozen=True, slots=True)
+class RadioInput:
+    """What the radio maps of a run are made of, besides its geographic map.
+
+    Parameters
+    ----------
+    logs : sequence of RssLog
+    slam : SlamResult
+    access_points : sequence of AccessPoint
+    config : RunConfig
+    """
+
+    logs: Sequence[RssLog]
+    slam: SlamResult
+    access_points: Sequence[AccessPoint]
+    config: RunConfig
 
 
 def signals_of(
@@ -75,14 +93,9 @@ def signals_of(
 
 
 def measured_map(
-    logs: Sequence[RssLog],
-    slam: SlamResult,
-    geographic: GeographicMap,
-    access_points: Sequence[AccessPoint],
-    config: RunConfig,
-    heartbeat: Heartbeat = silent,
-) -> MeasuredMap | None:
-    """Make the measured radio map; None without readings.
+    geographic: GeographicMap, given: RadioInput, heartbeat: Heartbeat = silent
+) -> MeasuredMap:
+    """Make the measured radio map from at least one log.
 
     The positions' standard deviation is that of the SLAM result, or `measured.position_sd_m`.
 
@@ -91,64 +104,50 @@ def measured_map(
     BadInput
         When no reading lies within the trajectory's time.
     """
-    if not logs:
-        return None
     # Optimisers, NetCDF and matplotlib are loaded only where there is something for them to do.
     from slarm_graph.radio.measured.build_map import build_measured_map
 
-    placed = _placed(logs, slam, config)
-    total = sum(map(len, logs))
+    config, placed = given.config, _placed(given.logs, given.slam, given.config)
+    total = sum(map(len, given.logs))
     if placed.outside == total:
         raise BadInput(
             "no reading of signal strength lies within the trajectory's time:"
             " do both have the same clock?"
         )
     made = build_measured_map(
-        geographic, placed.readings, access_points, config.radio, config.measured, heartbeat
+        geographic, placed.readings, given.access_points, config.radio, config.measured, heartbeat
     )
-    told = [doubt for log in logs for doubt in log.doubts()]
+    notices = [doubt for log in given.logs for doubt in log.doubts()]
     if placed.outside:
-        told.append(
+        notices.append(
             f"{placed.outside} of {total} readings of signal strength outside the way's time"
         )
-    return replace(made, notices=(*told, *made.notices))
+    return replace(made, notices=(*notices, *made.notices))
 
 
-def heights_heard(
-    logs: Sequence[RssLog],
-    slam: SlamResult,
-    geographic: GeographicMap,
-    access_points: Sequence[AccessPoint],
-    config: RunConfig,
-    heartbeat: Heartbeat = silent,
-) -> tuple[HeightPosterior, ...]:
-    """Tell heights that nobody has said by what was heard behind obstacles; none where unheard."""
-    if not (logs and access_points and geographic.height_groups and config.measured.heights):
-        return ()
-    from slarm_graph.radio.measured.height_inference import infer_heights
+def correct_heights(
+    geographic: GeographicMap, given: RadioInput, heartbeat: Heartbeat
+) -> tuple[GeographicMap, tuple[HeightPosterior, ...]]:
+    """Infer uncertain heights from readings behind obstacles; return the map with them, and them.
 
-    found = _placed(logs, slam, config).readings
+    Nothing changes where no reading tells.
+    """
+    config = given.config
+    if not (given.access_points and geographic.height_groups and config.measured.heights):
+        return geographic, ()
+    from slarm_graph.radio.measured.height_inference import infer_heights, with_heights
+
+    found = _placed(given.logs, given.slam, config).readings
     rng = np.random.default_rng(config.seed)
     how = (config.radio, config.measured, rng, heartbeat)
-    return infer_heights(geographic, found, access_points, *how)
+    heights = infer_heights(geographic, found, given.access_points, *how)
+    return with_heights(geographic, heights) if heights else geographic, heights
 
 
-def with_heights_heard(
-    geographic: GeographicMap, heard: Sequence[HeightPosterior]
-) -> GeographicMap:
-    """Return the map with these heights; the map itself where nothing was heard."""
-    if not heard:
-        return geographic
-    from slarm_graph.radio.measured.height_inference import with_heights
-
-    return with_heights(geographic, heard)
-
-
-def save_heights(folder: RunFolder, heard: Sequence[HeightPosterior]) -> None:
-    """Write what was heard of heights, where there is anything."""
-    if heard:
-        with folder.replacing("obstacle_heights.csv") as temporary:
-            write_heights_csv(temporary, heard)
+def save_heights(folder: RunFolder, heights: Sequence[HeightPosterior]) -> None:
+    """Write the inferred heights of at least one obstacle."""
+    with folder.replacing("obstacle_heights.csv") as temporary:
+        write_heights_csv(temporary, heights)
 
 
 def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> RssAlongTrajectory:
@@ -159,10 +158,8 @@ def _placed(logs: Sequence[RssLog], slam: SlamResult, config: RunConfig) -> RssA
     )
 
 
-def save_measured(folder: RunFolder, measured: MeasuredMap | None) -> None:
-    """Write the measured radio map in all its formats, where there is one."""
-    if measured is None:
-        return
+def save_measured(folder: RunFolder, measured: MeasuredMap) -> None:
+    """Write the measured radio map in all its formats."""
     from slarm_graph.radio.measured.files import (
         write_access_points_csv,
         write_measured_csv,

@@ -52,8 +52,8 @@ def wait_for(trial: Trial, process: Process, stop: Callable[[], bool] = lambda: 
                 process.send_signal(signal.SIGINT)
             continue
         break
-    said = errors.strip().splitlines()
-    problem = said[-1].removeprefix("slarm: ") if said and process.returncode else ""
+    lines = errors.strip().splitlines()
+    problem = lines[-1].removeprefix("slarm: ") if lines and process.returncode else ""
     return read_outcome(trial, problem or f"exit code {process.returncode}")
 
 

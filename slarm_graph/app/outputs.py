@@ -29,7 +29,7 @@ from slarm_graph.files.trajectory_covariances import (
     TrajectoryCovariance,
     write_trajectory_covariance,
 )
-from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geographic import CellState, GeographicMap, is_free
 from slarm_graph.grid import Mask, OccupancyGrid
 from slarm_graph.raster.bands import windows
 from slarm_graph.reading_log import ReadingLog
@@ -90,8 +90,7 @@ def save_geographic(
     def masks(window: Window) -> tuple[Mask, Mask]:
         """Return the obstacle cells of a window and those known to have none."""
         states = geographic.states[window]
-        obstacle = states == CellState.OBSTACLE
-        return obstacle, ~obstacle & (states != CellState.UNKNOWN)
+        return states == CellState.OBSTACLE, is_free(states)
 
     save_map(folder, "geographic_map", geographic.geometry, masks, large, geographic.tiles)
     with folder.replacing("coverage.npz") as temporary:

@@ -4,26 +4,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from slarm_graph import backends
-from slarm_graph.access_points import AccessPoint, RadioMap
+from slarm_graph.access_points import RadioMap
 from slarm_graph.app.allocation import freeze_garbage_collector, keep_freed_layers
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
+from slarm_graph.app.consistency_check import check_trajectory
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
-from slarm_graph.app.judging import judge
 from slarm_graph.app.measuring import (
-    heights_heard,
+    RadioInput,
+    correct_heights,
     measured_map,
     save_heights,
     save_measured,
     signals_of,
-    with_heights_heard,
 )
 from slarm_graph.app.outputs import (
     save_consistency,
@@ -49,13 +48,17 @@ from slarm_graph.geometry import Pose2
 from slarm_graph.mapping import end_points_m, render, thinned
 from slarm_graph.radio.measured.height_posterior import HeightPosterior
 from slarm_graph.radio.measured.measured_map import MeasuredMap
-from slarm_graph.radio.measured.rss_log import RssLog, heard_with
+from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.radio.propagation.over_map import predicted_radio_map
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import Source
 from slarm_graph.recovery.recover import recover
 from slarm_graph.trajectory import Trajectory
+
+RadioMaps = tuple[GeographicMap, RadioMap | None, MeasuredMap | None, tuple[HeightPosterior, ...]]
+"""The geographic map with corrected heights, the predicted and the measured radio map, and these
+heights."""
 
 _ENOUGH_POINTS = 1_000_000
 """Most returns kept for walls and figures: 16 MB, several per cell of kilometres of walls."""
@@ -96,7 +99,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
         grid = render(log.scans, slam.trajectory, config.mapping)
         save_slam(folder, slam, grid, config.mapping.large_image)
     # trajectory -> consistency
-    verdict = judged(log, slam, folder, progress)
+    verdict = check_consistency(log, slam, folder, progress)
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress), keep_freed_layers():
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
@@ -105,16 +108,14 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # geographic map and readings of signal strength -> radio maps
     signals = signals.along(slam, config)
     info = replace(info, notices=(*info.notices, *signals.notices))
-    heard = (*signals.logs, *heard_with(log))
-    stages = (heard, slam, config, folder, progress)
-    geographic, heights = with_heard(geographic, job.access_points, *stages)
-    radio, measured = radio_maps(geographic, job.access_points, *stages)
+    given = RadioInput((*signals.logs, *rss_with_scans(log)), slam, job.access_points, config)
+    geographic, radio, measured, heights = make_radio_maps(geographic, given, folder, progress)
     # ground truth -> metrics and report
     with folder.stage("report", progress):
         laser = log.robot_from_laser
         if job.truth_is_found:
-            references, said = drop_other_times(references, slam.trajectory, laser)
-            slam = replace(slam, notices=(*slam.notices, *said))
+            references, dropped = drop_other_times(references, slam.trajectory, laser)
+            slam = replace(slam, notices=(*slam.notices, *dropped))
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio)
         metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
@@ -141,7 +142,7 @@ def _run_backend(
         backend = backends.make(config.backend, config, rng, progress.say)
         freeze_garbage_collector()
     with folder.stage("slam", progress):
-        had_before = _restored(backend, folder)
+        had_before = _restore(backend, folder)
         checkpoint = Checkpoint(
             folder,
             config.checkpoint,
@@ -170,60 +171,43 @@ def _moved_to_start(slam: SlamResult, truth: Trajectory | None) -> SlamResult:
     return slam.transformed(start @ mine_from_robot.inverse())
 
 
-def judged(
+def check_consistency(
     log: ReadingLog, slam: SlamResult, folder: RunFolder, progress: Progress
 ) -> Contradictions:
     """Check the consistency of a trajectory and write the verdict."""
     with folder.stage("consistency", progress):
-        verdict = judge(log, slam.trajectory)
+        verdict = check_trajectory(log, slam.trajectory)
         save_consistency(folder, verdict)
     return verdict
 
 
-def with_heard(
-    geographic: GeographicMap,
-    aps: Sequence[AccessPoint],
-    heard: Sequence[RssLog],
-    slam: SlamResult,
-    config: RunConfig,
-    folder: RunFolder,
-    progress: Progress,
-) -> tuple[GeographicMap, tuple[HeightPosterior, ...]]:
-    """Return the map with heights as they were heard, and what was heard of them."""
-    if not heard:
-        return geographic, ()
-    with folder.stage("heights heard", progress):
-        found = heights_heard(heard, slam, geographic, aps, config, progress.say)
-        if found:
-            geographic = with_heights_heard(geographic, found)
-            save_heights(folder, found)
-            save_geographic(folder, geographic, config.mapping.large_image)
-    return geographic, found
+def make_radio_maps(
+    geographic: GeographicMap, given: RadioInput, folder: RunFolder, progress: Progress
+) -> RadioMaps:
+    """Make the predicted radio map (with access points) and the measured one (with readings).
 
-
-def radio_maps(
-    geographic: GeographicMap,
-    aps: Sequence[AccessPoint],
-    heard: Sequence[RssLog],
-    slam: SlamResult,
-    config: RunConfig,
-    folder: RunFolder,
-    progress: Progress,
-) -> tuple[RadioMap | None, MeasuredMap | None]:
-    """Make the predicted radio map (with access points) and the measured one (with readings)."""
+    Readings first correct uncertain heights of the geographic map.
+    """
     radio = measured = None
-    if aps:
+    heights: tuple[HeightPosterior, ...] = ()
+    if given.logs:
+        with folder.stage("heights heard", progress):
+            geographic, heights = correct_heights(geographic, given, progress.say)
+            if heights:
+                save_heights(folder, heights)
+                save_geographic(folder, geographic, given.config.mapping.large_image)
+    if given.access_points:
         with folder.stage("radio map", progress):
-            radio = predicted_radio_map(geographic, aps, config)
-            save_radio(folder, radio, config.radio)
-    if heard:
+            radio = predicted_radio_map(geographic, given.access_points, given.config)
+            save_radio(folder, radio, given.config.radio)
+    if given.logs:
         with folder.stage("measured radio map", progress):
-            measured = measured_map(heard, slam, geographic, aps, config, progress.say)
+            measured = measured_map(geographic, given, progress.say)
             save_measured(folder, measured)
-    return radio, measured
+    return geographic, radio, measured, heights
 
 
-def _restored(backend: SlamBackend, folder: RunFolder) -> int:
+def _restore(backend: SlamBackend, folder: RunFolder) -> int:
     """Restore a backend from the checkpoint; return how many readings it has had."""
     with saved_states(folder.path) as saved:
         if saved is None:

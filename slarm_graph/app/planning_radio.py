@@ -13,7 +13,7 @@ import numpy as np
 
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.app.map_images import of_layers, save_map
-from slarm_graph.app.measuring import measured_map, save_measured
+from slarm_graph.app.measuring import RadioInput, measured_map, save_measured
 from slarm_graph.app.outputs import save_radio
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.backend import SlamResult
@@ -21,7 +21,7 @@ from slarm_graph.config import RunConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.run_files import map_file as map_in
-from slarm_graph.files.texts import csv_text
+from slarm_graph.files.texts import csv_of, csv_text
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.signals.rss import open_rss
 from slarm_graph.geographic import GeographicMap, as_geographic
@@ -123,10 +123,8 @@ def _measured(
     if trajectory is None:
         raise BadInput("--rss needs --trajectory: where in the map the robot was when it heard")
     logs = [open_rss(one) for one in rss]
-    measured = measured_map(
-        logs, SlamResult(read_trajectory(trajectory_file(trajectory))), geographic, points, config
-    )
-    assert measured is not None
+    slam = SlamResult(read_trajectory(trajectory_file(trajectory)))
+    measured = measured_map(geographic, RadioInput(logs, slam, points, config))
     names = ", ".join(ap.name for ap in measured.access_points)
     signal = SignalMap.of_measured(measured)
 
@@ -159,15 +157,14 @@ def save_connections(
             threshold_dbm=threshold_dbm,
             noise_dbm=noise_dbm,
         )
-    with np.errstate(invalid="ignore"):
-        covered = signal.cells & (signal.best_level_dbm() >= threshold_dbm)
+    covered = signal.covered(threshold_dbm)
     # As a map_server map: free where connected, occupied where not; nav2 takes it as a layer.
     layers = of_layers(signal.cells & ~covered, covered)
     save_map(folder, "connectivity", signal.geometry, layers)
     return made
 
 
-def save_places(
+def save_sites(
     made: RadioOverMap,
     height_m: float,
     threshold_dbm: float,
@@ -175,7 +172,7 @@ def save_places(
     folder: RunFolder,
 ) -> tuple[CandidateSite, ...]:
     """Write `one_more.csv`, places for one more access point; return them, the best first."""
-    places = rank_sites(
+    sites = rank_sites(
         made.geographic,
         made.signal,
         make_model(config),
@@ -183,9 +180,8 @@ def save_places(
         height_m=height_m,
         threshold_dbm=threshold_dbm,
     )
-    rows = [tuple(asdict(place).values()) for place in places]
-    folder.write_text("one_more.csv", csv_text(tuple(asdict(places[0])), rows))
-    return places
+    folder.write_text("one_more.csv", csv_of([asdict(site) for site in sites]))
+    return sites
 
 
 def plan_paths(

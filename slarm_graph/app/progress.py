@@ -203,7 +203,7 @@ class Bar:
 
 
 @contextmanager
-def shown() -> Iterator[Progress]:
+def show_progress() -> Iterator[Progress]:
     """Yield the progress that fits standard error (terminal or not), and close it in the end."""
     progress: Progress
     progress = Bar() if sys.stderr.isatty() else Lines(sys.stderr)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from slarm_graph.errors import BadInput, brief
@@ -58,3 +58,8 @@ def csv_text(columns: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     writer.writerow(columns)
     writer.writerows(rows)
     return text.getvalue()
+
+
+def csv_of(records: Sequence[Mapping[str, object]]) -> str:
+    """Return at least one record as CSV; all have the keys of the first."""
+    return csv_text(tuple(records[0]), (tuple(record.values()) for record in records))

@@ -20,10 +20,10 @@ from slarm_graph.files.maps import read_map
 from slarm_graph.files.texts import read_text
 from slarm_graph.files.world_checks import world_problems
 from slarm_graph.files.world_model import WallModel, WorldModel
+from slarm_graph.files.world_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.files.yaml_text import MAX_BYTES, parse_yaml
 from slarm_graph.geometry import Pose2
 from slarm_graph.polygons import counter_clockwise
-from slarm_graph.recovery.wall_shapes import rectangle_m, wall_pieces_m
 from slarm_graph.world import Solid, WorldMap
 from slarm_graph.world_from_map import world_from_map
 

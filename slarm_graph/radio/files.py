@@ -20,18 +20,17 @@ from slarm_graph.radio.columns import (
     AP_FIELDS,
     GRID,
     LAYERS,
+    ROWS_AT_A_TIME,
     SCALARS,
     WORDS,
-    column,
+    columns_of_points,
+    csv_lines,
     from_values,
     line_of_sight_classes,
 )
 from slarm_graph.raster.bands import bands, found_in_band, in_runs
 from slarm_graph.raster.layers import set_aside
 from slarm_graph.tiles import Where
-
-_ROWS_AT_A_TIME = 5_000
-"""Lines formatted together: half a megabyte of text at a time, instead of all of it."""
 
 
 def write_radio_npz(path: Path, radio: RadioMap) -> None:
@@ -44,8 +43,7 @@ def _arrays(radio: RadioMap) -> Iterator[tuple[str, ArrayLike | InParts]]:
     yield "path_loss_db", _in_parts(radio.path_loss_db, radio.where, math.nan)
     yield "channel_power_gain_db", _in_parts(radio.path_loss_db, radio.where, math.nan, minus=True)
     yield "line_of_sight", _in_parts(radio.line_of_sight, radio.where)
-    yield "access_point", np.array([ap.name for ap in radio.access_points])
-    yield from ((f"access_point_{name}", column(radio, name)) for name in AP_FIELDS)
+    yield from columns_of_points(radio.access_points)
     yield from ((name, getattr(radio.geometry, name)) for name in GRID)
     yield from ((name, getattr(radio, name)) for name in SCALARS + WORDS)
     for name in LAYERS:
@@ -99,17 +97,13 @@ def write_radio_csv(path: Path, radio: RadioMap) -> None:
 
 def _csv_lines(radio: RadioMap, index: int) -> Iterator[str]:
     """Lines of one access point, some thousand at a time."""
-    power_dbm = radio.access_points[index].power_dbm
-    # Names are quoted as RFC 4180 asks, so that a comma in one does not shift the columns.
-    quoted = radio.access_points[index].name.replace('"', '""').replace("%", "%%")
-    line = f'"{quoted}",%.4f,%.4f,%.4f,%.4f,%.4f,%d\n'
-    loss_db = radio.path_loss_db[index]
+    ap, loss_db = radio.access_points[index], radio.path_loss_db[index]
     for band in bands(radio.geometry.shape):
         valued = found_in_band(loss_db, radio.where, band, np.isfinite)
-        for first in range(0, len(valued), _ROWS_AT_A_TIME):
-            at = np.unravel_index(valued[first : first + _ROWS_AT_A_TIME], loss_db.shape)
+        for first in range(0, len(valued), ROWS_AT_A_TIME):
+            at = np.unravel_index(valued[first : first + ROWS_AT_A_TIME], loss_db.shape)
             values = loss_db[at].astype(np.float64)
             classes = line_of_sight_classes(radio, index, at)
             centers = radio.geometry.center_of(np.stack(at, axis=1))
-            rows = np.column_stack([centers, values, -values, power_dbm - values, classes])
-            yield (line * len(rows)) % tuple(rows.ravel().tolist())
+            rows = np.column_stack([centers, values, -values, ap.power_dbm - values, classes])
+            yield csv_lines(ap, "%.4f,%.4f,%.4f,%.4f,%.4f,%d", rows)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from slarm_graph.access_points import RadioMap
 from slarm_graph.errors import BadInput
+from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.columns import (
     AP_FIELDS,
     GRID,
@@ -38,15 +39,29 @@ smaller."""
 def write_radio_netcdf(path: Path, radio: RadioMap) -> None:
     """Write a radio map; row 0 is the lowest y."""
     with netCDF4.Dataset(path, "w") as file:
-        file.Conventions = "CF-1.8"
-        file.title = "Radio map: expected path loss and channel power gain per access point"
-        file.source = "slarm-graph"
+        set_title(file, "Radio map: expected path loss and channel power gain per access point")
         for name in WORDS + SCALARS:
             file.setncattr(name, getattr(radio, name))
         for name in GRID:
             file.setncattr(name, getattr(radio.geometry, name))
         _put_coordinates(file, radio)
         _put_layers(file, radio)
+
+
+def set_title(file: netCDF4.Dataset, title: str) -> None:
+    """Give a file a title, and say which conventions it keeps."""
+    file.Conventions, file.title, file.source = "CF-1.8", title, "slarm-graph"
+
+
+def new_axes(file: netCDF4.Dataset, geometry: GridGeometry) -> Iterator[tuple[str, Any]]:
+    """Yield names and variables of the coordinates of the cells' centres [m]."""
+    origins_m = geometry.origin_y_m, geometry.origin_x_m
+    for name, origin_m, count in zip("yx", origins_m, geometry.shape, strict=True):
+        file.createDimension(name, count)
+        axis = file.createVariable(name, "f8", (name,))
+        axis[:] = origin_m + (np.arange(count) + 0.5) * geometry.resolution_m
+        axis.units = "m"
+        yield name, axis
 
 
 def read_radio_netcdf(path: Path) -> RadioMap:
@@ -73,14 +88,7 @@ def read_radio_netcdf(path: Path) -> RadioMap:
 
 
 def _put_coordinates(file: netCDF4.Dataset, radio: RadioMap) -> None:
-    geometry = radio.geometry
-    x_m = geometry.origin_x_m + (np.arange(geometry.cols) + 0.5) * geometry.resolution_m
-    y_m = geometry.origin_y_m + (np.arange(geometry.rows) + 0.5) * geometry.resolution_m
-    for name, values in (("y", y_m), ("x", x_m)):
-        file.createDimension(name, len(values))
-        axis = file.createVariable(name, "f8", (name,))
-        axis[:] = values
-        axis.units = "m"
+    for name, axis in new_axes(file, radio.geometry):
         axis.standard_name = f"projection_{name}_coordinate"
         axis.long_name = f"{name} of the cell centre in the map"
         axis.axis = name.upper()
@@ -94,12 +102,12 @@ def _put_coordinates(file: netCDF4.Dataset, radio: RadioMap) -> None:
     label[:] = np.array([ap.name for ap in radio.access_points])
     for name, unit in AP_FIELDS.items():
         field = file.createVariable(f"access_point_{name}", "f8", ("access_point_index",))
-        field[:] = column(radio, name)
+        field[:] = column(radio.access_points, name)
         field.units = unit
 
 
 def _put_layers(file: netCDF4.Dataset, radio: RadioMap) -> None:
-    power_dbm = column(radio, "power_dbm").astype(np.float32)
+    power_dbm = column(radio.access_points, "power_dbm").astype(np.float32)
     loss_db = _layer(file, "path_loss_db", "expected path loss", "dB")
     gain_db = _layer(file, "channel_power_gain_db", "expected gain", "dB")
     rss_dbm = _layer(file, "rss_dbm", "received signal strength", "dBm")

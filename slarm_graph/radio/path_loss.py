@@ -19,9 +19,6 @@ from slarm_graph.errors import BadInput
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import Mask
 
-SHADOW_CORRELATION_DISTANCE_M = 10.0
-"""Correlation distance of InF shadow fading (TR 38.901 Table 7.5-6)."""
-
 
 @dataclass(frozen=True, slots=True)
 class Law:

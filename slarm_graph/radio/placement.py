@@ -10,7 +10,7 @@ import numpy as np
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import brief
-from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geographic import CellState, GeographicMap, is_free
 
 
 def placement_notices(
@@ -55,6 +55,6 @@ def _free_nearby(geographic: GeographicMap, ap: AccessPoint, radius_m: float) ->
     )
     first = np.maximum(low, 0)
     window = geographic.states[first[0] : high[0] + 1, first[1] : high[1] + 1]
-    free = np.argwhere((window != CellState.OBSTACLE) & (window != CellState.UNKNOWN))
+    free = np.argwhere(is_free(window))
     away_m = np.linalg.norm(geometry.center_of(free + first) - [ap.x_m, ap.y_m], axis=1)
     return bool(np.any(away_m <= reach_m))

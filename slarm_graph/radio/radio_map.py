@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 from slarm_graph.access_points import AccessPoint, RadioMap
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
-from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, Scalar
 from slarm_graph.radio.line_of_sight import line_of_sight_past_solids
 from slarm_graph.radio.path_loss import find_scenario, outside_range, path_loss_db
 from slarm_graph.radio.placement import placement_notices
 from slarm_graph.radio.recovered_line_of_sight import recovered_line_of_sight
-from slarm_graph.raster.bands import by_windows, windows
+from slarm_graph.raster.bands import windows
 from slarm_graph.raster.layers import blank_layer, new_layer
 from slarm_graph.tiles import KnownTiles, Where, Window
 from slarm_graph.truth_map import solid_heights_m
@@ -56,9 +56,7 @@ def radio_map(
     ):
         _log.warning(notice)
 
-    reachable = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION)
-    free = _cells_of(geographic, CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
-
+    reachable, free = geographic.reachable, geographic.free
     sights = [
         recovered_line_of_sight(geographic, free, position_m, config)
         for position_m in _positions_m(access_points)
@@ -223,11 +221,6 @@ def _layers(layers: Sequence[NDArray[Scalar]], where: Where) -> NDArray[Scalar]:
         for part in windows(where, aside=[stack, layer]):
             stack[n][part.cells] = layer[part.cells]
     return stack
-
-
-def _cells_of(geographic: GeographicMap, *states: CellState) -> Mask:
-    """Cells (rows, cols) of any of some classes."""
-    return by_windows(geographic.where, 0, lambda w: np.isin(geographic.states[w], states))
 
 
 def expected_path_loss_db(

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.config import RadioConfig
-from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geographic import CellState, GeographicMap, is_free
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.polygons import contains, edges_m
@@ -41,7 +41,6 @@ _GAP_M = 0.36
 _MOUNT_STEP_M = 0.001
 """Step along the line to a wall's face, a millimetre: walls are known to about a centimetre."""
 
-_FREE = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
 _AROUND, _SIDES = np.ones((3, 3), np.uint8), cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
 
 
@@ -160,7 +159,7 @@ def _open_border(geographic: GeographicMap) -> Mask:
         """Border cells of a window."""
         # A wall one cell deep has holes where its face lies on centres, none without wall beside.
         wall = (states[window] == CellState.OBSTACLE) | outlined[window]
-        free = np.isin(states[window], _FREE).view(np.uint8)
+        free = is_free(states[window]).view(np.uint8)
         near_wall = cv2.dilate(wall.view(np.uint8), _AROUND).view(np.bool_)
         beside = cv2.dilate(free, _SIDES).view(np.bool_) & ~near_wall
         return np.asarray(beside & (states[window] == CellState.UNKNOWN))

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from slarm_graph.geographic import CellState
+from slarm_graph.geographic import CellState, is_free
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.raster.bands import by_windows, windows
 from slarm_graph.raster.distance import within
@@ -30,8 +30,7 @@ def expansion(target: GridGeometry, states: np.ndarray, radius_m: float, where: 
     def part(window: Window) -> Mask:
         """Expansion cells of a window; cells beyond its halo are farther away than the radius."""
         here = states[window]
-        shut = np.isin(here, (CellState.OBSTACLE, CellState.UNKNOWN))
-        near = within(np.pad(shut, rim, constant_values=True), whole_m, cell_m)
+        near = within(np.pad(~is_free(here), rim, constant_values=True), whole_m, cell_m)
         inner = near[rim : rim + here.shape[0], rim : rim + here.shape[1]]
         return np.asarray(inner & (here == CellState.ACCESSIBLE))
 
@@ -55,7 +54,6 @@ def changed_cells(grid: OccupancyGrid, states: np.ndarray, where: Where) -> int:
     count = 0
     for part in windows(where):
         here, now = grid.in_window(part.cells), states[part.cells]
-        now_occupied = now == CellState.OBSTACLE
-        now_free = ~now_occupied & (now != CellState.UNKNOWN)
-        count += int(np.sum((here.occupied != now_occupied) | (here.free != now_free)))
+        changed = (here.occupied != (now == CellState.OBSTACLE)) | (here.free != is_free(now))
+        count += int(np.sum(changed))
     return count

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slarm_graph.geographic import CellState
+from slarm_graph.geographic import CellState, is_reachable
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
 from slarm_graph.raster.bands import by_windows
@@ -26,8 +26,7 @@ def observed_cells(grid: OccupancyGrid, states: np.ndarray, where: Where) -> Mas
     def part(window: Window) -> Mask:
         """Observed cells of a window."""
         here, now = grid.in_window(window), states[window]
-        known_free = (now == CellState.ACCESSIBLE) | (now == CellState.EXPANSION)
-        known_free &= ~np.isnan(here.probability)
+        known_free = is_reachable(now) & ~np.isnan(here.probability)
         return np.asarray(known_free | (here.free & (now != CellState.OBSTACLE)))
 
     return by_windows(where, 0, part)

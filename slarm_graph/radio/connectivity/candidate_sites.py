@@ -91,9 +91,7 @@ def rank_sites(
     sites_m = candidate_sites_m(geographic)
     if not len(sites_m):
         raise BadInput("there is no wall beside the floor where one more access point could hang")
-    floor = signal.cells
-    with np.errstate(invalid="ignore"):
-        covered = floor & (signal.best_level_dbm() >= threshold_dbm)
+    floor, covered = signal.cells, signal.covered(threshold_dbm)
     points_m, cell_m2 = _uncovered(signal, floor & ~covered)
     ranked = []
     for x, y in sites_m.tolist():

@@ -36,15 +36,12 @@ def connections(signal: SignalMap, threshold_dbm: float) -> tuple[Connection, ..
 
 
 def _connection(signal: SignalMap, name: str, threshold_dbm: float) -> Connection:
-    floor = signal.cells
-    level = signal.best_level_dbm()
-    with np.errstate(invalid="ignore"):
-        covered = floor & (level >= threshold_dbm)
+    floor, covered = signal.cells, signal.covered(threshold_dbm)
     patches, _ = ndimage.label(covered)
     largest = int(np.bincount(patches.ravel())[1:].max(initial=0))
     cells, count = max(int(floor.sum()), 1), int(covered.sum())
     outage = float(np.nanmean(signal.outage(threshold_dbm))) if floor.any() else 1.0
-    known = level[floor]
+    known = signal.best_level_dbm()[floor]
     points = np.percentile(known, PERCENTILES) if len(known) else np.full(len(PERCENTILES), np.nan)
     return Connection(
         name,

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from slarm_graph.access_points import RadioMap
-from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.radio.measured.measured_map import MeasuredMap
 from slarm_graph.radio.path_loss import shadow_sigma_db
@@ -63,6 +62,11 @@ class SignalMap:
         """Level (rows, cols) of the strongest access point; nan where there is none."""
         strongest = np.where(np.isnan(self.level_dbm), -np.inf, self.level_dbm).max(axis=0)
         return np.asarray(np.where(self.cells, strongest, np.nan), dtype=np.float32)
+
+    def covered(self, threshold_dbm: float) -> Mask:
+        """Cells (rows, cols) where the strongest access point is at or above a threshold."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(self.best_level_dbm() >= threshold_dbm)
 
     def best_server(self) -> NDArray[np.int64]:
         """Index (rows, cols) of the strongest access point; -1 where there is none."""
@@ -124,9 +128,3 @@ class Connection:
 
 PERCENTILES = (5.0, 25.0, 50.0, 75.0, 95.0)
 """Points of the CDF that are reported."""
-
-
-def level_cdf(levels_dbm: Layers) -> tuple[Floats, Floats]:
-    """Return the empirical CDF: sorted levels (N,) [dBm], and the share of floor up to each."""
-    known = np.sort(levels_dbm[np.isfinite(levels_dbm)].astype(np.float64))
-    return known, (np.arange(len(known)) + 1.0) / max(len(known), 1)

@@ -17,9 +17,8 @@ from slarm_graph.config import MeasuredConfig, RadioConfig
 from slarm_graph.cores import usable_cores
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
-from slarm_graph.geographic import CellState, GeographicMap
+from slarm_graph.geographic import GeographicMap
 from slarm_graph.geometry import Floats
-from slarm_graph.grid import Mask
 from slarm_graph.radio.measured.blocks import find_blocks
 from slarm_graph.radio.measured.fit import Fit, Hyperparameters, Problem, fit_field
 from slarm_graph.radio.measured.locate import locate
@@ -49,12 +48,6 @@ _MOST_AT_ONCE = 4
 Six took 43 s and 0.81 GB one by one, 28 s and 0.98 GB two at a time."""
 
 
-def free_floor(geographic: GeographicMap) -> Mask:
-    """Free cells (rows, cols), over which the field is defined."""
-    states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
-    return np.isin(geographic.states, states)
-
-
 def build_measured_map(
     geographic: GeographicMap,
     readings: Mapping[str, RssReadings],
@@ -81,7 +74,7 @@ def build_measured_map(
         When no access point was heard often enough.
     """
     known = {ap.name: ap for ap in access_points}
-    floor = free_floor(geographic)
+    floor = geographic.free
     nodes = make_nodes(geographic.geometry, floor, config.node_side_m, config.most_nodes)
     side_m = _SEARCH_SIDES * config.node_side_m
     coarse = make_nodes(geographic.geometry, floor, side_m, config.search_nodes)
@@ -95,7 +88,7 @@ def build_measured_map(
             f"{name} was heard {count_of(count, 'time')}; {config.least_readings} make a map"
         )
 
-    cells = np.argwhere(geographic.accessible | (geographic.states == CellState.EXPANSION))
+    cells = np.argwhere(geographic.reachable)
 
     def fit_one(name: str) -> PredictedAccessPoint:
         """Fit and predict one access point, with floor fields of its own: caches are not shared."""

@@ -4,18 +4,23 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
-from numpy.typing import NDArray
 
-from slarm_graph.access_points import AccessPoint
 from slarm_graph.errors import BadInput
-from slarm_graph.grid import GridGeometry
+from slarm_graph.files.texts import csv_of
+from slarm_graph.radio.columns import (
+    GRID,
+    ROWS_AT_A_TIME,
+    Values,
+    columns_of_points,
+    csv_lines,
+    points_and_grid,
+)
 from slarm_graph.radio.measured.measured_map import FittedTerms, MeasuredMap
 
 LAYERS = {
@@ -25,22 +30,14 @@ LAYERS = {
 }
 """Layers with their long name and unit."""
 
-_AP_FIELDS = ("x_m", "y_m", "z_m", "power_dbm", "frequency_hz")
-_GRID = ("origin_x_m", "origin_y_m", "resolution_m")
-_ROWS_AT_A_TIME = 5_000
-"""Lines formatted at once: bounds memory, and more is not faster."""
-
 
 def write_measured_npz(path: Path, measured: MeasuredMap) -> None:
     """Write a measured map as a compressed NPZ of plain arrays, every name with its unit."""
     arrays = {name: getattr(measured, name) for name in LAYERS}
-    arrays["access_point"] = np.array([ap.name for ap in measured.access_points])
-    for name in _AP_FIELDS:
-        column = [getattr(ap, name) for ap in measured.access_points]
-        arrays[f"access_point_{name}"] = np.array(column)
+    arrays |= columns_of_points(measured.access_points)
     for field in fields(FittedTerms):
         arrays[f"fitted_{field.name}"] = np.array([getattr(f, field.name) for f in measured.fitted])
-    arrays |= {name: np.asarray(getattr(measured.geometry, name)) for name in _GRID}
+    arrays |= {name: np.asarray(getattr(measured.geometry, name)) for name in GRID}
     arrays["antenna_height_m"] = np.asarray(measured.antenna_height_m)
     with path.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
@@ -57,13 +54,7 @@ def read_measured_npz(path: Path) -> MeasuredMap:
     try:
         with path.open("rb") as raw, np.load(raw, allow_pickle=False) as archive:
             values = {name: archive[name] for name in archive.files}
-        mean = values["mean_dbm"]
-        x_m, y_m, side_m = (float(values[name]) for name in _GRID)
-        grid = GridGeometry(x_m, y_m, side_m, *mean.shape[1:])
-        points = tuple(
-            AccessPoint(str(name), *(float(values[f"access_point_{f}"][i]) for f in _AP_FIELDS))
-            for i, name in enumerate(values["access_point"])
-        )
+        points, grid = points_and_grid(values, values["mean_dbm"])
         fitted = tuple(_fitted(values, i) for i in range(len(points)))
         layers = {name: np.asarray(values[name], dtype=np.float32) for name in LAYERS}
         height_m = float(values["antenna_height_m"])
@@ -74,7 +65,7 @@ def read_measured_npz(path: Path) -> MeasuredMap:
         raise BadInput(f"{path}: not a measured radio map written by slarm") from error
 
 
-def _fitted(values: dict[str, NDArray[Any]], index: int) -> FittedTerms:
+def _fitted(values: Values, index: int) -> FittedTerms:
     found: dict[str, Any] = {}
     for field in fields(FittedTerms):
         value = values[f"fitted_{field.name}"][index]
@@ -84,23 +75,15 @@ def _fitted(values: dict[str, NDArray[Any]], index: int) -> FittedTerms:
 
 def write_measured_netcdf(path: Path, measured: MeasuredMap) -> None:
     """Write a measured map as compressed NetCDF with CF conventions; row 0 is the lowest y."""
-    grid = measured.geometry
     import netCDF4  # not for those who only want the tables
 
+    from slarm_graph.radio.netcdf import new_axes, set_title
+
     with netCDF4.Dataset(path, "w") as file:
-        file.Conventions = "CF-1.8"
-        file.title = "Measured radio map: received signal strength per access point"
-        file.source = "slarm-graph"
+        set_title(file, "Measured radio map: received signal strength per access point")
         file.antenna_height_m = measured.antenna_height_m
-        for name, origin, count in (
-            ("y", grid.origin_y_m, grid.rows),
-            ("x", grid.origin_x_m, grid.cols),
-        ):
-            file.createDimension(name, count)
-            axis = file.createVariable(name, "f8", (name,))
-            axis[:] = origin + (np.arange(count) + 0.5) * grid.resolution_m
-            axis.units, axis.axis = "m", name.upper()
-            axis.standard_name = f"projection_{name}_coordinate"
+        for name, axis in new_axes(file, measured.geometry):
+            axis.axis, axis.standard_name = name.upper(), f"projection_{name}_coordinate"
         file.createDimension("access_point", len(measured.access_points))
         label = file.createVariable("access_point", str, ("access_point",))
         label[:] = np.array([ap.name for ap in measured.access_points], dtype=object)
@@ -120,20 +103,14 @@ def write_measured_csv(path: Path, measured: MeasuredMap) -> None:
             cells = np.argwhere(np.isfinite(measured.mean_dbm[index]))
             columns = [getattr(measured, name)[index][tuple(cells.T)] for name in LAYERS]
             rows = np.column_stack([measured.geometry.center_of(cells), *columns])
-            quoted = ap.name.replace('"', '""').replace("%", "%%")
-            line = f'"{quoted}",%.4f,%.4f,%.3f,%.3f,%.3f\n'
-            for first in range(0, len(rows), _ROWS_AT_A_TIME):
-                part = rows[first : first + _ROWS_AT_A_TIME]
-                file.write((line * len(part)) % tuple(part.ravel().tolist()))
+            for first in range(0, len(rows), ROWS_AT_A_TIME):
+                part = rows[first : first + ROWS_AT_A_TIME]
+                file.write(csv_lines(ap, "%.4f,%.4f,%.3f,%.3f,%.3f", part))
 
 
 def write_access_points_csv(path: Path, measured: MeasuredMap) -> None:
     """Write what was fitted for every access point, one line each."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = fitted_rows(measured)
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    path.write_text(csv_of(fitted_rows(measured)), encoding="utf-8", newline="")
 
 
 def fitted_rows(measured: MeasuredMap) -> list[dict[str, float | int | str]]:

@@ -221,9 +221,8 @@ def _deciding_links(
 
 
 def _floor(geographic: GeographicMap, config: MeasuredConfig) -> FloorField:
-    states = (CellState.ACCESSIBLE, CellState.EXPANSION, CellState.ENCLOSED)
-    free, side_m = np.isin(geographic.states, states), _NODES_SIDE * config.node_side_m
-    return FloorField(make_nodes(geographic.geometry, free, side_m, config.search_nodes))
+    side_m = _NODES_SIDE * config.node_side_m
+    return FloorField(make_nodes(geographic.geometry, geographic.free, side_m, config.search_nodes))
 
 
 def _center_m(geographic: GeographicMap, group: int) -> Floats:

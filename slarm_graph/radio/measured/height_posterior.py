@@ -4,11 +4,11 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from slarm_graph.files.texts import csv_of
 from slarm_graph.geometry import Floats
 
 _SHARES = (0.05, 0.5, 0.95)
@@ -67,8 +67,4 @@ def height_rows(heard: Sequence[HeightPosterior]) -> list[dict[str, float | int]
 
 def write_heights_csv(path: Path, heard: Sequence[HeightPosterior]) -> None:
     """Write a line per obstacle."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        rows = height_rows(heard)
-        writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
+    path.write_text(csv_of(height_rows(heard)), encoding="utf-8", newline="")

@@ -124,12 +124,11 @@ class MeanFunction:
         decades = decades_of_distance(self._distance_m(points_m, positions_m))
         return np.stack([np.ones(decades.shape), -decades, -walls], axis=-1)
 
-    def reading_design(self, readings: RssReadings) -> Floats:
-        """Return the design (N, p) of readings: the map's terms, then those of the reading."""
-        return self.reading_design_and_variance(readings)[0]
-
     def reading_design_and_variance(self, readings: RssReadings) -> tuple[Floats, Floats]:
-        """Return that design, and the variance (N,) [dB^2] of `map_design_and_variance`."""
+        """Return the design (N, p) of readings: the map's terms, then those of the reading.
+
+        And the variance (N,) [dB^2] of `map_design_and_variance`.
+        """
         design, map_variance_db2 = self.map_design_and_variance(readings.points_m)
         return np.column_stack([design, self._own(readings, self._position_m())]), map_variance_db2
 

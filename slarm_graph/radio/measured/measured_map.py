@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
 from slarm_graph.access_points import AccessPoint
 from slarm_graph.grid import GridGeometry
@@ -83,11 +82,3 @@ class MeasuredMap:
     fitted: tuple[FittedTerms, ...]
     antenna_height_m: float
     notices: tuple[str, ...] = ()
-
-    def probability_above(self, threshold_dbm: float, *, of_mean: bool = False) -> Layers:
-        """Probability (A, rows, cols) that a reading, or the expected level, is above a threshold.
-
-        nan where no antenna can be.
-        """
-        sd = self.mean_sd_db if of_mean else self.reading_sd_db
-        return np.asarray(ndtr((self.mean_dbm - threshold_dbm) / sd), dtype=np.float32)

@@ -81,7 +81,7 @@ class RssLog:
         return ()
 
 
-def heard_with(log: ReadingLog) -> tuple[RssLog, ...]:
+def rss_with_scans(log: ReadingLog) -> tuple[RssLog, ...]:
     """Return the signal strengths that came with the scans: one log, or none."""
     if not log.signals:
         return ()

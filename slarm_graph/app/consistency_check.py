@@ -26,12 +26,12 @@ _SAME_NS = 5_000_000
 """Largest difference of the stamps of a scan and its pose [ns]; a scan takes 13 ms and more."""
 
 
-def judge(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
+def check_trajectory(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
     """Check the consistency of a trajectory that has a pose for every reading of a log."""
     return contradictions(log.scans, trajectory, log.odometry_poses())
 
 
-def judge_file(
+def check_trajectory_file(
     recording: Sequence[Path], trajectory: Path, config: SourceConfig
 ) -> tuple[Contradictions, tuple[str, ...]]:
     """Check the consistency of a trajectory file, or a run folder's, with its recording.
@@ -61,9 +61,9 @@ def judge_file(
             " its time; is it of this recording, with the same clock?"
         )
     left_out = len(readings) - len(log)
-    said = (f"{left_out} of {count_of(len(readings), 'scan')} without a pose",) if left_out else ()
-    result = judge(log, Trajectory(log.stamps_ns, poses.at(log.stamps_ns)))
-    return result, (*source.info().notices, *said)
+    note = (f"{left_out} of {count_of(len(readings), 'scan')} without a pose",) if left_out else ()
+    result = check_trajectory(log, Trajectory(log.stamps_ns, poses.at(log.stamps_ns)))
+    return result, (*source.info().notices, *note)
 
 
 def _poses(path: Path) -> Trajectory:
@@ -72,8 +72,8 @@ def _poses(path: Path) -> Trajectory:
         return read_trajectory(path)
     except BadInput:
         if _is_recording(path):
-            told = f"{path} is a recording; the trajectory comes last: SOURCE... TRAJECTORY"
-            raise BadInput(told) from None
+            problem = f"{path} is a recording; the trajectory comes last: SOURCE... TRAJECTORY"
+            raise BadInput(problem) from None
         raise
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.app.judging import _with_pose
+from slarm_graph.app.consistency_check import _with_pose
 from slarm_graph.app.run_report import conflict_marks
 from slarm_graph.consistency import ConflictPlace, Contradictions, Tear
 from slarm_graph.eval.assessment import assess
