@@ -16,6 +16,7 @@ from slarm_graph.eval.metric_parts import References, Subject, measured_by_parts
 from slarm_graph.eval.metric_table import in_table_order
 from slarm_graph.eval.metrics import Metric
 from slarm_graph.eval.plane_of_motion import level
+from slarm_graph.eval.position_uncertainty import uncertainty_metrics
 from slarm_graph.eval.relations import (
     read_relations,
     relation_errors,
@@ -84,6 +85,7 @@ def assess(subject: Subject) -> tuple[Metric, ...]:
         metrics += relation_metrics(errors)
     if subject.consistency is not None:
         metrics += _consistency_metrics(subject.consistency)
+    metrics += uncertainty_metrics(subject.covariances)
     if subject.end_points_m is not None:
         metrics += sharpness_metrics(sharpness(subject.end_points_m))
     return in_table_order((*metrics, *measured_by_parts(subject)))

@@ -64,6 +64,8 @@ class Subject:
         Of an exploration.
     consistency : Contradictions, optional
         The run's verdict on itself.
+    covariances : (N, 3, 3) float64, optional
+        Of the poses, as the backend knows them [m, m, rad].
     """
 
     trajectory: Trajectory
@@ -75,6 +77,7 @@ class Subject:
     radio: RadioMap | None = None
     drive: DriveReport | None = None
     consistency: Contradictions | None = None
+    covariances: Floats | None = None
 
 
 class MetricPart(Protocol):

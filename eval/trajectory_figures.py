@@ -12,6 +12,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from slarm_graph.eval.page import COLORS, Figure, plain, single
+from slarm_graph.eval.position_uncertainty import CHI_95
 from slarm_graph.eval.report_figures import add_background_map, aspect, map_picture, metric_axes
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
@@ -30,8 +31,6 @@ in pixels."""
 
 _ELLIPSES = 30
 """Number of confidence ellipses; more would cover the path."""
-CHI_95 = math.sqrt(5.991)
-"""Radius in standard deviations that holds 95 % of a normal distribution in the plane."""
 _CIRCLE = np.stack([f(np.linspace(0.0, 2.0 * np.pi, 25)) for f in (np.cos, np.sin)])
 """Unit circle of 24 chords, which is round at the size of an ellipse on the page."""
 

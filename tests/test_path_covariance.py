@@ -22,6 +22,9 @@ from slarm_graph.backends.path_covariance import (
 from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.errors import BadInput
+from slarm_graph.eval.assessment import assess
+from slarm_graph.eval.metric_parts import Subject
+from slarm_graph.eval.position_uncertainty import uncertainty_metrics
 from slarm_graph.files.trajectory_covariances import TrajectoryCovariance
 from slarm_graph.geometry import Pose2, adjoints, between, compose
 from slarm_graph.grid import GridGeometry, OccupancyGrid
@@ -225,6 +228,11 @@ def test_the_report_tells_the_worst_position() -> None:
     # 95 % of a normal distribution in the plane lie within 2.448 standard deviations.
     assert uncertainty(known) == "; position uncertain by up to 0.73 m (95 %)"
     assert not uncertainty(None)
+    (told,) = uncertainty_metrics(known)
+    assert (told.name, told.value) == ("position_uncertainty_m", pytest.approx(0.3 * 2.4477, 1e-3))
+    assert uncertainty_metrics(None) == uncertainty_metrics(known[:0]) == ()
+    line = Trajectory(np.arange(2), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
+    assert told in assess(Subject(line, covariances=known))
 
 
 def test_file_round_trip(tmp_path: Path) -> None:

@@ -240,11 +240,12 @@ def _finish(run: Run, folder: RunFolder) -> int:
 
 def _show(run: Run, folder: RunFolder) -> None:
     from slarm_graph.app.cli_output import show_metrics, show_notices, show_scans
+    from slarm_graph.app.run_report import uncertainty
 
     heard = run.measured.notices if run.measured else ()
     show_notices((*run.consistency.notices(), *run.info.notices, *run.slam.notices, *heard))
     show_scans(run.log.statuses())
     show_metrics(run.metrics, title=run.title)
-    print(f"verdict: {run.consistency.summary()}")
+    print(f"verdict: {run.consistency.summary()}{uncertainty(run.slam.covariances)}")
     seconds = cast(float, folder.record()["wall_s"])
     print(f"{count_of(len(run.log), 'scan')} in {seconds:.1f} s -> {folder.path}/report.html")

@@ -90,8 +90,8 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # truth -> accuracy and report
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
-        maps = (grid, geographic, radio)
-        subject = Subject(slam.trajectory, truth, Pose2(), None, *maps, drive.report, verdict)
+        known = (truth, Pose2(), None, grid, geographic, radio, drive.report, verdict)
+        subject = Subject(slam.trajectory, *known, slam.covariances)
         assert radio is not None, "a world that is explored has access points"
         own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
         others = _accuracy_otherwise(world, config, log, slam.trajectory)

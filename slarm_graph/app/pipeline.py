@@ -117,8 +117,8 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
             references, dropped = drop_other_times(references, slam.trajectory, laser)
             slam = replace(slam, notices=(*slam.notices, *dropped))
         references = references.or_truth(info.truth)
-        known = (references, laser, ends, grid, geographic, radio)
-        metrics = assess(Subject(slam.trajectory, *known, consistency=verdict))
+        known = (references, laser, ends, grid, geographic, radio, None, verdict)
+        metrics = assess(Subject(slam.trajectory, *known, slam.covariances))
         set_aside(grid.probability)
         title = f"{job.paths[0].name}, {config.backend}"
         made = (log, slam, grid, geographic, radio, verdict, metrics, measured, heights)

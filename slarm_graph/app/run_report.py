@@ -17,8 +17,9 @@ from slarm_graph.consistency import Contradictions
 from slarm_graph.constraint import ConstraintKind
 from slarm_graph.eval.assessment import ground_truth_in_map
 from slarm_graph.eval.metric_parts import References
+from slarm_graph.eval.position_uncertainty import uncertainty_metrics
 from slarm_graph.eval.report import ReportContent, report_html
-from slarm_graph.eval.trajectory_figures import CHI_95, GROUND_TRUTH, RAW_ODOMETRY, Marks
+from slarm_graph.eval.trajectory_figures import GROUND_TRUTH, RAW_ODOMETRY, Marks
 from slarm_graph.files.config_text import config_yaml
 from slarm_graph.files.configs import config_differences
 from slarm_graph.geometry import Floats, Pose2
@@ -59,10 +60,8 @@ def _content(folder: RunFolder, run: Run, references: References) -> ReportConte
 
 def uncertainty(covariances: Floats | None) -> str:
     """Return a text with the largest 95 % position uncertainty (of N, 3, 3); empty if unknown."""
-    if covariances is None or not len(covariances):
-        return ""
-    worst_m = CHI_95 * np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1].max())
-    return f"; position uncertain by up to {worst_m:.2g} m (95 %)"
+    found = uncertainty_metrics(covariances)
+    return f"; position uncertain by up to {found[0].value:.2g} m (95 %)" if found else ""
 
 
 def _marks(run: Run) -> Marks:
