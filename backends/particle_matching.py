@@ -23,6 +23,9 @@ from slarm_graph.kernels import kernel, kernel_with
 _MIN_COSINE = 0.5
 """Least cosine between the normals of a point and of a cell it is associated with; and least length
 of the mean of a cell's normals, by which it has one."""
+_FLATNESS = 0.1
+"""Variance across over along up to which neighbouring points lie on a line and have a normal: a
+spread of 0.02 m over 0.06 m.@@"""
 _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _FUSED = frozenset({"reassoc", "contract"})
@@ -60,7 +63,7 @@ def point_normals(points: Floats, origin: Floats) -> Floats:
             syy / n - sy * sy / n / n,
         )
         mean, half = 0.5 * (cxx + cyy), math.hypot(0.5 * (cxx - cyy), cxy)
-        if mean - half > 0.1 * (mean + half) or mean + half < 1e-6:
+        if mean - half > _FLATNESS * (mean + half) or mean + half < 1e-6:
             continue
         along = 0.5 * math.atan2(2.0 * cxy, cxx - cyy)
         nx, ny = -math.sin(along), math.cos(along)

@@ -52,6 +52,8 @@ COVISIBLE_M, _DISTANCE_BIN_M = 3.0, 1.0
 """Distance of the view centres of a submap and a keyframe that show the same walls, and bin in
 which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail
 hard_1_of_2 falls from one outcome (0.041 m) to another (0.033), plain it stays."""
+_PENDING, _PENDING_SHARE = 10, 0.25
+"""Closures, and share of the nodes, from which the graph is optimised though none is urgent.@@"""
 _URGENT_M, _URGENT_RAD = 0.1, 0.02
 """Residual of a closure from which the graph is optimised at once, else closures are batched: half
 and double move nothing by more than 0.1 %."""
@@ -247,7 +249,7 @@ class SubmapGraph:
             residual = between(predicted, edge.i_from_j.as_array())
             if math.hypot(residual[0], residual[1]) > _URGENT_M or abs(residual[2]) > _URGENT_RAD:
                 self._is_urgent = True
-        if self._is_urgent or self._pending > 10 + len(self._nodes) // 4:
+        if self._is_urgent or self._pending > _PENDING + int(_PENDING_SHARE * len(self._nodes)):
             self._optimize(heartbeat)
 
     def optimize_with(self, accepted: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:

@@ -38,6 +38,8 @@ _LONG, _SHORT = cast(bool, np.True_), cast(bool, np.False_)
 _NEAR_SIGMAS, _NEAR_RAD = 0.2, 0.01
 """Steps below which the second Hessian takes over: a fifth of the fall-off, and what moves a return
 5 m away by a cell of 0.05 m."""
+_LONGEST_CELLS, _LONGEST_RAD = 3.0, 0.1
+"""Longest step: three cells, the basin of convergence to either side, and as much 1.5 m away."""
 _CONVERGED_M, _CONVERGED_RAD = 2e-4, 1e-4
 """A hundredth of the noise of a return, 0.02 m, and what moves one 20 m away by a tenth of it."""
 
@@ -116,8 +118,8 @@ def refine(
             a[k, k] += 1e-6 * a[k, k] + 1e-9
         step = matvec3(invert3(a), b)
         length = math.hypot(step[0], step[1])
-        longest = 3.0 * lattice.resolution
-        share = min(1.0, longest / max(length, 1e-12), 0.1 / max(abs(step[2]), 1e-12))
+        longest = _LONGEST_CELLS * lattice.resolution
+        share = min(1.0, longest / max(length, 1e-12), _LONGEST_RAD / max(abs(step[2]), 1e-12))
         for k in range(3):
             step[k] *= share
         c, s = math.cos(pose[2]), math.sin(pose[2])

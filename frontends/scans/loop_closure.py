@@ -53,6 +53,10 @@ _NEVER = -1_000_000
 _BACKOFF, _MAX_BACKOFF = 1.5, 16.0
 """Factor on the time to the next search per failed one, and its bound: paths that never return cost
 little."""
+_AGREE_M, _AGREE_PER_M, _AGREE_RAD = 0.05, 0.05, 0.035
+"""Two matches of a search agree within a cell, 5 % of the way between them, and two degrees.
+Half and double move nothing
+(mit-csail plain and with hard_1_of_2, edmonton, seattle, a ward), a hall by -4 and -17 %."""
 _MAX_FROM_BEHIND = 0.5
 """Largest share of walls matched from their unknown side: true closures have few, the far side of a
 thin wall all."""
@@ -109,8 +113,8 @@ class LoopCloser:
             residual = between(predicted, second.submap_from_keyframe)
             reason = second.reason
             if (
-                math.hypot(residual[0], residual[1]) > 0.05 + 0.05 * distance_m
-                or abs(residual[2]) > 0.035
+                math.hypot(residual[0], residual[1]) > _AGREE_M + _AGREE_PER_M * distance_m
+                or abs(residual[2]) > _AGREE_RAD
             ):
                 reason = "a second match disagrees"
             if not reason:

@@ -43,6 +43,8 @@ _MAX_COASTING_S = 1.0
 """At 1 m/s^2 a velocity older than this is worth as little as none."""
 _NO_LAG = np.zeros(3)
 """Variances (3,) of a motion that is predicted for the odometry's own stamp."""
+_SPAN_RATE = 0.05
+"""Learning rate of the mean time between scans: about the last 20 of them.@@"""
 _FADING = 0.7
 """Decay of the velocity per unmatched scan: it is gone within a second at 10 Hz."""
 
@@ -278,7 +280,7 @@ class OdometryFilter:
         """Bound a span below by half the mean one: some logs' stamps bunch up."""
         if self._mean_span_s == 0.0:
             self._mean_span_s = span_s
-        self._mean_span_s += 0.05 * (min(span_s, 1.0) - self._mean_span_s)
+        self._mean_span_s += _SPAN_RATE * (min(span_s, 1.0) - self._mean_span_s)
         return max(span_s, 0.5 * self._mean_span_s, 1e-3)
 
     def _odometry_increment(self, odom_from_robot: Pose2 | None) -> Floats | None:
