@@ -53,7 +53,8 @@ COVISIBLE_M, _DISTANCE_BIN_M = 3.0, 1.0
 which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail
 hard_1_of_2 falls from one outcome (0.041 m) to another (0.033), plain it stays."""
 _PENDING, _PENDING_SHARE = 10, 0.25
-"""Closures, and share of the nodes, from which the graph is optimised though none is urgent.@@"""
+"""Closures, and share of the nodes, from which the graph is optimised though none is urgent:
+half moves a ward by 2 %, double nothing."""
 _URGENT_M, _URGENT_RAD = 0.1, 0.02
 """Residual of a closure from which the graph is optimised at once, else closures are batched: half
 and double move nothing by more than 0.1 %."""

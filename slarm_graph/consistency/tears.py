@@ -23,11 +23,14 @@ SPANS = (1, 4)
 """Steps taken together: a jump shows within one, one that a graph distributed within a few."""
 
 MIN_DIFFERENCE_M, MIN_DIFFERENCE_RAD = 0.3, 0.14
-"""Differences below are ignored [m, rad]: a tenth of a visit's length, 8 degrees."""
+"""Differences below are ignored [m, rad]: six cells of a map, 8 degrees."""
 
 SIGMAS = 6.0
 """Differences above so many robust standard deviations of the recording are examined: odometry that
 agrees everywhere else is trustworthy."""
+
+LEAST_SIGMA_M, LEAST_SIGMA_RAD = 0.01, 0.005
+"""Least of these standard deviations: half of a laser's noise of 0.02 m, and that 4 m away."""
 
 MAX_TEAR_SHARE = 0.05
 """Share of differing steps above which odometry is not trustworthy."""
@@ -117,7 +120,10 @@ def _differences(
     measured = _calibrated(moved, measured)
     off = between(measured, moved)
     size_m, size_rad = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-    sigma_m, sigma_rad = _robust_sigma(size_m, 0.01), _robust_sigma(size_rad, 0.005)
+    sigma_m, sigma_rad = (
+        _robust_sigma(size_m, LEAST_SIGMA_M),
+        _robust_sigma(size_rad, LEAST_SIGMA_RAD),
+    )
     sigmas = np.maximum(size_m / sigma_m, size_rad / sigma_rad)
     large = ((size_m > MIN_DIFFERENCE_M) & (size_m > SIGMAS * sigma_m)) | (
         (size_rad > MIN_DIFFERENCE_RAD) & (size_rad > SIGMAS * sigma_rad)
@@ -140,7 +146,8 @@ def _calibrated(moved: Floats, measured: Floats) -> Floats:
     for _ in range(8):
         factors = np.linalg.lstsq(terms * weights[:, None], error_rad * weights, rcond=None)[0]
         residual = np.abs(error_rad - terms @ factors)
-        weights = 1.0 / np.sqrt(1.0 + (residual / (2.0 * _robust_sigma(residual, 0.005))) ** 2)
+        scale_rad = 2.0 * _robust_sigma(residual, LEAST_SIGMA_RAD)
+        weights = 1.0 / np.sqrt(1.0 + (residual / scale_rad) ** 2)
     out[:, 2] = wrap_angles(measured[:, 2] + terms @ factors)
     return out
 
