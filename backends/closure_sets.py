@@ -33,8 +33,8 @@ _CLOSURE_COVARIANCE = np.diag([0.05, 0.05, 0.02]) ** 2
 _NEIGHBOURS_M = 40.0
 """Path length between two closures up to which drift leaves the test of them sharp."""
 _EXACT_CLIQUE = 60
-"""Closures up to which the best clique is found exactly: a tenth of a second where 90 % of the pairs
-agree, ten with twice as many."""
+"""Closures up to which the best clique is found exactly: a tenth of a second where 90 % of the
+pairs agree, ten with twice as many."""
 MAX_COVISIBLE_M = 10.0
 """Distance up to which two submaps may show the same walls."""
 REVISIT_M = 15.0
