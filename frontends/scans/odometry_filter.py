@@ -44,7 +44,8 @@ _MAX_COASTING_S = 1.0
 _NO_LAG = np.zeros(3)
 """Variances (3,) of a motion that is predicted for the odometry's own stamp."""
 _SPAN_RATE = 0.05
-"""Learning rate of the mean time between scans: about the last 20 of them.@@"""
+"""Learning rate of the mean time between scans: about the last 20 of them. Half and double
+move nothing (six recordings and buildings)."""
 _FADING = 0.7
 """Decay of the velocity per unmatched scan: it is gone within a second at 10 Hz."""
 
