@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slarm_graph.backend import silent
+from slarm_graph.backends import submap_graph
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.graph_checks import check_graph
@@ -199,6 +201,57 @@ def test_a_closure_counts_at_once_for_what_the_graph_is_sure_of() -> None:
     sigmas = graph.sigmas_between(3, 38)
     assert sigmas[0] < 0.9 * before_m
     assert graph.with_closures(graph.closures).sigmas_between(3, 38) == pytest.approx(sigmas)
+
+
+@pytest.mark.parametrize(
+    ("off", "optimised"),
+    [
+        ((0.0, 0.0, 0.0), [21]),
+        ((0.07, -0.07, 0.019), [21]),
+        ((0.08, -0.08, 0.0), list(range(1, 31))),
+        ((0.0, 0.0, -0.021), list(range(1, 31))),
+    ],
+)
+def test_closures_are_awaited_unless_one_is_far_off(
+    monkeypatch: pytest.MonkeyPatch, off: tuple[float, float, float], optimised: list[int]
+) -> None:
+    """By more than 0.1 m or 0.02 rad; else for ten, and one for every fourth node, not rejected."""
+    graph, when = there_and_back(), list[int]()
+    assert len(graph.poses()) == 41
+
+    def leave(problem: PoseGraph, **_: object) -> PoseGraph:
+        when.append(len(graph.closures) // 2)
+        return problem
+
+    monkeypatch.setattr(submap_graph.optimizer, "optimize", leave)
+    pose = np.array([-0.2, 0.0, 0.0]) + off
+    for _ in range(30):
+        rejected = Closure(3, 76, pose + 3.0, np.eye(3), 0.9, False, "somewhere else")
+        graph.add_closures([Closure(3, 76, pose, np.eye(3), 0.9, False), rejected])
+    assert when == optimised
+    assert len(graph.closures) == 60
+    assert len(graph.pose_graph().constraints) == 2 * 40 + 30
+
+
+def test_a_large_graph_is_optimised_whole_whenever_it_has_grown_by_a_quarter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else its newest hundred nodes, and one that stands for all before."""
+    graph, sizes = SubmapGraph(PoseGraphConfig(node_keyframes=2)), dict[int, int]()
+
+    def leave(problem: PoseGraph, **_: object) -> PoseGraph:
+        sizes[len(graph.poses())] = len(problem.poses)
+        return problem
+
+    monkeypatch.setattr(submap_graph.optimizer, "optimize", leave)
+    for k in range(2 * 320):
+        graph.add(keyframe(k, np.zeros((3, 3))))
+        if k % 2 == 0 and k // 2 + 1 in (50, 160, 200, 201, 251, 252, 315, 316):
+            poses = graph.poses()
+            graph._optimize(silent)
+            np.testing.assert_allclose(graph.poses(), poses, atol=1e-9)
+    whole = {50: 50, 160: 160, 201: 201, 252: 252, 316: 316}
+    assert sizes == whole | {200: 101, 251: 101, 315: 101}
 
 
 def step_sigmas(readings: Iterable[Reading]) -> Floats:
