@@ -28,7 +28,7 @@ from slarm_graph.config import (
 )
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.files.worlds import load_world
-from slarm_graph.frontends.scans.closures import Closure
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -172,7 +172,7 @@ def there_and_back() -> SubmapGraph:
         x = 0.1 * min(k, 80 - k)
         wheels = replace(keyframe(0, LAG).wheels, motion=np.array([0.1 if k <= 40 else -0.1, 0, 0]))
         still = replace(keyframe(k, np.zeros((3, 3))), local_from_robot=Pose2(x), wheels=wheels)
-        graph.add(replace(still, view_center_m=np.array([0.3, -0.2])))
+        graph.add(replace(still, view_center_m=np.array([0.2 * (k % 4), -0.2])))
     return graph
 
 
@@ -180,12 +180,13 @@ def test_old_submaps_are_looked_for_where_the_newest_keyframe_may_see_them() -> 
     """By distance of what is seen, up to three metres and what the graph is uncertain of."""
     graph = there_and_back()
     found, newest = graph.expectations(), len(graph.poses()) - 1
+    seen_m = np.array([0.1 * min(k, 80 - k) + 0.2 * (k % 4) for k in range(81)])
     old = [n for n, s in enumerate(graph.submaps) if s.last <= 81 - 10]
     expected = {}
     for n in old:
         sigma_m, sigma_rad = graph.sigmas_between(n, newest)
-        distance_m = 0.1 * 2 * n if 2 * n <= 40 else 0.1 * (80 - 2 * n)
-        if distance_m < 3.0 + 3.0 * sigma_m:
+        run = graph.submaps[n]
+        if abs(seen_m[run.first : run.last].mean() - seen_m[80]) < 3.0 + GATE_SIGMAS * sigma_m:
             expected[n] = (sigma_m, sigma_rad)
     assert sorted(found.submap.tolist()) == sorted(expected)
     assert 5 < len(expected) < len(old)
