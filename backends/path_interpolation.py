@@ -11,6 +11,9 @@ from slarm_graph.frontends.scans.tracker import TrackedScan
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, between, compose, wrap_angles
 
+_LEAST_GAP_M2 = 1e-30
+"""Below the variance of any step, and large enough to divide a lost robot's by."""
+
 
 def step_variance(scan: TrackedScan) -> float:
     """Position variance of the step to a scan [m^2]: of its match, or of odometry without one."""
@@ -114,5 +117,5 @@ def bracketing_anchors(
     scans, last, total = np.arange(len(variances)), len(at) - 1, np.cumsum(variances)
     before = np.clip(np.searchsorted(at, scans, side="right") - 1, 0, max(last - 1, 0))
     after = np.minimum(before + 1, last)
-    gap = np.maximum(total[at[after]] - total[at[before]], np.finfo(np.float64).tiny)
+    gap = np.maximum(total[at[after]] - total[at[before]], _LEAST_GAP_M2)
     return before, after, np.maximum((total - total[at[before]]) / gap, 0.0)

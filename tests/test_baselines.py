@@ -25,7 +25,7 @@ from slarm_graph.exploration.coverage_grid import (
     driving_grid,
     known_coverage,
 )
-from slarm_graph.exploration.explorer import Finished
+from slarm_graph.exploration.explorer import Finished, Leg
 from slarm_graph.exploration.live_map import _densified, _forbidden, mark_swept
 from slarm_graph.exploration.searches import reachable
 from slarm_graph.geometry import Pose2
@@ -100,6 +100,24 @@ def test_everything_that_can_be_reached_is_swept_tile_by_tile(kind: type[_OnTile
     assert swept[inside].mean() > 0.97
     assert not swept[:, 66:].any()
     assert driven_m < 2.5 * inside.sum() * 0.05**2 / 0.34
+
+
+@pytest.mark.parametrize("kind", [BaStar, Boustrophedon])
+def test_a_leg_sweeps_sixty_tiles_from_the_first_open_one_which_counts(
+    kind: type[_OnTiles],
+) -> None:
+    """Along a corridor one tile wide and seventy long, of which three are swept."""
+    free = np.ones((7, 70 * 7), dtype=np.bool_)
+    swept = np.zeros_like(free)
+    swept[:, : 3 * 7] = True
+    explorer = kind(Stage(), DrivingConfig(robot_radius_m=0.185))
+    leg = explorer.next_goal(place(free, swept), Pose2(0.175, 0.175, 0.0))
+    assert isinstance(leg, Leg)
+    assert leg.more
+    assert leg.points_m[-1] == pytest.approx([(3 + 60 - 0.5) * 0.35, 0.175])
+    assert explorer._tiles.attempts is not None
+    assert np.argwhere(explorer._tiles.attempts).tolist() == [[0, 3]]
+    assert explorer._tiles.attempts[0, 3] == 1
 
 
 def test_tiles_are_as_wide_as_the_body_and_covered_by_seven_tenths() -> None:

@@ -35,7 +35,7 @@ from slarm_graph.grid import GridGeometry
 from slarm_graph.readings import LaserScan
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
-from slarm_graph.world import Solid, WorldMap
+from slarm_graph.world import DriveCommand, Solid, WorldMap
 
 TruthBackend = script("known_pose").TruthBackend
 
@@ -197,6 +197,48 @@ def test_the_local_controller_stops_short_of_what_it_sees_by_more_than_the_noise
         x_m += 0.1 * speed
         readings.append(ahead_m)
     assert min(readings) == pytest.approx(DrivingConfig().robot_radius_m + 0.01)
+
+
+def one_return(bearing_rad: float, range_m: float) -> LaserScan:
+    return LaserScan(np.array([range_m]), bearing_rad, 1.0, 0.1, 20.0)
+
+
+def test_ten_seconds_on_the_spot_cost_the_path_and_a_minute_everything() -> None:
+    """At 10 Hz; within 5 cm it stands still, by more it has moved and all begins anew."""
+    controller, path = LocalController(DrivingConfig()), np.array([[0.0, 0.0], [1.0, 0.0]])
+    for x_m, readings in ((0.0, 599), (1.0, 600)):
+        for k in range(1, readings + 1):
+            controller.follower.follow(path)
+            controller.watch(Pose2(x_m, 0.05 * (k % 2), 0.0))
+            assert controller.follower.done == (k % 100 == 0)
+            assert controller.has_given_up == (k == 600)
+    controller.watch(Pose2(1.0, -0.01, 0.0))
+    assert not controller.has_given_up
+
+
+def test_blocked_for_eight_readings_it_backs_off_for_a_second_where_there_is_room() -> None:
+    controller, radius_m = LocalController(DrivingConfig()), DrivingConfig().robot_radius_m
+    controller.follower.follow(np.array([[0.0, 0.0], [1.0, 0.0]]))
+    for _ in range(9):
+        assert not controller.is_backing_off
+        command = controller.command(Pose2(), one_return(0.0, radius_m), 0.1)
+        assert command == DriveCommand(0.0, 0.0)
+    for room_m in (0.04, 0.06) * 5:
+        assert controller.is_backing_off
+        command = controller.command(Pose2(), one_return(math.pi, radius_m + room_m), 0.1)
+        assert command == DriveCommand(-0.1 if room_m > 0.05 else 0.0, 0.0)
+        assert controller.follower.done
+    assert not controller.is_backing_off
+
+
+def test_the_next_metre_of_the_path_is_looked_at_from_a_decimetre_ahead() -> None:
+    """And where it bends, to the corner after that metre."""
+    controller, path = LocalController(DrivingConfig()), [[0.5, 0.0], [0.5, 0.4], [0.5, 2.0]]
+    controller.follower.follow(np.array([[0.0, 0.0], *path, [3.0, 2.0]]))
+    np.testing.assert_allclose(controller.path_ahead(Pose2()), [[0.1, 0.0], *path])
+    controller.follower.follow(np.array([[0.0, 0.0], [0.0, 3.0]]))
+    np.testing.assert_allclose(controller.path_ahead(Pose2()), [[0.0, 0.1], [0.0, 1.0]])
+    np.testing.assert_allclose(controller.path_ahead(Pose2(0.0, 2.95, 0.0)), [[0.0, 3.0]] * 2)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -189,6 +189,10 @@ def test_contradiction_is_summed_near_a_group(laps: list[Keyframe]) -> None:
     against = np.array([here, here, there, confirmed], dtype=np.float64)
     assert _contradiction_near([one], graph, against) == 6.0
     assert _contradiction_near(true, graph, against[:0]) == 0.0
+    early, late = replace(one, submap=0, keyframe=0), len(graph.poses()) - 1
+    one_end = np.array([[0, late, 2.0], [late, 0, 2.5], [late, late, 1.0]])
+    assert _contradiction_near([early], graph, one_end) == 0.0
+    assert _contradiction_near([early], graph, one_end, both=False) == 4.5
 
 
 def test_a_group_stays_that_alone_ties_a_lap(laps: list[Keyframe]) -> None:

@@ -18,7 +18,7 @@ from slarm_graph.frontends.scans.pose_candidates import (
     PosePrior,
     unmatched_candidate,
 )
-from slarm_graph.frontends.scans.small_objects import count_small_objects, is_wide
+from slarm_graph.frontends.scans.small_objects import count_small_objects, gap_per_range, is_wide
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
@@ -106,6 +106,25 @@ def test_what_fits_at_another_place_may_have_walked(
     walked = chance * math.exp(3.0)
     assert place.log_posterior == pytest.approx(math.log(math.exp(-4.0) + walked) - 2.0)
     assert place.dynamic_objects == pytest.approx((walked / (math.exp(-4.0) + walked), len(discs)))
+
+
+@pytest.mark.parametrize("beams_rad", [0.003, 0.02, 0.05])
+def test_a_wall_met_at_ten_degrees_has_no_gaps(beams_rad: float) -> None:
+    """Where the next beam meets the line that the one along x meets in (1, 0)."""
+    slope = np.array([math.cos(math.radians(10.0)), math.sin(math.radians(10.0))])
+    beam = np.array([math.cos(beams_rad), math.sin(beams_rad)])
+    along, _ = np.linalg.solve(np.column_stack([slope, -beam]), [-1.0, 0.0])
+    wall = np.array([[1.0, 0.0], np.array([1.0, 0.0]) + along * slope])
+    assert gap_per_range(7.0 * wall) == pytest.approx(along)
+
+
+@pytest.mark.parametrize(("beams_rad", "count"), [(0.05, 1), (0.0555, 1), (0.0556, 0), (0.1, 0)])
+def test_three_beams_have_to_meet_somebody_three_metres_away(beams_rad: float, count: int) -> None:
+    """Half a metre across, that is; else there is no telling things apart."""
+    bearings = beams_rad * np.arange(-1, 2)
+    points = 3.0 * np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    every = np.ones(3, dtype=np.bool_)
+    assert count_small_objects(points, every, every) == count
 
 
 def test_walls_do_not_walk_nor_pillars_beside_them() -> None:

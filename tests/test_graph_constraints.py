@@ -10,6 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from slarm_graph.backend import silent
+from slarm_graph.backends import submap_graph
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.backends.graph_checks import check_graph
@@ -26,6 +28,7 @@ from slarm_graph.config import (
 )
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
 from slarm_graph.files.worlds import load_world
+from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
 from slarm_graph.frontends.scans.submaps import Keyframe
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
@@ -135,6 +138,121 @@ def test_a_node_begins_where_matches_and_odometry_together_have_it() -> None:
     steps = graph.node_scans()[1]
     assert poses[1, 0] == pytest.approx(0.5 * steps, abs=0.01)
     assert graph.sigmas_between(0, 1)[0] < 0.03
+
+
+@pytest.mark.parametrize(
+    ("config", "length"),
+    [
+        (PoseGraphConfig(node_keyframes=4, node_m=100.0), 4),
+        (PoseGraphConfig(node_keyframes=100, node_m=1.5), 3),
+        (PoseGraphConfig(node_keyframes=100, node_m=1.4), 3),
+    ],
+)
+def test_a_node_is_full_by_keyframes_or_way_and_its_submap_reaches_half_of_it_beyond(
+    config: PoseGraphConfig, length: int
+) -> None:
+    """Keyframes are half a metre apart; a submap is there as soon as all it holds is."""
+    graph = SubmapGraph(config)
+    for k in range(21):
+        graph.add(keyframe(k, np.zeros((3, 3))))
+        starts, margin = list(range(0, k + 1, length)), length // 2
+        assert graph.node_scans().tolist() == starts
+        np.testing.assert_allclose(graph.path_lengths_m(), 0.5 * np.array(starts))
+        assert [(s.first, s.last, s.anchor) for s in graph.submaps] == [
+            (max(0, start - margin), start + length + margin, start)
+            for start in starts
+            if start + length + margin <= k + 1
+        ]
+
+
+def there_and_back() -> SubmapGraph:
+    """Nodes of two keyframes, a decimetre apart, forty ahead and forty back."""
+    graph = SubmapGraph(PoseGraphConfig(node_keyframes=2, recent_keyframes=10))
+    for k in range(81):
+        x = 0.1 * min(k, 80 - k)
+        wheels = replace(keyframe(0, LAG).wheels, motion=np.array([0.1 if k <= 40 else -0.1, 0, 0]))
+        still = replace(keyframe(k, np.zeros((3, 3))), local_from_robot=Pose2(x), wheels=wheels)
+        graph.add(replace(still, view_center_m=np.array([0.2 * (k % 4), -0.2])))
+    return graph
+
+
+def test_old_submaps_are_looked_for_where_the_newest_keyframe_may_see_them() -> None:
+    """By distance of what is seen, up to three metres and what the graph is uncertain of."""
+    graph = there_and_back()
+    found, newest = graph.expectations(), len(graph.poses()) - 1
+    seen_m = np.array([0.1 * min(k, 80 - k) + 0.2 * (k % 4) for k in range(81)])
+    old = [n for n, s in enumerate(graph.submaps) if s.last <= 81 - 10]
+    expected = {}
+    for n in old:
+        sigma_m, sigma_rad = graph.sigmas_between(n, newest)
+        run = graph.submaps[n]
+        if abs(seen_m[run.first : run.last].mean() - seen_m[80]) < 3.0 + GATE_SIGMAS * sigma_m:
+            expected[n] = (sigma_m, sigma_rad)
+    assert sorted(found.submap.tolist()) == sorted(expected)
+    assert 5 < len(expected) < len(old)
+    sigmas = np.column_stack([found.sigma_m, found.sigma_rad]).tolist()
+    assert dict(zip(found.submap.tolist(), map(tuple, sigmas), strict=True)) == expected
+
+
+def test_a_closure_counts_at_once_for_what_the_graph_is_sure_of() -> None:
+    graph = there_and_back()
+    before_m, _ = graph.sigmas_between(3, 38)
+    closure = Closure(3, 76, np.array([-0.2, 0.0, 0.0]), 1e8 * np.eye(3), 0.9, False)
+    graph.add_closures([closure])
+    sigmas = graph.sigmas_between(3, 38)
+    assert sigmas[0] < 0.9 * before_m
+    assert graph.with_closures(graph.closures).sigmas_between(3, 38) == pytest.approx(sigmas)
+
+
+@pytest.mark.parametrize(
+    ("off", "optimised"),
+    [
+        ((0.0, 0.0, 0.0), [21]),
+        ((0.07, -0.07, 0.019), [21]),
+        ((0.08, -0.08, 0.0), list(range(1, 31))),
+        ((0.0, 0.0, -0.021), list(range(1, 31))),
+    ],
+)
+def test_closures_are_awaited_unless_one_is_far_off(
+    monkeypatch: pytest.MonkeyPatch, off: tuple[float, float, float], optimised: list[int]
+) -> None:
+    """By more than 0.1 m or 0.02 rad; else for ten, and one for every fourth node, not rejected."""
+    graph, when = there_and_back(), list[int]()
+    assert len(graph.poses()) == 41
+
+    def leave(problem: PoseGraph, **_: object) -> PoseGraph:
+        when.append(len(graph.closures) // 2)
+        return problem
+
+    monkeypatch.setattr(submap_graph.optimizer, "optimize", leave)
+    pose = np.array([-0.2, 0.0, 0.0]) + off
+    for _ in range(30):
+        rejected = Closure(3, 76, pose + 3.0, np.eye(3), 0.9, False, "somewhere else")
+        graph.add_closures([Closure(3, 76, pose, np.eye(3), 0.9, False), rejected])
+    assert when == optimised
+    assert len(graph.closures) == 60
+    assert len(graph.pose_graph().constraints) == 2 * 40 + 30
+
+
+def test_a_large_graph_is_optimised_whole_whenever_it_has_grown_by_a_quarter(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else its newest hundred nodes, and one that stands for all before."""
+    graph, sizes = SubmapGraph(PoseGraphConfig(node_keyframes=2)), dict[int, int]()
+
+    def leave(problem: PoseGraph, **_: object) -> PoseGraph:
+        sizes[len(graph.poses())] = len(problem.poses)
+        return problem
+
+    monkeypatch.setattr(submap_graph.optimizer, "optimize", leave)
+    for k in range(2 * 320):
+        graph.add(keyframe(k, np.zeros((3, 3))))
+        if k % 2 == 0 and k // 2 + 1 in (50, 160, 200, 201, 251, 252, 315, 316):
+            poses = graph.poses()
+            graph._optimize(silent)
+            np.testing.assert_allclose(graph.poses(), poses, atol=1e-9)
+    whole = {50: 50, 160: 160, 201: 201, 252: 252, 316: 316}
+    assert sizes == whole | {200: 101, 251: 101, 315: 101}
 
 
 def step_sigmas(readings: Iterable[Reading]) -> Floats:

@@ -18,7 +18,7 @@ from slarm_graph.exploration.coverage_grid import driving_grid
 from slarm_graph.exploration.lane_order import order_lanes
 from slarm_graph.exploration.live_map import mark_swept
 from slarm_graph.exploration.smooth_paths import smooth_path
-from slarm_graph.exploration.tour import short_tour, worthwhile
+from slarm_graph.exploration.tour import _or_opt, short_tour, worthwhile
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.grid import GridGeometry, Mask
 from slarm_graph.raster.thinning import pruned, thinned, traced
@@ -122,6 +122,20 @@ def test_no_turn_or_move_of_a_stretch_makes_a_tour_shorter(seed: int) -> None:
             for stretch in (tour[i:j], turned):
                 moved = rest[:k] + stretch + rest[k:]
                 assert cost(moved, between, first) >= length - 1e-5
+
+
+@pytest.mark.parametrize(("ahead", "behind"), [(1, 17), (8, 10), (9, 9), (10, 8)])
+def test_up_to_eight_lanes_are_moved_together(ahead: int, behind: int) -> None:
+    """Two rows of lanes, each without gaps, in the wrong order: the other saves a second."""
+    between = np.ones((36, 36))
+    follow = [(lane, lane + 1) for lane in range(17) if lane != ahead - 1] + [(17, 0)]
+    for one, next_one in follow:
+        between[2 * one + 1, 2 * next_one] = between[2 * next_one, 2 * one + 1] = 0.0
+    tour = np.arange(0, 36, 2)
+    is_moved = _or_opt(tour, between, np.ones(36))
+    right_order = [*range(ahead, 18), *range(ahead)]
+    assert is_moved == (min(ahead, behind) <= 8)
+    assert tour.tolist() == [2 * lane for lane in (right_order if is_moved else range(18))]
 
 
 def test_long_tours_are_much_shorter_than_greedy_ones() -> None:

@@ -62,6 +62,24 @@ def test_a_turn_that_odometry_has_wrong_is_found_where_things_are_far(off_deg: f
     assert abs(away[2]) < np.radians(0.3)
 
 
+@pytest.mark.parametrize(("sd_deg", "is_found"), [(3.0, False), (6.0, True)])
+def test_near_a_prediction_is_searched_as_far_as_it_is_uncertain(
+    sd_deg: float, is_found: bool
+) -> None:
+    """The turn is off by 20 degrees: beyond four times three, within four times six."""
+    local_map, matcher = (
+        LocalMap(KeyframeConfig(), MatchingConfig()),
+        LocalMatcher(MatchingConfig()),
+    )
+    local_map.add(seen_from(np.zeros(3)), Pose2())
+    unsure = np.diag([0.05, 0.05, np.radians(sd_deg)]) ** 2
+    expected = TRUE + np.array([0.0, 0.0, np.radians(20.0)])
+    prior = PosePrior(np.zeros(3), (Prediction(expected, unsure),), np.ones(3))
+    near = matcher._near_prediction(seen_from(TRUE), local_map, prior)
+    away = [between(TRUE, place.pose) for place in near]
+    assert any(abs(turn) < np.radians(0.3) for _, _, turn in away) == is_found
+
+
 def test_where_fronts_are_alike_a_search_proves_nothing() -> None:
     """Three fronts stand 0.6 m behind each other; a new one halfway looks like any of them."""
     front = np.column_stack([np.linspace(-1.0, 2.0, 61), np.full(61, 2.0)])

@@ -127,6 +127,13 @@ def test_the_pool_ends_where_it_is_told() -> None:
         maps.insert(random_scan(np.random.default_rng(0)), np.zeros((3, 3)))
 
 
+@pytest.mark.parametrize(("allowed", "tiles"), [(0.1, 1), (1.9, 1), (2.1, 2), (1000.1, 1000)])
+def test_as_many_tiles_are_allowed_as_fit_at_least_one(allowed: float, tiles: int) -> None:
+    """By what arrays take."""
+    tile_mb = ParticleMaps.empty(1, RESOLUTION_M).cells[0].nbytes / 1e6
+    assert most_tiles(ParticleMapsConfig(max_memory_mb=allowed * tile_mb)) == tiles
+
+
 def test_much_memory_is_told_before() -> None:
     assert memory_notice(30, ParticleMapsConfig()) == ()
     (notice,) = memory_notice(1000, ParticleMapsConfig(delta_m=0.02))

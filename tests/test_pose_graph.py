@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.backends.path_interpolation import interpolate_corrections
+from slarm_graph.backends.path_interpolation import bracketing_anchors, interpolate_corrections
 from slarm_graph.backends.pose_graph import PoseGraphBackend
 from slarm_graph.backends.pose_graph_optimizer import marginal_covariances
 from slarm_graph.backends.robust_optimization import optimize_robustly
@@ -267,6 +267,23 @@ def test_spread_undoes_a_drift_that_grows_with_the_variance() -> None:
     assert not np.allclose(
         interpolate_corrections(evenly, at, truth[at], variances), truth, atol=0.01
     )
+
+
+@pytest.mark.parametrize("at", [[3], [0, 4], [2, 9], [1, 2, 7, 11]])
+def test_every_scan_lies_between_known_ones_by_variance(at: list[int]) -> None:
+    """By a search for each; what follows the last goes on from the last two, if there are two."""
+    variances = np.random.default_rng(0).uniform(10.0, 100.0, 12)
+    before, after, share = bracketing_anchors(np.array(at), variances)
+    for scan in range(12):
+        one = max([k for k, known in enumerate(at[:-1]) if known <= scan], default=0)
+        other = min(one + 1, len(at) - 1)
+        assert (before[scan], after[scan]) == (one, other)
+        done = variances[at[one] + 1 : scan + 1].sum()
+        if other > one:
+            whole = variances[at[one] + 1 : at[other] + 1].sum()
+            assert share[scan] == pytest.approx(done / whole)
+        else:
+            assert share[scan] == 0.0 if scan <= at[0] else share[scan] > 1.0
 
 
 def test_a_silence_takes_what_it_was_off_by() -> None:

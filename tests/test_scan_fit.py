@@ -11,7 +11,7 @@ import pytest
 from scipy.stats import binom
 
 from slarm_graph.config import KeyframeConfig, MatchingConfig
-from slarm_graph.frontends.scans.local_map import LocalMap
+from slarm_graph.frontends.scans.local_map import LocalMap, _mark_observed
 from slarm_graph.frontends.scans.scan_fit import (
     FalseMatchFit,
     LocalOptima,
@@ -19,7 +19,7 @@ from slarm_graph.frontends.scans.scan_fit import (
     local_optima,
     patch_count,
 )
-from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.geometry import Floats, Pose2, transform_points
 
 
 @pytest.mark.parametrize(("count", "agree"), [(5, 5), (6, 5), (8, 7), (12, 9), (20, 12)])
@@ -59,6 +59,26 @@ def test_a_fit_by_chance_knows_how_much_is_seen() -> None:
         local_optima(wall, map_of(wall), np.zeros(3), 0.9).false_fit_excluding(np.zeros(3)),
     ):
         assert found.count == patch_count(wall) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_space_is_known_up_to_a_block_before_where_beams_end(seed: int) -> None:
+    """At every block's length of a beam, by stepping along it; outside the map nothing is."""
+    rng = np.random.default_rng(seed)
+    points, block_m = rng.uniform(-3.0, 3.0, (20, 2)), 0.25
+    here, corner = np.array([0.3, -0.2, rng.uniform(-3.0, 3.0)]), np.array([-2.0, -1.5])
+    expected = np.zeros((11, 17), dtype=np.bool_)
+    for end in transform_points(here, points):
+        way = end - here[:2]
+        for along_m in np.arange(0.0, np.hypot(*way) - block_m, block_m):
+            at = here[:2] + along_m * way / np.hypot(*way) - corner
+            col, row = np.floor(at / block_m).astype(int)
+            if 0 <= row < 11 and 0 <= col < 17:
+                expected[row, col] = True
+    observed = np.zeros_like(expected)
+    _mark_observed(observed, points, here, *corner, block_m)
+    np.testing.assert_array_equal(observed, expected)
+    assert 0 < expected.sum() < expected.size
 
 
 def test_what_looks_alike_nearby_says_little_of_a_place_that_was_searched_for() -> None:

@@ -81,6 +81,28 @@ def test_grid_holds_the_gaussian_of_the_distance_to_the_wall() -> None:
         assert slope == pytest.approx(-off / 0.04**2 * expected, abs=1.0)
 
 
+@pytest.mark.parametrize("sigma_m", [0.04, 0.3])
+@pytest.mark.parametrize("seed", range(3))
+def test_every_cell_has_the_gaussian_of_its_distance_to_the_nearest_wall(
+    seed: int, sigma_m: float
+) -> None:
+    """By brute force, of walls that are short against the fall-off and long; one is a dot."""
+    rng = np.random.default_rng(seed)
+    begin, way = rng.uniform(-1.0, 1.0, (8, 2)), rng.uniform(-0.6, 0.6, (8, 2))
+    way[0] = way[1, 0] = way[2, 1] = 0.0
+    grid = build_likelihood_grid(
+        np.hstack([begin, begin + way]), resolution_m=0.05, sigma_m=sigma_m
+    )
+    row, col = np.indices(grid.values.shape)
+    x, y = grid.origin_x_m + 0.05 * col, grid.origin_y_m + 0.05 * row
+    to = np.stack([x, y], axis=-1)[..., None, :] - begin
+    length2 = (way**2).sum(axis=1)
+    along = np.clip((to * way).sum(axis=-1) / np.where(length2 > 0.0, length2, 1.0), 0.0, 1.0)
+    away_m = np.linalg.norm(to - along[..., None] * way, axis=-1).min(axis=-1)
+    expected = np.where(away_m < 3.0 * sigma_m, np.exp(-0.5 * (away_m / sigma_m) ** 2), 0.0)
+    np.testing.assert_allclose(grid.values, expected, atol=0.003)
+
+
 @given(x=st.floats(-1.9, 2.9), y=st.floats(-1.4, 2.4))
 @example(x=1.25, y=1.25)
 @settings(max_examples=50, deadline=None)

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from types import SimpleNamespace
 
 import numpy as np
@@ -14,9 +15,9 @@ from slarm_graph.backend import SlamResult
 from slarm_graph.config import ExploreConfig, MappingConfig
 from slarm_graph.exploration import survey
 from slarm_graph.exploration.survey import Survey
-from slarm_graph.geometry import Pose2
+from slarm_graph.geometry import Pose2, compose
 from slarm_graph.reading_log import ReadingLog
-from slarm_graph.readings import LaserScan, Reading
+from slarm_graph.readings import LaserScan, Reading, Signal
 from slarm_graph.snapshots import State
 from slarm_graph.trajectory import Trajectory
 
@@ -125,3 +126,42 @@ def test_the_first_reading_is_at_the_start(monkeypatch: pytest.MonkeyPatch) -> N
     np.testing.assert_allclose(whole.believed.poses[-1], end, atol=1e-12)
     np.testing.assert_allclose(whole.pose.as_array(), end, atol=1e-12)
     assert whole.truth.poses.tolist() == [[0.0, 0.0, 0.0]] * 40
+
+
+def test_it_is_judged_where_it_has_grown_by_a_tenth_and_always_while_it_is_torn(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    whole, _, _ = surveyed(monkeypatch, {}, 100)
+    judged, torn = list[int](), []
+
+    def verdict(scans: Sequence[LaserScan], trajectory: Trajectory) -> SimpleNamespace:
+        assert len(scans) == len(trajectory.stamps_ns) == whole.readings
+        judged.append(whole.readings)
+        is_torn = whole.readings in (112, 113)
+        return SimpleNamespace(verdict="inconsistent" if is_torn else "consistent")
+
+    monkeypatch.setattr(survey, "contradictions", verdict)
+    for k in range(101, 130):
+        whole.take_in(Reading(k * 100_000_000, SCAN), Pose2())
+        whole.rebuild()
+        torn += [k] if whole.is_torn else []
+    assert judged == [101, 112, 113, 114, 126]
+    assert torn == [112, 113]
+
+
+def test_what_was_heard_was_heard_where_the_robot_was(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As estimated online, until the map is drawn anew along a corrected path."""
+    whole, _, _ = surveyed(monkeypatch, {}, 9)
+    for k in (10, 11, 12):
+        signals = (Signal("ap", -60.0),) if k != 11 else ()
+        whole.take_in(Reading(k * 100_000_000, SCAN, signals=signals), Pose2())
+    online = whole.believed.poses
+    np.testing.assert_array_equal(whole.live.heard_m, online[[9, 11], :2])
+    corrected = compose(
+        np.array([0.3, -0.2, 0.1]), np.array(whole._backend.result().trajectory.poses)
+    )
+    result = SlamResult(Trajectory(whole.log.stamps_ns, corrected))
+    monkeypatch.setattr(whole._backend, "result", lambda: result)
+    whole.rebuild()
+    moved = compose(whole.world_from_map.as_array(), corrected)
+    np.testing.assert_allclose(whole.live.heard_m, moved[[9, 11], :2])

@@ -57,6 +57,28 @@ def lap() -> tuple[list[Reading], Floats]:
     return drive(SimulationConfig())
 
 
+@pytest.mark.parametrize(
+    ("beams", "step_s", "deskew", "sweep_s"),
+    [
+        (361, 1e-3, True, 0.36),
+        (361, 1e-3, False, 0.0),
+        (361, 0.0, True, 0.0),
+        (361, -1e-3, True, 0.0),
+        (101, 0.0099, True, 0.99),
+        (101, 0.0101, True, 0.0),
+        (1, 1e-3, True, 0.0),
+        (0, 1e-3, True, 0.0),
+    ],
+)
+def test_a_sweep_takes_a_step_less_than_it_has_beams(
+    beams: int, step_s: float, deskew: bool, sweep_s: float
+) -> None:
+    """Of a second or more it is not to be believed."""
+    scan = LaserScan(np.ones(beams), 0.0, 0.01, 0.1, 5.0, time_increment_s=step_s)
+    tracker = ScanTracker(FrontendConfig(deskew=deskew))
+    assert tracker._sweep_s(scan) == pytest.approx(sweep_s)
+
+
 def without_odometry(_i: int, reading: Reading) -> Reading:
     return replace(reading, odom_from_robot=None)
 
