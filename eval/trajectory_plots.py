@@ -73,7 +73,7 @@ def save_plots(
 
 
 def _thin(points: Floats) -> Floats:
-    return points[:: max(1, len(points) // _DRAWN)]
+    return points[:: max(1, -(-len(points) // _DRAWN))]
 
 
 def _plain(name: str) -> str:

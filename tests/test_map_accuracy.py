@@ -234,3 +234,28 @@ def test_the_scale_is_as_long_as_it_says_and_round(
     names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
     assert names == ["wall in both", "wall only in EST", "wall only in REF", "free in both",
                      "unknown in either"]  # fmt: skip
+
+
+def test_every_kind_of_cell_has_the_colour_that_the_legend_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At its place, row 0 at the bottom; in both views."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    geometry = GridGeometry(-1.0, 2.0, 0.5, 2, 3)
+    reference = OccupancyGrid(geometry, np.array([[1, 1, 0], [0, np.nan, 1]], dtype=np.float32))
+    estimate = OccupancyGrid(geometry, np.array([[1, 0, 1], [0, 1, np.nan]], dtype=np.float32))
+    save_difference(tmp_path / "d.png", reference, estimate)
+    words = [["wall in both", "wall only in REF", "wall only in EST"],
+             ["free in both", "unknown in either", "unknown in either"]]  # fmt: skip
+    (legend,) = drawn[0].legends
+    colors = {
+        text.get_text(): patch.get_facecolor()
+        for text, patch in zip(legend.get_texts(), legend.get_patches(), strict=True)
+    }
+    assert len(set(colors.values())) == 5
+    for axes in drawn[0].axes:
+        (image,) = axes.images
+        assert (tuple(image.get_extent()), image.origin) == (geometry.extent_m, "lower")
+        shown = image.to_rgba(image.get_array())
+        np.testing.assert_allclose(shown, [[colors[word] for word in row] for row in words])
