@@ -80,6 +80,7 @@ def test_a_view_has_a_cell_around_all_that_it_saw(seed: int) -> None:
 
 def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None:
     nothing = view_of([np.zeros((0, 2))], np.zeros((1, 2)))
+    assert (nothing.walls.shape, nothing.states.shape, nothing.low.shape) == ((0, 2), (0, 0), (2,))
     assert evidence_against(nothing, views[0], np.zeros(3)) == 0.0
     assert evidence_against(views[0], views[1], np.array([500.0, 0.0, 0.0])) == 0.0
 
