@@ -59,7 +59,7 @@ def test_the_search_refines_between_the_neighbours_of_the_best(
 ) -> None:
     """Of every twentieth second up to half a second before and after."""
     path = room_drive(5)
-    asked_s: ClassVar[list[float]] = []
+    asked_s: list[float] = []
     monkeypatch.setattr(Valley, "lowest_s", lowest_s)
     monkeypatch.setattr(Valley, "asked_s", asked_s)
     found_s = Valley(path, path, 0.3).best_near_s(7.0)
