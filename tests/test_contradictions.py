@@ -19,16 +19,16 @@ from slarm_graph.consistency.visits import Visits, _first_scans, path_lengths_m
 from slarm_graph.geometry import Floats, compose, transform_points
 from slarm_graph.readings import LaserScan
 
-PLACE = ConflictPlace((1, 2), (3, 4), (1.26, -2.0), 0.5, 9.0, 70, 50, 3)
+WORST_PLACE = ConflictPlace((1, 2), (3, 4), (1.26, -2.0), 0.5, 9.0, 70, 50, 3)
 
 
 @pytest.fixture(scope="module")
-def way() -> tuple[list[LaserScan], Floats]:
+def hall_twice() -> tuple[list[LaserScan], Floats]:
     poses = around()
     return [scan_at(pose, HALL) for pose in poses], poses
 
 
-def tear(evidence_nat: float) -> Tear:
+def tear_of(evidence_nat: float) -> Tear:
     return Tear((0, 1), (0.0, 0.0), (0.5, 0.0, 0.0), evidence_nat)
 
 
@@ -48,8 +48,8 @@ def test_a_verdict_is_that_of_the_worst_finding(
     places: int, excess: float, tears_nat: tuple[float, ...], checked: float, expected: str
 ) -> None:
     found = _with_verdict(
-        Contradictions(0.01 + excess, 0.01, 0.001, checked, 900, (PLACE,) * places,
-                       tuple(map(tear, tears_nat)), np.zeros((0, 2)))
+        Contradictions(0.01 + excess, 0.01, 0.001, checked, 900, (WORST_PLACE,) * places,
+                       tuple(map(tear_of, tears_nat)), np.zeros((0, 2)))
     )  # fmt: skip
     assert found.verdict == expected
     assert len(found.reasons) == (places > 0) + (len(tears_nat) > 0) + (checked < 0.25)
@@ -61,7 +61,14 @@ def test_a_verdict_is_that_of_the_worst_finding(
 def test_a_verdict_names_its_reasons() -> None:
     found = _with_verdict(
         Contradictions(
-            0.123, 0.011, 0.001, 0.2, 900, (PLACE, PLACE), (tear(4.0),), np.zeros((0, 2))
+            0.123,
+            0.011,
+            0.001,
+            0.2,
+            900,
+            (WORST_PLACE, WORST_PLACE),
+            (tear_of(4.0),),
+            np.zeros((0, 2)),
         )
     )
     assert found.summary() == (
@@ -77,7 +84,7 @@ def test_a_verdict_names_its_reasons() -> None:
 
 
 def test_steps_with_little_evidence_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    tears = tuple(map(tear, (2.9, 3.1, 7.0)))
+    tears = tuple(map(tear_of, (2.9, 3.1, 7.0)))
     monkeypatch.setattr(verdict, "find_tears", lambda *_: tears)
     nowhere = stamped(np.zeros((0, 3)))
     assert contradictions([], nowhere, np.zeros((0, 3))).tears == tears[1:]
@@ -163,8 +170,8 @@ def test_visits_are_compared_where_circles_about_their_cells_meet(seed: int) -> 
     assert _overlapping(poses, lows, shapes).tolist() == expected
 
 
-def test_pairs_share_three_metres_of_wall(way: tuple[list[LaserScan], Floats]) -> None:
-    visits = build_visits(*way)
+def test_pairs_share_three_metres_of_wall(hall_twice: tuple[list[LaserScan], Floats]) -> None:
+    visits = build_visits(*hall_twice)
     every = cross_check(visits, least_cells=0)
     shared = every.confirmed + every.contradicted
     assert MIN_CELLS == 30
@@ -172,15 +179,15 @@ def test_pairs_share_three_metres_of_wall(way: tuple[list[LaserScan], Floats]) -
     least = int(np.median(shared))
     some = cross_check(visits, least_cells=least)
     assert some.visits.tolist() == every.visits[shared >= least].tolist()
-    result = contradictions(way[0], stamped(way[1]), visits=visits)
+    result = contradictions(hall_twice[0], stamped(hall_twice[1]), visits=visits)
     assert result.compared == shared[shared >= 30].sum()
 
 
 def test_visits_are_metres_long_and_their_walls_lie_on_those_of_the_hall(
-    way: tuple[list[LaserScan], Floats],
+    hall_twice: tuple[list[LaserScan], Floats],
 ) -> None:
     """Each in the frame of its middle scan."""
-    scans, poses = way
+    scans, poses = hall_twice
     visits = build_visits(scans, poses)
     along_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
     np.testing.assert_allclose(path_lengths_m(poses), along_m)
