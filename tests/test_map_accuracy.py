@@ -20,7 +20,7 @@ from slarm_graph.eval.map_difference import (
     difference_classes,
     save_difference,
 )
-from slarm_graph.eval.sharpness import sharpness
+from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
@@ -171,6 +171,38 @@ def test_blurred_and_doubled_walls_have_a_larger_sigma() -> None:
     assert sigmas[1] == pytest.approx(0.04, rel=0.1)
     assert sigmas[2] == pytest.approx(0.075, rel=0.1)
     assert sharpness(crisp).entropy < sharpness(blurred).entropy
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_sharpness_is_that_of_every_neighbourhood(seed: int) -> None:
+    """One by one, at the first point of every cell of 5 cm: entropy of all, spread of walls."""
+    rng = np.random.default_rng(seed)
+    wall = np.column_stack([rng.uniform(0.0, 2.0, 250), rng.normal(0.0, 0.02, 250)])
+    points = np.concatenate([wall, rng.uniform(0.5, 1.5, (60, 2)), [[9.0, 9.0]]])
+    first = {tuple(cell): k for k, cell in reversed([*enumerate(np.floor(points / 0.05))])}
+    entropies, across_m = [], []
+    for k in first.values():
+        own = points[np.hypot(*(points - points[k]).T) <= 0.2]
+        if len(own) >= 8:
+            off = own - own.mean(axis=0)
+            covariance = off.T @ off / (len(own) - 1)
+            entropies.append(0.5 * np.log(np.linalg.det(2.0 * np.pi * np.e * covariance)))
+            width, length = np.sqrt(np.linalg.eigvalsh(covariance))
+            across_m += [width] * bool(length > 2.0 * width)
+    found = sharpness(points, radius_m=0.2)
+    assert found.samples == len(entropies) < len(first)
+    assert found.entropy == pytest.approx(np.mean(entropies))
+    assert 0 < len(across_m) < len(entropies)
+    assert found.wall_sigma_m == pytest.approx(np.median(across_m))
+    assert found.wall_sigma_95_m == pytest.approx(np.quantile(across_m, 0.95))
+    assert sharpness(points, radius_m=0.2, samples=20).samples <= 20
+    told = {m.name: (m.value, m.note) for m in sharpness_metrics(found)}
+    note = f"over {found.samples} neighbourhoods of the scans' end points"
+    assert told == {
+        "map_entropy_nat": (found.entropy, note),
+        "wall_sigma_m": (found.wall_sigma_m, note),
+        "wall_sigma_95_m": (found.wall_sigma_95_m, note),
+    }
 
 
 def test_no_points_no_sharpness() -> None:

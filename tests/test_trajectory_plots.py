@@ -16,7 +16,7 @@ from test_evaluation import noisy, room_drive
 from slarm_graph.eval.alignment import fit
 from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions, evaluate
 from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad, drift
-from slarm_graph.eval.trajectory_plots import BackgroundMap, _thin, save_plots
+from slarm_graph.eval.trajectory_plots import BackgroundMap, _paths, _thin, save_plots
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.spatial import in_space
 
@@ -167,12 +167,10 @@ def test_prints_need_no_drift(tmp_path: Path) -> None:
     save_plots(tmp_path, {"still": evaluate(in_space(still), in_space(still), EvaluationOptions())})
 
 
-def test_the_paths_are_the_reference_and_every_estimate_moved_onto_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_paths_are_the_reference_and_every_estimate_moved_onto_it() -> None:
     """The reference pale and broad below; estimates apart by colour and, in grey, by dashes."""
     evaluations = found_of(60, 3)
-    (axes,) = drawn_by(evaluations, tmp_path, monkeypatch)["paths"].axes
+    (axes,) = _paths(evaluations, None).axes
     truth, *estimates = axes.lines
     np.testing.assert_allclose(truth.get_xydata(), room_drive(60).poses[:, :2])
     for line, found in zip(estimates, evaluations.values(), strict=True):
