@@ -11,8 +11,8 @@ import pytest
 from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
-from slarm_graph.consistency import View, count_known, evidence_against, view_of
 from slarm_graph.consistency.evidence import CELL_M
+from slarm_graph.consistency.views import View, count_known, evidence_against, view_of
 from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
