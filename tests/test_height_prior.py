@@ -252,15 +252,17 @@ def test_files_keep_probability_unknown_links_and_radius(write, read, tmp_path):
 
 
 def test_sides_of_an_outline_are_of_obstacles_before_walls_or_of_the_wall() -> None:
-    """A cupboard and a row of shelves at walls, and two islands, in the outlines' order."""
+    """A cupboard and a row of shelves at walls, and three islands, in the outlines' order."""
     room = np.array([[0, 0], [1, 0], [1, 0.7], [2.2, 0.7], [2.2, 0], [12, 0], [12, 1], [11, 1],
                      [11, 6], [12, 6], [12, 9], [0, 9]], dtype=np.float64)  # fmt: skip
     column, desk = rectangle_m((5.0, 4.0), (0.4, 0.4)), rectangle_m((8.0, 4.0), (1.6, 0.8))
+    screen = rectangle_m((5.0, 7.0), (1.6, 0.1))
     outlines = [Outline(ring, np.ones(len(ring), dtype=np.bool_))
-                for ring in (column[::-1], room, desk[::-1])]  # fmt: skip
-    small, whole, large = side_obstacles(outlines, NO_RETURNS)
+                for ring in (column[::-1], room, desk[::-1], screen[::-1])]  # fmt: skip
+    small, whole, large, thin = side_obstacles(outlines, NO_RETURNS)
     assert small == [(0, "column")] * 4
     assert large == [(0, "furniture")] * 4
+    assert thin == [(0, "screen")] * 4
     assert whole == [
         (0, "wall"), *[(2, "furniture")] * 3, *[(0, "wall")] * 2, *[(7, "rack")] * 3,
         *[(0, "wall")] * 3,
