@@ -25,7 +25,8 @@ _MIN_COSINE = 0.5
 of the mean of a cell's normals, by which it has one."""
 _FLATNESS = 0.1
 """Variance across over along up to which neighbouring points lie on a line and have a normal: a
-spread of 0.02 m over 0.06 m.@@"""
+spread of 0.02 m over 0.06 m. Half makes a ward 0.057 m in place of 0.039 and an office 0.044 in
+place of 0.039, mit-csail stays."""
 _BLOCK = 32
 """Likelihood ratios multiplied before a logarithm is taken: no product of so many overflows."""
 _FUSED = frozenset({"reassoc", "contract"})

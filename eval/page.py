@@ -225,8 +225,8 @@ def shown(value: Cell) -> str:
     if isinstance(value, float):
         if value.is_integer() and abs(value) < 1e9:
             return f"{value:.0f}"
-        # Four digits are enough for a measure, not for a stamp.
-        return f"{value:.3f}" if abs(value) >= 1e4 else f"{value:.4g}"
+        # Four digits are enough for a measure, not for a stamp; from 9999.5 they have an exponent.
+        return f"{value:.3f}" if abs(value) >= 9999.5 else f"{value:.4g}"
     return str(value)
 
 

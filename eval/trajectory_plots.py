@@ -24,6 +24,7 @@ from slarm_graph.eval.trajectory_accuracy import (
 )
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
+from slarm_graph.mapping import thinned
 
 KINDS = ("png", "pdf", "svg")
 _COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
@@ -73,7 +74,7 @@ def save_plots(
 
 
 def _thin(points: Floats) -> Floats:
-    return points[:: max(1, len(points) // _DRAWN)]
+    return thinned(points, _DRAWN)
 
 
 def _plain(name: str) -> str:

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -39,6 +40,34 @@ def test_the_best_offset_within_half_a_second_is_found(off_s: float, apart_s: fl
     found_s = fits.best_near_s(apart_s + off_s)
     assert found_s == pytest.approx(apart_s, abs=2e-3)
     assert fits.misfit(apart_s) < 1e-9
+
+
+class Valley(_Fits):
+    """A misfit of given lowest place [s], that remembers where it was asked for."""
+
+    lowest_s = 0.0
+    asked_s: ClassVar[list[float]] = []
+
+    def misfit(self, offset_s: float) -> float:
+        self.asked_s.append(offset_s)
+        return abs(offset_s - self.lowest_s)
+
+
+@pytest.mark.parametrize("lowest_s", [6.51, 6.93, 7.0, 7.49, 9.0])
+def test_the_search_refines_between_the_neighbours_of_the_best(
+    monkeypatch: pytest.MonkeyPatch, lowest_s: float
+) -> None:
+    """Of every twentieth second up to half a second before and after."""
+    path = room_drive(5)
+    asked_s: list[float] = []
+    monkeypatch.setattr(Valley, "lowest_s", lowest_s)
+    monkeypatch.setattr(Valley, "asked_s", asked_s)
+    found_s = Valley(path, path, 0.3).best_near_s(7.0)
+    grid_s = 7.0 + np.arange(-10, 11) * 0.05
+    np.testing.assert_allclose(asked_s[:21], grid_s)
+    near_s = grid_s[np.argmin(np.abs(grid_s - lowest_s))]
+    assert np.abs(np.array(asked_s[21:]) - near_s).max() <= 0.05 + 1e-9
+    assert found_s == pytest.approx(min(lowest_s, 7.55), abs=2e-4)
 
 
 def test_a_misfit_is_the_error_over_the_share_that_overlaps() -> None:

@@ -11,6 +11,7 @@ import gtsam
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation, convolve
+from scipy.stats import binom
 
 from slarm_graph.consistency import build_visits, contradictions, cross_check
 from slarm_graph.consistency import pairs as pairs_module
@@ -29,6 +30,7 @@ from slarm_graph.consistency.evidence import (
     classify_cells,
     count_agreement,
     count_beams,
+    state_at,
     wrong_place_evidence,
 )
 from slarm_graph.consistency.tears import _differences
@@ -160,6 +162,11 @@ def test_tear_shows_against_odometry_and_slip_does_not(
     assert tear.stamps_ns[0] < first * 200_000_000 <= tear.stamps_ns[1] + 1
     assert np.hypot(*(poses[first, :2] - tear.position_m)) < 1.0
     assert tear.evidence_nat > 6.0
+    before, after = (stamp // 200_000_000 for stamp in tear.stamps_ns)
+    assert before < first <= after
+    assert tear.position_m == tuple(torn[before, :2])
+    planted = between(between(poses[before], poses[after]), between(torn[before], torn[after]))
+    np.testing.assert_allclose(tear.off, planted, atol=0.02)
     assert not contradictions(scans[only], stamped(poses[only]), torn[only]).tears
 
 
@@ -268,12 +275,12 @@ def test_steps_are_looked_at_from_six_robust_deviations_on(
 def test_beams_pass_what_lies_before_their_end() -> None:
     rng = np.random.default_rng(5)
     for _ in range(50):
-        beam = rng.uniform(1.0, 9.0, (1, 4))
+        beam, low = rng.uniform(1.0, 9.0, (1, 4)), rng.uniform(-9.0, 9.0, 2)
         hits, passes = np.zeros((2, 100, 100), dtype=np.int16)
         start, end = beam[0, :2], beam[0, 2:]
         length = np.hypot(*(end - start))
         clear = rng.uniform(0.0, length)
-        count_beams(hits, passes, np.zeros(2), np.c_[beam, clear])
+        count_beams(hits, passes, low, np.c_[beam + np.tile(low, 2), clear])
         assert np.argwhere(hits).tolist() == [np.floor(end[::-1] / CELL_M).astype(int).tolist()]
         centres = (np.argwhere(passes)[:, ::-1] + 0.5) * CELL_M - start
         along = centres @ (end - start) / length
@@ -311,11 +318,33 @@ def test_count_agreement_looks_cells_up_under_a_pose() -> None:
     assert count_agreement(walls, np.array([5.0, 0.0, 0.0]), states, low) == (0, 0)
 
 
+def test_a_cell_reaches_to_the_next_and_nothing_is_known_beside_all() -> None:
+    """Also within a cell's side of the first ones, where numbers are cut to zero."""
+    states, low = np.arange(1, 13, dtype=np.uint8).reshape(3, 4), np.array([-2.0, 1.0])
+    for x, y in np.random.default_rng(1).uniform([-2.2, 0.8], [-1.4, 1.5], (300, 2)):
+        col, row = math.floor((x + 2.0) / CELL_M), math.floor((y - 1.0) / CELL_M)
+        inside = 0 <= row < 3 and 0 <= col < 4
+        assert state_at(states, low, x, y) == (states[row, col] if inside else UNKNOWN)
+
+
+def test_counts_of_beams_stay_within_their_type() -> None:
+    hits, passes = np.full((2, 3, 30), 32_766, dtype=np.int16)
+    count_beams(hits, passes, np.zeros(2), np.array([[0.05, 0.15, 2.75, 0.15, 1.0]] * 3))
+    assert (hits.max(), passes.max(), np.argmax(hits)) == (32_767, 32_767, 30 + 27)
+
+
 def test_evidence_is_a_likelihood_ratio() -> None:
     n = np.full(3, 200)
     right, wrong = (
         np.round(share * n).astype(int) for share in (RIGHT_CONFLICT_RATE, WRONG_CONFLICT_RATE)
     )
+    for share in (0.0, 0.1, 0.4, 1.0):
+        k = int(share * 200)
+        by_rate = [
+            binom.logpmf(k, 200, rate) for rate in (WRONG_CONFLICT_RATE, RIGHT_CONFLICT_RATE)
+        ]
+        found = wrong_place_evidence(np.array([200 - k]), np.array([k]))
+        np.testing.assert_allclose(found, (by_rate[0] - by_rate[1]) / 10.0)
     assert (wrong_place_evidence(n - right, right) < -8).all()
     assert (wrong_place_evidence(n - wrong, wrong) > 20).all()
     sum_of_two = 2 * wrong_place_evidence(np.array([7]), np.array([5]))
@@ -336,10 +365,10 @@ class SomeVisits(SimpleNamespace):
     [
         ([(0, 10), (10, 14), (30, 36)], (0, 0, 0), [(0, 2)], 0.8),
         ([(0, 10), (10, 14), (30, 36)], (0, 0, 0), [(0, 2), (1, 2)], 1.0),
-        ([(0, 10), (14.9, 20)], (0, 0), [(0, 1)], 0.0),  # not yet away
+        ([(0, 10), (15, 20)], (0, 0), [(0, 1)], 0.0),  # not yet away
         ([(0, 10), (15.1, 20)], (0, 0), [(0, 1)], 1.0),
         ([(0, 10), (20.1, 30)], (0, 5), [(0, 1)], 1.0),
-        ([(0, 10), (19.9, 30)], (0, 5), [(0, 1)], 0.0),  # on its way from there
+        ([(0, 10), (20, 30)], (0, 5), [(0, 1)], 0.0),  # on its way from there
         ([(0, 0), (0, 0)], (0, 0), [(0, 1)], 0.0),  # it stood all the time
         ([(0, 10), (30, 36)], (0, 0), [], 0.0),
     ],

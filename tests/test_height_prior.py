@@ -22,7 +22,17 @@ from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
 from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, height_group, plan_kind
+from slarm_graph.recovery.heights import (
+    certain_height_m,
+    height_source,
+    side_obstacles,
+    with_medians,
+)
+from slarm_graph.recovery.obstacles import WallStrip
 from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
+from slarm_graph.recovery.returns import NO_RETURNS
+from slarm_graph.recovery.wall_shapes import rectangle_m
+from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid
 
 CONFIG = RadioConfig()
@@ -239,3 +249,50 @@ def test_files_keep_probability_unknown_links_and_radius(write, read, tmp_path):
     np.testing.assert_array_equal(back.sight_unknown, unknown)
     np.testing.assert_array_equal(back.line_of_sight, radio.line_of_sight)
     assert math.isclose(back.expansion_radius_m, 0.3)
+
+
+def test_sides_of_an_outline_are_of_obstacles_before_walls_or_of_the_wall() -> None:
+    """A cupboard and a row of shelves at walls, and three islands, in the outlines' order."""
+    room = np.array([[0, 0], [1, 0], [1, 0.7], [2.2, 0.7], [2.2, 0], [12, 0], [12, 1], [11, 1],
+                     [11, 6], [12, 6], [12, 9], [0, 9]], dtype=np.float64)  # fmt: skip
+    column, desk = rectangle_m((5.0, 4.0), (0.4, 0.4)), rectangle_m((8.0, 4.0), (1.6, 0.8))
+    screen = rectangle_m((5.0, 7.0), (1.6, 0.1))
+    outlines = [Outline(ring, np.ones(len(ring), dtype=np.bool_))
+                for ring in (column[::-1], room, desk[::-1], screen[::-1])]  # fmt: skip
+    small, whole, large, thin = side_obstacles(outlines, NO_RETURNS)
+    assert small == [(0, "column")] * 4
+    assert large == [(0, "furniture")] * 4
+    assert thin == [(0, "screen")] * 4
+    assert whole == [
+        (0, "wall"), *[(2, "furniture")] * 3, *[(0, "wall")] * 2, *[(7, "rack")] * 3,
+        *[(0, "wall")] * 3,
+    ]  # fmt: skip
+
+
+def test_the_source_of_heights_is_told() -> None:
+    solids = [Solid("a", rectangle_m((0.0, 0.0), (1.0, 1.0)), 1.0)] * 2
+    prior, infinite = RecoveryConfig(), RecoveryConfig(unknown_heights="infinite")
+    sizes, given = (
+        RecoveryConfig(known_sizes=((1.0, 1.0, 1.0),)),
+        RecoveryConfig(default_height_m=2.5),
+    )
+    assert certain_height_m(prior) is None
+    assert [certain_height_m(one) for one in (infinite, sizes, given)] == [math.inf, math.inf, 2.5]
+    told = "prior (standards, by class of plan)"
+    assert height_source([], solids, prior) == told
+    assert height_source(solids, solids, prior) == f"matched sizes (2 obstacles), else {told}"
+    assert height_source([], [], prior) == "infinite"
+    assert height_source([], solids, infinite) == "infinite"
+    assert height_source(solids[:1], solids, sizes) == "matched sizes (1 obstacle), else infinite"
+    assert height_source([], solids, given) == "default"
+
+
+def test_a_strip_of_unknown_height_has_the_median_of_its_group() -> None:
+    strips = [WallStrip(Solid(f"wall {k}", rectangle_m((k, 0.0), (1.0, 0.1)), math.inf), 0, k)
+              for k in range(4)]  # fmt: skip
+    groups = (HeightGroup((7, 5), np.array([[1.0, 4.0], [2.0, 6.0], [9.0, 7.0]])),
+              HeightGroup((6,), np.array([[0.5], [0.7], [3.0]])))  # fmt: skip
+    found = with_medians(strips, groups, 5)
+    assert [strip.solid.height_m for strip in found] == [6.0, 0.7, 2.0, math.inf]
+    assert [(s.solid.name, s.side) for s in found] == [(s.solid.name, s.side) for s in strips]
+    assert with_medians(strips, (), 5) == strips

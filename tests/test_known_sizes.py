@@ -145,6 +145,43 @@ def test_a_thing_goes_on_only_as_far_as_the_other_hides():
     assert match_size(longer, (), 0.15) is None
 
 
+@pytest.mark.parametrize("seed", range(8))
+def test_a_match_is_the_highest_of_the_sizes_that_agree_best(seed: int) -> None:
+    """One size at a time, by the words of the docstring."""
+    rng = np.random.default_rng(seed)
+    sizes = [
+        tuple(size) for size in rng.uniform([0.3, 0.2, 0.5, 0.7], [1.0, 0.6, 2.5, 1.0], (9, 4))
+    ]
+    sizes += [(size[0] + 0.004, *size[1:]) for size in sizes]
+    found = 0
+    for _ in range(40):
+        plan = MeasuredPlan(rng.uniform(0.2, 1.0, 2), rng.uniform(0.1, 0.5), int(rng.integers(5)),
+                            rng.choice([0.0, 0.0, 0.2], 2))  # fmt: skip
+        misfits = []
+        for length, width, _, share in sizes:
+            worst = []
+            for known in ((length, width), (width, length)):
+                off = [
+                    min(max(k - s - unseen, 0.0), k - s) if k > s else s - k
+                    for k, s, unseen in zip(known, plan.sides_m, plan.unseen_m, strict=True)
+                ]
+                fits = all(o <= 0.5 * k for o, k in zip(off, known, strict=True))
+                worst.append(max(off) if fits else math.inf)
+            filled = 1.0 - (1.0 - share) * plan.corners_seen / 4
+            by_area = abs(math.sqrt(length * width * filled) - math.sqrt(plan.area_m2))
+            misfits.append(max(min(worst), 0.0 if plan.unseen_m.any() else by_area))
+        match, best = match_size(plan, sizes, 0.1), min(misfits)
+        assert (match is not None) == (best <= 0.1)
+        if match is not None:
+            found += 1
+            alike = [
+                s for s, off in zip(sizes, misfits, strict=True) if off <= min(best + 0.01, 0.1)
+            ]
+            assert match.misfit_m == pytest.approx(best)
+            assert match.height_m == max(size[2] for size in alike)
+    assert found > 5
+
+
 def test_sizes_that_cannot_be_are_refused():
     assert RecoveryConfig(known_sizes=((1.0, 2.0, 3.0),)).known_sizes == ((1.0, 2.0, 3.0, 1.0),)
     for size in ((1.0, 2.0), (1.0, 2.0, 0.0), (1.0, 2.0, 3.0, 0.5, 1.0), (1.0, math.inf, 1.0)):

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 from matplotlib.image import imread
 
 from slarm_graph.access_points import AccessPoint
@@ -99,6 +100,47 @@ def test_what_is_not_compared_does_not_look_like_no_difference(tmp_path):
     greys = (colors == 191).all(axis=-1)
     assert greys.mean() > 0.1
     assert not level_difference(same, same).metrics()[-1].note.endswith("s")
+
+
+def test_every_access_point_has_a_map_of_one_scale(tmp_path, monkeypatch):
+    """Whose limits are alike up and down, and exceeded by one value in fifty."""
+    drawn = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    rng, names = np.random.default_rng(5), ("a", "b", "c", "d")
+    made = level_difference(levels(rng, names), levels(rng, names))
+    save_level_difference(tmp_path / "d.png", made)
+    *maps, bar = drawn[0].axes
+    assert [axes.get_title() for axes in maps] == [*names, "", ""]
+    assert [axes.axison for axes in maps] == [True] * 4 + [False] * 2
+    assert bar.get_ylabel() == "EST less REF [dB]"
+    known = np.abs(made.difference_db[np.isfinite(made.difference_db)])
+    for axes, layer in zip(maps, made.difference_db, strict=False):
+        (image,) = axes.images
+        np.testing.assert_array_equal(image.get_array().filled(np.nan), layer)
+        low, high = image.get_clim()
+        assert low == -high
+        assert np.mean(known > high) == pytest.approx(0.02, abs=0.01)
+        assert (tuple(image.get_extent()), image.origin) == (GRID.extent_m, "lower")
+        assert image.to_rgba(high)[0] > image.to_rgba(high)[2], "more is red"
+    assert [axes.get_xlabel() for axes in maps[:4]] == ["x [m]"] * 4
+    assert maps[0].get_ylabel() == "y [m]"
+    width_in, height_in = drawn[0].get_size_inches()
+    assert (width_in, height_in) == pytest.approx((7.16, 4.2))
+    same = level_difference(levels(np.random.default_rng(6), ("a",)),
+                            levels(np.random.default_rng(6), ("a",)))  # fmt: skip
+    save_level_difference(tmp_path / "d.png", same)
+    assert drawn[1].axes[0].images[0].get_clim() == (-0.1, 0.1)
+
+
+def test_notes_tell_every_access_points_own():
+    rng = np.random.default_rng(7)
+    ref = levels(rng, ("a", "b"))
+    off_db = np.array([3.0, -1.0], dtype=np.float32)[:, None, None]
+    made = level_difference(ref, replace(ref, level_dbm=ref.level_dbm + off_db))
+    told = {metric.name: metric.note for metric in made.metrics()}
+    assert told["levels_rmse_db"] == "a 3.00, b 1.00"
+    assert told["levels_bias_db"] == "a +3.00, b -1.00"
+    assert told["levels_area_m2"] == "2 access points"
 
 
 def test_measured_against_predicted_by_command(tmp_path, capsys):

@@ -20,7 +20,7 @@ from slarm_graph.eval.map_difference import (
     difference_classes,
     save_difference,
 )
-from slarm_graph.eval.sharpness import sharpness
+from slarm_graph.eval.sharpness import sharpness, sharpness_metrics
 from slarm_graph.geometry import Pose2
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 
@@ -173,6 +173,38 @@ def test_blurred_and_doubled_walls_have_a_larger_sigma() -> None:
     assert sharpness(crisp).entropy < sharpness(blurred).entropy
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_sharpness_is_that_of_every_neighbourhood(seed: int) -> None:
+    """One by one, at the first point of every cell of 5 cm: entropy of all, spread of walls."""
+    rng = np.random.default_rng(seed)
+    wall = np.column_stack([rng.uniform(0.0, 2.0, 250), rng.normal(0.0, 0.02, 250)])
+    points = np.concatenate([wall, rng.uniform(0.5, 1.5, (60, 2)), [[9.0, 9.0]]])
+    first = {tuple(cell): k for k, cell in reversed([*enumerate(np.floor(points / 0.05))])}
+    entropies, across_m = [], []
+    for k in first.values():
+        own = points[np.hypot(*(points - points[k]).T) <= 0.2]
+        if len(own) >= 8:
+            off = own - own.mean(axis=0)
+            covariance = off.T @ off / (len(own) - 1)
+            entropies.append(0.5 * np.log(np.linalg.det(2.0 * np.pi * np.e * covariance)))
+            width, length = np.sqrt(np.linalg.eigvalsh(covariance))
+            across_m += [width] * bool(length > 2.0 * width)
+    found = sharpness(points, radius_m=0.2)
+    assert found.samples == len(entropies) < len(first)
+    assert found.entropy == pytest.approx(np.mean(entropies))
+    assert 0 < len(across_m) < len(entropies)
+    assert found.wall_sigma_m == pytest.approx(np.median(across_m))
+    assert found.wall_sigma_95_m == pytest.approx(np.quantile(across_m, 0.95))
+    assert sharpness(points, radius_m=0.2, samples=20).samples <= 20
+    told = {m.name: (m.value, m.note) for m in sharpness_metrics(found)}
+    note = f"over {found.samples} neighbourhoods of the scans' end points"
+    assert told == {
+        "map_entropy_nat": (found.entropy, note),
+        "wall_sigma_m": (found.wall_sigma_m, note),
+        "wall_sigma_95_m": (found.wall_sigma_95_m, note),
+    }
+
+
 def test_no_points_no_sharpness() -> None:
     assert sharpness(np.zeros((0, 2))).samples == 0
 
@@ -234,3 +266,28 @@ def test_the_scale_is_as_long_as_it_says_and_round(
     names = [text.get_text() for text in drawn[0].legends[0].get_texts()]
     assert names == ["wall in both", "wall only in EST", "wall only in REF", "free in both",
                      "unknown in either"]  # fmt: skip
+
+
+def test_every_kind_of_cell_has_the_colour_that_the_legend_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """At its place, row 0 at the bottom; in both views."""
+    drawn: list[Figure] = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, *_, **__: drawn.append(self))
+    geometry = GridGeometry(-1.0, 2.0, 0.5, 2, 3)
+    reference = OccupancyGrid(geometry, np.array([[1, 1, 0], [0, np.nan, 1]], dtype=np.float32))
+    estimate = OccupancyGrid(geometry, np.array([[1, 0, 1], [0, 1, np.nan]], dtype=np.float32))
+    save_difference(tmp_path / "d.png", reference, estimate)
+    words = [["wall in both", "wall only in REF", "wall only in EST"],
+             ["free in both", "unknown in either", "unknown in either"]]  # fmt: skip
+    (legend,) = drawn[0].legends
+    colors = {
+        text.get_text(): patch.get_facecolor()
+        for text, patch in zip(legend.get_texts(), legend.get_patches(), strict=True)
+    }
+    assert len(set(colors.values())) == 5
+    for axes in drawn[0].axes:
+        (image,) = axes.images
+        assert (tuple(image.get_extent()), image.origin) == (geometry.extent_m, "lower")
+        shown = image.to_rgba(image.get_array())
+        np.testing.assert_allclose(shown, [[colors[word] for word in row] for row in words])

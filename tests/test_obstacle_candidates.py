@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,9 @@ from test_walls import turned
 
 from slarm_graph.geometry import Floats
 from slarm_graph.polygons import signed_area_m2
+from slarm_graph.recovery.known_sizes import Match
 from slarm_graph.recovery.obstacle_candidates import ObstacleCandidate, candidates_on, convex_hull
+from slarm_graph.recovery.obstacles import _rank, matched_blocks
 from slarm_graph.recovery.returns import NO_RETURNS, Returns
 from slarm_graph.recovery.walls import Outline
 
@@ -189,3 +192,36 @@ def test_a_hull_is_that_of_another_program(seed: int) -> None:
     assert has_corners(convex_hull(points), points[ConvexHull(points).vertices])
     line = np.column_stack([np.arange(5.0), np.arange(5.0)])
     assert convex_hull(line) is line
+
+
+def test_sure_matches_with_few_sides_come_first_and_those_without_last() -> None:
+    """A misfit of two centimetres is sure; else it counts by metre of outline."""
+    box = only(list(candidates_on(outline(BEFORE_A_WALL), NO_RETURNS, 1.5)))
+    long, short = replace(box, shown_m=4.0), replace(box, sides=(1, 2), shown_m=1.0)
+    order: list[tuple[ObstacleCandidate, float | None]] = [
+        (short, 0.02), (long, 0.001), (long, 0.019), (long, 0.03), (short, 0.021), (long, 0.1),
+        (short, None),
+    ]  # fmt: skip
+    ranks = [_rank(c, None if off is None else Match(off, 1.0, 1.0)) for c, off in order]
+    assert ranks == sorted(ranks)
+    assert len(set(ranks)) == len(order)
+
+
+@pytest.mark.parametrize("rad", [0.0, 0.7])
+@pytest.mark.parametrize(("length_m", "count"), [(1.3, 2), (2.1, 2), (2.2, 1)])
+def test_what_goes_on_below_another_thing_may_be_longer_than_it_shows(
+    rad: float, length_m: float, count: int
+) -> None:
+    """It shows 0.8 m, and may go on by the other's 1.2 m; both are solid where they show."""
+    corners = np.array([[0, 0], [1, 0], [1, 0.7], [2.2, 0.7], [2.2, 0.4], [3, 0.4], [3, 0],
+                        [5, 0], [5, 4], [0, 4]], dtype=np.float64)  # fmt: skip
+    outlines = [outline(turned(corners, rad))]
+    sizes = ((1.2, 0.7, 1.5, 1.0), (length_m, 0.4, 0.9, 1.0))
+    found = matched_blocks(outlines, NO_RETURNS, sizes, 0.15)
+    expected = [("block 1", 1.5, {1, 2, 3}), ("block 2", 0.9, {4, 5})][:count]
+    assert [(b.solid.name, b.solid.height_m, set(b.sides)) for b in found] == expected
+    assert [b.outline for b in found] == [0] * count
+    tall = np.array([[1.0, 0.0], [2.2, 0.0], [2.2, 0.7], [1.0, 0.7]])
+    low = np.array([[2.2, 0.0], [3.0, 0.0], [3.0, 0.4], [2.2, 0.4]])
+    for block, ring in zip(found, (tall, low), strict=False):
+        assert has_corners(block.solid.corners_m, turned(ring, rad))

@@ -12,6 +12,7 @@ import pytest
 from slarm_graph.config import RadioConfig
 from slarm_graph.errors import BadInput
 from slarm_graph.eval.radio_accuracy import radio_accuracy
+from slarm_graph.eval.radio_scores import LinkAccuracy, RadioAccuracy
 from slarm_graph.files.worlds import load_world
 from slarm_graph.geographic import CellState, Coverage, GeographicMap
 from slarm_graph.grid import GridGeometry
@@ -136,6 +137,40 @@ def test_a_map_agrees_with_itself_where_neither_knows():
     told = {m.name: m for m in score.metrics()}
     assert told["los_unknown"].value == pytest.approx(unknown)
     assert told["los_agreement"].note.startswith(f"{unknown:.2%} unknown to the reference")
+
+
+def test_metrics_of_several_access_points_are_means_with_each_of_them_told():
+    """Only gain errors are squared, and the worst is of the least accuracy."""
+    shares = np.array([[0.9, 0.95, 0.8, 0.1, 0.0, 0.02, 3.0, 2.0],
+                       [0.5, 0.75, 0.6, 0.3, 0.2, 0.04, 4.0, 3.0]])  # fmt: skip
+    score = RadioAccuracy(
+        (LinkAccuracy("hall", *shares[0]), LinkAccuracy("yard", *shares[1])),
+        0.91, 0.92, 0.93, 0.94, 0.05, 0.87, tolerance_db=1.5, expansion_radius_m=0.25,
+        smallest_gap_db=1.4,
+    )  # fmt: skip
+    assert score.warnings == (
+        "a tolerance of 1.5 dB cannot tell blocked from clear links, which differ by as little as"
+        " 1.40 dB here",
+    )
+    assert replace(score, smallest_gap_db=1.6).warnings == ()
+    told = {m.name: (pytest.approx(m.value), m.note) for m in score.metrics()}
+    note = "|gain error| <= 1.5 dB; R_e = 0.25 m; mean of 2 access points; " + score.warnings[0]
+    assert told == {
+        "accuracy": (0.7, note),
+        "accuracy_worst_ap": (0.5, "of hall 0.9000, yard 0.5000"),
+        "coverage_observed": (0.92, ""),
+        "coverage_visited": (0.93, ""),
+        "coverage_footprint": (0.94, ""),
+        "gain_hit": (0.85, ""),
+        "coverage_accessible": (0.91, ""),
+        "false_accessible": (0.05, ""),
+        "iou": (0.87, ""),
+        "los_agreement": (0.7, "10.00% unknown to the reference itself; agrees where both are"),
+        "los_unknown": (0.2, ""),
+        "los_brier": (0.03, ""),
+        "gain_rmse_db": (np.sqrt((9.0 + 16.0) / 2), ""),
+        "gain_mae_db": (2.5, ""),
+    }
 
 
 def test_line_of_sight_agrees_by_three_classes():

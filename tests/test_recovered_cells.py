@@ -11,11 +11,13 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from slarm_graph.config import RecoveryConfig
 from slarm_graph.files.world_shapes import rectangle_m
 from slarm_graph.geographic import CellState
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.polygons import contains
+from slarm_graph.raster import bands
 from slarm_graph.recovery.cell_classes import (
     changed_cells,
     enclosed_cells,
@@ -24,7 +26,7 @@ from slarm_graph.recovery.cell_classes import (
 )
 from slarm_graph.recovery.cell_heights import cell_heights
 from slarm_graph.recovery.coverage import footprint_cells, observed_cells, path_points_m
-from slarm_graph.recovery.grid_cleaning import _small_holes
+from slarm_graph.recovery.grid_cleaning import _small_holes, clean_grid
 from slarm_graph.recovery.obstacles import Block, _depth_m, wall_strips
 from slarm_graph.recovery.returns import cell_keys, returns_of_cells
 from slarm_graph.recovery.walls import Outline
@@ -164,6 +166,30 @@ def test_a_small_hole_in_free_space_is_one_that_touches_no_wall_and_no_border(se
         expected |= mine & bool(mine.sum() <= 4.0 and not rim and not wall)
     np.testing.assert_array_equal(_small_holes(free, occupied, 4.0, GRID.shape), expected)
     assert expected.any()
+
+
+@pytest.mark.parametrize(
+    ("radius_cells", "occupied"), [(1.0, 0.02), (2.0, 0.02), (3.7, 0.01), (1.0, 0.15), (1.0, 0.3)]
+)
+def test_a_grid_is_cleaned_in_bands_as_in_one_piece(
+    monkeypatch: pytest.MonkeyPatch, radius_cells: float, occupied: float
+) -> None:
+    """Whatever reaches across their borders: the robot's disc, specks, pinholes, holes, gaps."""
+    rng = np.random.default_rng(3)
+    shape, cell_m = (400, 31), 0.25
+    kinds = np.array([0.0, 1.0, np.nan], dtype=np.float32)
+    values = rng.choice(kinds, shape, p=[0.92 - occupied, occupied, 0.08])
+    visited = np.zeros(shape, dtype=np.bool_)
+    visited[:, 15] = True
+    grid = OccupancyGrid(GridGeometry(0.0, 0.0, cell_m, *shape), values)
+    config = RecoveryConfig(robot_radius_m=radius_cells * cell_m, speck_cells=1, hole_area_m2=0.2)
+    whole = clean_grid(grid, visited, config)
+    monkeypatch.setattr(bands, "_BAND_CELLS", 1)
+    in_bands = clean_grid(grid, visited, config)
+    for layer in ("occupied", "free", "reached", "passable"):
+        np.testing.assert_array_equal(getattr(in_bands, layer), getattr(whole, layer))
+    assert (whole.passable & ~visited).any()
+    assert (whole.free & np.isnan(values)).any()
 
 
 def test_the_path_is_sampled_evenly_besides_its_poses() -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import base64
 import itertools
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -104,8 +105,10 @@ def test_series_become_curves_and_paths_go_to_the_map() -> None:
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(None, "-"), (float("nan"), "-"), (3.0, "3"), (0.123456, "0.1235"), ("a", "a"), (7, "7")],
-)
+    [(None, "-"), (float("nan"), "-"), (3.0, "3"), (0.123456, "0.1235"), ("a", "a"), (7, "7"),
+     (math.inf, "-"), (-9999.4, "-9999"), (-9999.5, "-9999.500"), (123456.78912, "123456.789"),
+     (-987654321.0, "-987654321"), (0.000012345, "1.234e-05"), (1234567890123, "1234567890123")],
+)  # fmt: skip
 def test_values_are_written_for_people(value: float | int | str | None, text: str) -> None:
     assert shown(value) == text
 

@@ -161,3 +161,24 @@ def test_beams_of_several_scans_are_those_of_each() -> None:
     np.testing.assert_array_equal(beams, np.concatenate(alone))
     corners = beams[:, :4].reshape(-1, 2)
     np.testing.assert_array_equal([low, high], [corners.min(axis=0), corners.max(axis=0)])
+
+
+def test_a_beam_clears_cells_up_to_short_of_the_wall_that_it_meets() -> None:
+    """The wall runs to the nearer of two neighbours; as far off it as the beam is oblique."""
+    rng = np.random.default_rng(6)
+    laser = np.array([2.0, -1.0])
+    scan = laser + rng.uniform(-14.0, 14.0, (200, 2)).round(1)
+    scan[50:60] = laser + np.arange(1, 11)[:, None] * [0.8, 0.6]  # along the beam
+    beams, _, _ = _all_beams(scan, np.array([0, len(scan)]), laser[None])
+    expected = []
+    for i, point in enumerate(scan):
+        ray, around = point - laser, [k for k in (i + 1, i - 1) if 0 <= k < len(scan)]
+        wall = scan[min(around, key=lambda k: math.dist(scan[k], point))] - point
+        if np.hypot(*ray) < 15.0:
+            sine = abs(np.cross([*ray, 0.0], [*wall, 0.0])[2])
+            sine /= max(np.hypot(*ray) * np.hypot(*wall), 1e-9)
+            expected.append(np.hypot(*ray) - max(0.4, 0.25 / max(sine, 0.01)))
+    assert 0 < len(expected) < len(scan)
+    np.testing.assert_allclose(beams[:, 4], expected, atol=1e-6)
+    alone, _, _ = _all_beams(scan[:1], np.array([0, 1]), laser[None])
+    assert alone[0, 4] == np.hypot(*(scan[0] - laser)) - 0.4

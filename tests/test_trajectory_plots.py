@@ -16,7 +16,7 @@ from test_evaluation import noisy, room_drive
 from slarm_graph.eval.alignment import fit
 from slarm_graph.eval.evaluation import Evaluation, EvaluationOptions, evaluate
 from slarm_graph.eval.trajectory_accuracy import absolute_errors, absolute_rotations_rad, drift
-from slarm_graph.eval.trajectory_plots import BackgroundMap, save_plots
+from slarm_graph.eval.trajectory_plots import BackgroundMap, _paths, _thin, save_plots
 from slarm_graph.grid import GridGeometry, OccupancyGrid
 from slarm_graph.spatial import in_space
 
@@ -165,3 +165,25 @@ def test_a_map_lies_below_the_paths_where_its_alignment_lays_it(
 def test_prints_need_no_drift(tmp_path: Path) -> None:
     still = replace(room_drive(20), poses=np.zeros((20, 3)))
     save_plots(tmp_path, {"still": evaluate(in_space(still), in_space(still), EvaluationOptions())})
+
+
+def test_the_paths_are_the_reference_and_every_estimate_moved_onto_it() -> None:
+    """The reference pale and broad below; estimates apart by colour and, in grey, by dashes."""
+    evaluations = found_of(60, 3)
+    (axes,) = _paths(evaluations, None).axes
+    truth, *estimates = axes.lines
+    np.testing.assert_allclose(truth.get_xydata(), room_drive(60).poses[:, :2])
+    for line, found in zip(estimates, evaluations.values(), strict=True):
+        moved = found.alignment.moved(found.pairs.estimate)
+        np.testing.assert_allclose(line.get_xydata(), moved[:, :2])
+        assert line.get_linewidth() < truth.get_linewidth()
+    assert len({line.get_color() for line in axes.lines}) == 4
+    assert len({line.get_linestyle() for line in estimates}) == 3
+    told = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert told == ["reference", *evaluations]
+
+
+def test_long_lines_are_drawn_from_every_so_many_th_point_and_at_most_5000() -> None:
+    for count, step in ((0, 1), (5_000, 1), (5_001, 2), (10_000, 2), (10_001, 3)):
+        points = np.arange(2.0 * count).reshape(-1, 2)
+        assert _thin(points).tolist() == points[::step].tolist()

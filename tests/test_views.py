@@ -11,8 +11,8 @@ import pytest
 from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
-from slarm_graph.consistency import View, count_known, evidence_against, view_of
 from slarm_graph.consistency.evidence import CELL_M
+from slarm_graph.consistency.views import View, count_known, evidence_against, view_of
 from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
@@ -80,6 +80,7 @@ def test_a_view_has_a_cell_around_all_that_it_saw(seed: int) -> None:
 
 def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None:
     nothing = view_of([np.zeros((0, 2))], np.zeros((1, 2)))
+    assert (nothing.walls.shape, nothing.states.shape, nothing.low.shape) == ((0, 2), (0, 0), (2,))
     assert evidence_against(nothing, views[0], np.zeros(3)) == 0.0
     assert evidence_against(views[0], views[1], np.array([500.0, 0.0, 0.0])) == 0.0
 

@@ -66,7 +66,7 @@ def clean_grid(grid: OccupancyGrid, visited: Mask, config: RecoveryConfig) -> Cl
     """
     cell_m = grid.geometry.resolution_m
     radius_cells = config.robot_radius_m / cell_m
-    where, reach = grid.where, math.ceil(radius_cells) + 1
+    where, reach = grid.where, math.floor(radius_cells)
     occupied, free = _without_specks(grid, visited, config.speck_cells)
     passable = by_windows(
         where, reach, lambda w: (farther_than(occupied[w], radius_cells) & free[w]) | visited[w]
