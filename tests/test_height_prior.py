@@ -15,6 +15,7 @@ from slarm_graph.access_points import AccessPoint
 from slarm_graph.app.explore import with_prior
 from slarm_graph.app.world_accuracy import sizes_metrics
 from slarm_graph.config import ExploreConfig, MappingConfig, RadioConfig, RecoveryConfig, RunConfig
+from slarm_graph.files.world_shapes import rectangle_m
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.files import read_radio_npz, write_radio_npz
@@ -31,7 +32,6 @@ from slarm_graph.recovery.heights import (
 from slarm_graph.recovery.obstacles import WallStrip
 from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
 from slarm_graph.recovery.returns import NO_RETURNS
-from slarm_graph.recovery.wall_shapes import rectangle_m
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid
 
