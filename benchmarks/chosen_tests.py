@@ -47,19 +47,20 @@ def _importers(tree: Path) -> tuple[dict[str, set[str]], dict[str, int]]:
     for top in SOURCES:
         for path in (tree / top).rglob("*.py"):
             name = str(path.relative_to(tree))
-            files = {_file_of(module) for module in _imported(path)}
+            files = {_file_of(tree, module) for module in _imported(path)}
             count[name] = len(files)
             for file in files:
                 found[file].add(name)
     return found, count
 
 
-def _file_of(module: str) -> str:
-    """File of a module; the rooms beside the core lie beside its folder."""
+def _file_of(tree: Path, module: str) -> str:
+    """File of a module or package; the rooms beside the core lie beside its folder."""
     parts = module.split(".")
     if parts[0] == "slarm_graph" and parts[1:2] and parts[1] in ("frontends", "backends", "eval"):
         parts = parts[1:]
-    return "/".join(parts) + ".py"
+    path = "/".join(parts)
+    return f"{path}/__init__.py" if (tree / path).is_dir() else f"{path}.py"
 
 
 def _imported(path: Path) -> Iterator[str]:
