@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slarm_graph.errors import BadInput
+from slarm_graph.files import yaml_text
 from slarm_graph.files.configs import load_config
 from slarm_graph.files.maps import read_map
 from slarm_graph.files.worlds import load_world
@@ -120,3 +121,15 @@ def test_all_problems_are_told_at_once(tmp_path: Path) -> None:
         load_config(path)
     for words in (":1: unknown key 'sed'", ":4: unknown key", ":3: mapping.", ":5: seed:"):
         assert words in str(refused.value)
+
+
+def test_as_many_values_as_allowed_are_read_lists_and_aliases_among_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The mapping, two keys, a list of three and its alias, which counts as what it stands for."""
+    text = "a: &list [1, 2, 3]\nb: *list\n"
+    monkeypatch.setattr(yaml_text, "MAX_VALUES", 11)
+    assert parse_yaml(text, "x.yaml").content == {"a": [1, 2, 3], "b": [1, 2, 3]}
+    monkeypatch.setattr(yaml_text, "MAX_VALUES", 10)
+    with pytest.raises(BadInput, match="more than 10 values, aliases expanded"):
+        parse_yaml(text, "x.yaml")
