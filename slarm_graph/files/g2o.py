@@ -87,7 +87,7 @@ def read_g2o(path: Path) -> G2oFile:
         else:
             other[tag] += 1
     if not vertices and not edges:
-        seen = ", ".join(other) or "nothing"
+        seen = brief(", ".join(other)) or "nothing"
         raise BadInput(f"{path}: no VERTEX_SE2 or EDGE_SE2 lines (found: {seen})")
     return _assemble(path, vertices, edges, fixed, other)
 
