@@ -22,6 +22,7 @@ from slarm_graph.radio.files import read_radio_npz, write_radio_npz
 from slarm_graph.radio.netcdf import read_radio_netcdf, write_radio_netcdf
 from slarm_graph.radio.path_loss import path_loss_db
 from slarm_graph.radio.radio_map import expected_path_loss_db, radio_map
+from slarm_graph.recovery.fine_map import fine_map
 from slarm_graph.recovery.height_prior import LEVELS, HeightPrior, height_group, plan_kind
 from slarm_graph.recovery.heights import (
     certain_height_m,
@@ -30,7 +31,7 @@ from slarm_graph.recovery.heights import (
     with_medians,
 )
 from slarm_graph.recovery.obstacles import WallStrip
-from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.recovery.returns import NO_RETURNS
 from slarm_graph.recovery.walls import Outline
 from slarm_graph.world import Solid

@@ -43,7 +43,8 @@ from slarm_graph.mapping import render
 from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
-from slarm_graph.recovery.recover import fine_map, recover_scans, with_sizes_of
+from slarm_graph.recovery.fine_map import fine_map
+from slarm_graph.recovery.recover import recover_scans, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 

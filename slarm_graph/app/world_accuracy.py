@@ -12,7 +12,8 @@ from slarm_graph.eval.radio_scores import RadioAccuracy
 from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
-from slarm_graph.recovery.recover import FineMap, recover, with_sizes_of
+from slarm_graph.recovery.fine_map import FineMap
+from slarm_graph.recovery.recover import recover, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap

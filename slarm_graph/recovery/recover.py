@@ -19,7 +19,6 @@ from slarm_graph.config import MappingConfig, RecoveryConfig
 from slarm_graph.geographic import CellState, Coverage, GeographicMap, HeightGroup
 from slarm_graph.geometry import Floats
 from slarm_graph.grid import GridGeometry, Mask, OccupancyGrid
-from slarm_graph.mapping import end_points_m, render
 from slarm_graph.polygons import next_corners
 from slarm_graph.raster.bands import by_windows, put, side_by_side, windows
 from slarm_graph.raster.distance import within
@@ -40,6 +39,7 @@ from slarm_graph.recovery.coverage import (
     visited_cells,
     with_path_tiles,
 )
+from slarm_graph.recovery.fine_map import fine_map
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     clean_grid,
@@ -59,8 +59,6 @@ from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import NUDGE_M
 from slarm_graph.world import Solid, WorldMap
 
-_COARSEST_M = 0.05
-"""Maps are recovered at this or finer: the resolution of nearly all maps of indoor robots."""
 _MOVED_CELLS = 2.5
 """Straightening moves an outline by two cells at most, `_BAND_CELLS` of the walls, and half of
 one."""
@@ -168,36 +166,6 @@ def recover_scans(
     """
     fine = fine_map(scans, trajectory, mapping, geometry.resolution_m, grid)
     return recover(fine.grid, trajectory, config, end_points=fine.end_points_m, geometry=geometry)
-
-
-@dataclass(frozen=True, slots=True)
-class FineMap:
-    """A drive's map at 0.05 m or finer: what is recovered from, whatever the settings.
-
-    Parameters
-    ----------
-    grid : OccupancyGrid
-    end_points_m : (N, 2) float64
-        Laser returns in the map.
-    """
-
-    grid: OccupancyGrid
-    end_points_m: Floats
-
-
-def fine_map(
-    scans: Sequence[LaserScan],
-    trajectory: Trajectory,
-    mapping: MappingConfig,
-    resolution_m: float,
-    grid: OccupancyGrid | None = None,
-) -> FineMap:
-    """Draw the map that cells of a resolution are recovered from; `grid` is used if fine enough."""
-    fine_m = min(_COARSEST_M, resolution_m)
-    fine = mapping.model_copy(update={"resolution_m": fine_m})
-    if grid is None or grid.geometry.resolution_m != fine_m:
-        grid = render(scans, trajectory, fine)
-    return FineMap(grid, end_points_m(scans, trajectory, fine))
 
 
 def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
