@@ -25,5 +25,6 @@ def uncertainty_metrics(covariances: Floats | None) -> tuple[Metric, ...]:
     """
     if covariances is None or not len(covariances):
         return ()
-    worst_m = CHI_95 * math.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1].max())
+    variances_m2 = np.linalg.eigvalsh(covariances[:, :2, :2])[:, -1]
+    worst_m = CHI_95 * math.sqrt(max(float(variances_m2.max()), 0.0))
     return (Metric("position_uncertainty_m", worst_m, note="95 % ellipse of the least sure pose"),)

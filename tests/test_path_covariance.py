@@ -230,6 +230,8 @@ def test_the_report_tells_the_worst_position() -> None:
     assert not uncertainty(None)
     (told,) = uncertainty_metrics(known)
     assert (told.name, told.value) == ("position_uncertainty_m", pytest.approx(0.3 * 2.4477, 1e-3))
+    (none,) = uncertainty_metrics(np.diag([-1e-20, -1e-20, 1.0])[None])
+    assert none.value == 0.0
     assert uncertainty_metrics(None) == uncertainty_metrics(known[:0]) == ()
     line = Trajectory(np.arange(2), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
     assert told in assess(Subject(line, covariances=known))

@@ -64,9 +64,9 @@ def points_and_grid(
     values: Values, layers: NDArray[Any]
 ) -> tuple[tuple[AccessPoint, ...], GridGeometry]:
     """Make the access points and the geometry of layers (A, rows, cols) of a file's values."""
-    fields = [np.asarray(values[f"access_point_{name}"], np.float64) for name in AP_FIELDS]
+    fields = {name: np.asarray(values[f"access_point_{name}"], np.float64) for name in AP_FIELDS}
     points = tuple(
-        AccessPoint(str(name), *(float(column[i]) for column in fields))
+        AccessPoint(str(name), **{key: float(column[i]) for key, column in fields.items()})
         for i, name in enumerate(values["access_point"])
     )
     origin_x_m, origin_y_m, resolution_m = (float(np.asarray(values[n]).item()) for n in GRID)
