@@ -34,7 +34,6 @@ from slarm_graph.backends.particle_tables import (
     update_table,
 )
 from slarm_graph.backends.path_covariance import (
-    covariance_notices,
     interpolate_covariances,
     sample_covariances,
 )
@@ -224,10 +223,9 @@ class GmappingBackend:
         tables = update_table(stamps_ns, particles), path_table("weighted_mean", mean)
         closures = (closed.closures,) if closed else ()
         covariances = None if closed is None else second_moments(path.poses, closed)
-        too_large = () if closed is None else covariance_notices(closed.graph, covariances)
-        if covariances is None and not too_large:
+        if covariances is None:
             covariances = self._covariances(path.poses)
-        notices = filter(None, (*particle_notices(particles), state.second_pass, *too_large))
+        notices = filter(None, (*particle_notices(particles), state.second_pass))
         return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(notices))
 
     def _covariances(self, poses: Floats) -> Floats:

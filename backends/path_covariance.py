@@ -13,19 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import bsr_matrix
-from scipy.sparse.linalg import splu
+from scipy.sparse import bsr_matrix, csc_array
 
 from slarm_graph.backends.path_interpolation import bracketing_anchors
+from slarm_graph.backends.selected_inverse import elimination_order, selected_inverse
 from slarm_graph.constraint import ConstraintKind, PoseGraph
 from slarm_graph.geometry import Floats, adjoints, between, symmetric, transform_covariances
-
-_MAX_NODES = 1000
-"""The time grows with the square of the nodes: 400 take 0.3 s, 3000 half a minute. Larger graphs
-are left without covariances."""
-_BATCH_NODES = 20
-"""Nodes solved for at once: what fits a core's cache. A hundred take half as long again, and their
-number moves the last digit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +70,7 @@ def path_covariances(
     Returns
     -------
     (S, 3, 3) float64 or None
-        Body frame [m^2, m rad, rad^2]; None for a graph of one node, of too many, or with a gap.
+        Body frame [m^2, m rad, rad^2]; None for a graph of one node, or with a gap.
     """
     nodes = node_covariances(graph)
     if nodes is None:
@@ -96,21 +89,11 @@ def path_covariances(
     return symmetric(total)
 
 
-def covariance_notices(graph: PoseGraph, covariances: Floats | None) -> tuple[str, ...]:
-    """Report that a graph is too large for covariances."""
-    if covariances is not None or len(graph.poses) <= _MAX_NODES:
-        return ()
-    return (
-        f"no covariances of the poses: the graph has {len(graph.poses)} nodes, and more than"
-        f" {_MAX_NODES} take too long",
-    )
-
-
 def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
     """Marginal covariances of each node, and of each with the next.
 
-    None for a graph of one node, of more than `_MAX_NODES`, with two nodes in a row that no
-    measured step joins, or with information that is singular in double precision.
+    None for a graph of one node, with two nodes in a row that no measured step joins, or with
+    information that is singular in double precision.
     """
     steps = _steps(graph)
     every = np.arange(len(graph.poses))
@@ -124,7 +107,7 @@ def node_covariances(graph: PoseGraph) -> NodeCovariances | None:
 def joint_covariances(
     graph: PoseGraph, rows: NDArray[np.int64], columns: NDArray[np.int64]
 ) -> Floats | None:
-    """Marginal covariances of pairs of nodes, by one sparse factorisation of the information.
+    """Marginal covariances of pairs of nodes that a constraint joins, or of one with itself.
 
     Parameters
     ----------
@@ -136,34 +119,28 @@ def joint_covariances(
     Returns
     -------
     (K, 3, 3) float64 or None
-        Each node in its own body frame; None for a graph of one node, of more than `_MAX_NODES`,
-        or with information that is singular in double precision.
+        Each node in its own body frame; None for a graph of one node, or with information that is
+        singular in double precision.
     """
-    count = len(graph.poses)
-    if not 2 <= count <= _MAX_NODES:
+    count = len(graph.poses) - 1
+    if count < 1:
         return None
-    try:
-        solver = splu(_information(graph).tocsc())
-    except RuntimeError:
+    i, j = np.array([(c.i - 1, c.j - 1) for c in graph.constraints]).T
+    free = (i >= 0) & (j >= 0)
+    order = _axes(elimination_order(count, i[free], j[free])).ravel()
+    inverse = selected_inverse(csc_array(_information(graph).tocsc()), order)
+    if inverse is None:
         return None
     pairs = np.zeros((len(rows), 3, 3))
-    size = 3 * (count - 1)
-    for first in range(1, count, _BATCH_NODES):
-        nodes = np.arange(first, min(first + _BATCH_NODES, count))
-        unit = np.zeros((size, 3 * len(nodes)))
-        diagonal = np.arange(3 * len(nodes))
-        unit[3 * (first - 1) + diagonal, diagonal] = 1.0
-        inverse = solver.solve(unit).reshape(count - 1, 3, len(nodes), 3)
-        if not (np.isfinite(inverse).all() and (_variances(inverse, nodes) >= 0.0).all()):
-            return None
-        here = np.flatnonzero((columns >= first) & (columns <= nodes[-1]) & (rows > 0))
-        pairs[here] = inverse[rows[here] - 1, :, columns[here] - first]
+    free = (rows > 0) & (columns > 0)
+    down, across = _axes(rows[free] - 1)[:, :, None], _axes(columns[free] - 1)[:, None, :]
+    pairs[free] = inverse.at(*np.broadcast_arrays(down, across))
     return pairs
 
 
-def _variances(inverse: Floats, nodes: NDArray[np.int64]) -> Floats:
-    """Variances (N, 3) of nodes, from the columns of the inverse information solved for them."""
-    return np.diagonal(inverse[nodes - 1, :, nodes - nodes[0]], axis1=1, axis2=2)
+def _axes(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Rows (K, 3) of nodes (K,) in a matrix of three per node."""
+    return 3 * nodes[:, None] + np.arange(3)
 
 
 def _steps(graph: PoseGraph) -> Floats | None:

@@ -10,7 +10,7 @@ from numpy.random import Generator
 
 from slarm_graph.backend import Heartbeat, SlamResult, silent
 from slarm_graph.backends.graph_building import GraphBuilder
-from slarm_graph.backends.path_covariance import covariance_notices, path_covariances
+from slarm_graph.backends.path_covariance import path_covariances
 from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.config import FrontendConfig, PoseGraphConfig, Stage
 from slarm_graph.frontends.scans.tracker import ScanTracker
@@ -69,11 +69,10 @@ class PoseGraphBackend:
         closed = self._builder.close_loops()
         graph = calibrated(closed.graph)
         covariances = path_covariances(graph, closed.scans, closed.poses, closed.variances)
-        notices = (*closed.notices, *covariance_notices(graph, covariances))
         if covariances is not None:
             covariances = covariances + closed.lag_covariances
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
-        return SlamResult(trajectory, covariances, graph, (closed.closures,), notices)
+        return SlamResult(trajectory, covariances, graph, (closed.closures,), closed.notices)
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

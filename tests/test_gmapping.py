@@ -14,7 +14,7 @@ import pytest
 
 from slarm_graph import backends
 from slarm_graph.backend import SlamResult
-from slarm_graph.backends import path_covariance, rbpf
+from slarm_graph.backends import rbpf
 from slarm_graph.backends.gmapping import GmappingBackend
 from slarm_graph.backends.particle_filter import normalised
 from slarm_graph.config import (
@@ -160,15 +160,6 @@ def test_covariances_without_a_graph_are_those_of_the_particles_about_the_best()
     assert known[at[-1], 2, 2] == pytest.approx(spread + 0.002**2)
     # All come from one start, of which the floor is left: a proposal's least and that of a cell.
     np.testing.assert_allclose(known[0, 0, 0], 0.005**2 + 0.05**2 / 12.0)
-
-
-def test_covariances_of_a_graph_too_large_are_left_out_and_told(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(path_covariance, "_MAX_NODES", 2)
-    result = run(made(), recorded()[0][:300])
-    assert result.covariances is None
-    assert any("no covariances of the poses" in notice for notice in result.notices)
 
 
 def test_eq_11_and_the_filters_books_are_shown() -> None:

@@ -107,15 +107,6 @@ def test_nodes_agree_with_gtsam() -> None:
     np.testing.assert_allclose(nodes.own, expected, rtol=1e-6, atol=1e-10)
 
 
-def test_solving_in_parts_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    coarse, fine, at = coarse_and_fine(8, True)
-    whole = path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)])
-    monkeypatch.setattr("slarm_graph.backends.path_covariance._BATCH_NODES", 3)
-    np.testing.assert_allclose(
-        path_covariances(coarse, at, fine.poses, EVEN[: len(fine.poses)]), whole, rtol=1e-9
-    )
-
-
 def test_scans_after_the_last_node_go_on() -> None:
     coarse, fine, at = coarse_and_fine(4, False)
     fewer = PoseGraph(coarse.poses[:-1], coarse.constraints[:-1])
