@@ -29,11 +29,7 @@ from slarm_graph.backends.closure_verification import verify_closures
 from slarm_graph.backends.submap_graph import COVISIBLE_M, SubmapGraph
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
-from slarm_graph.frontends.scans.place_recognition import (
-    PlaceDescriptor,
-    PlaceIndex,
-    describe_place,
-)
+from slarm_graph.frontends.scans.place_recognition import PlaceIndex
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, compose, transform_points
 
@@ -67,7 +63,7 @@ def close_loops_offline(
     """
     if len(graph.submaps) < 3:
         return graph, 0
-    index = PlaceIndex([_appearance(matcher, submap) for submap in range(len(graph.submaps))])
+    index = PlaceIndex([matcher.appearance(submap) for submap in range(len(graph.submaps))])
     tried: set[tuple[int, int]] = set()
     gated: list[Closure] = []
     for round_number in range(_ROUNDS):
@@ -113,12 +109,6 @@ def reassess_closures(
     readmitted = [replace(c, reason="") for c in graph.closures if id(c) in reassessed]
     other.add_closures(other.apply_gate(readmitted), heartbeat)
     return other
-
-
-def _appearance(matcher: SubmapMatcher, submap: int) -> PlaceDescriptor:
-    """Descriptor of a submap with its neighbours, about the median of its returns."""
-    middle = np.median(matcher.points_of(matcher.region(submap, 0)), axis=0)
-    return describe_place(matcher.points_of(matcher.region(submap)), middle)
 
 
 def _aligned(matcher: SubmapMatcher, candidates: Sequence[_Candidate]) -> list[Closure]:

@@ -107,6 +107,11 @@ class GraphBuilder:
         self._wheels: WheelMotion | None = None
         self._unmatched: list[WheelMotion] = []
         self._ambiguous: dict[int, Floats] = {}
+        self._matcher: SubmapMatcher | None = None
+
+    def kept_state(self) -> dict[str, object]:
+        """Leave out what can be built again."""
+        return {**vars(self), "_matcher": None}
 
     def add_scan(self, tracked: TrackedScan) -> None:
         """Add a scan; when it is a keyframe, extend the graph and search for loop closures."""
@@ -161,9 +166,9 @@ class GraphBuilder:
         """Search for loop closures over the whole recording, and optimise with all of them."""
         self._closer.forget_prepared()
         graph, frontend = self._graph, self._frontend
-        matcher = SubmapMatcher(
-            self._settings.loops, frontend.matching, graph.keyframes, graph.submaps
-        )
+        settings = (self._settings.loops, frontend.matching)
+        matcher = SubmapMatcher(*settings, graph.keyframes, graph.submaps, self._matcher)
+        self._matcher = matcher
         self._graph, gated = close_loops_offline(graph, matcher, self._heartbeat)
         graph = self._graph
         solution, weights = graph.reoptimized(self._heartbeat)

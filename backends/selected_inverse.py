@@ -129,8 +129,8 @@ def _factorised(
 ) -> tuple[Indices, Floats, Floats]:
     """Rows and values of the unit lower factor by columns, without its diagonal, and the pivots.
 
-    Ends at a pivot that is not positive. Row by row: row k of the factor solves a triangular system with the columns before it, which are
-    met in ascending order along the elimination tree.
+    Row by row: row k of the factor solves a triangular system with the columns before it, which are
+    met in ascending order along the elimination tree. Ends at a pivot that is not positive.
     """
     size = len(starts) - 1
     factor_rows = np.empty(factor_starts[size], dtype=np.int64)

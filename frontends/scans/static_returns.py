@@ -24,7 +24,7 @@ from slarm_graph.raster.firsts import first_in_cells
 
 _CELL_M = 0.25
 """Cell that a static return is observed in repeatedly: a passer-by leaves it in half a second."""
-_SEEN_BY, _WITHIN = 3, 10
+_SEEN_BY, CONFIRMED_WITHIN = 3, 10
 """Keyframes that must have observed it, of so many in a row: 2.5 m in a dense recording. Of ten
 passers-by about the robot, who cover a fiftieth of the cells nearby at a time, 2 % then stay."""
 
@@ -111,7 +111,8 @@ def _seen_repeatedly(cells: _Cells, observers: _Cells) -> NDArray[np.bool_]:
     order = np.lexsort((observers, cells))
     cell, observer = cells[order], observers[order]
     last = _SEEN_BY - 1
-    is_dense_from = (cell[last:] == cell[:-last]) & (observer[last:] - observer[:-last] < _WITHIN)
+    is_near = observer[last:] - observer[:-last] < CONFIRMED_WITHIN
+    is_dense_from = (cell[last:] == cell[:-last]) & is_near
     is_dense = np.zeros(len(cells), dtype=np.bool_)
     for shift in range(_SEEN_BY):
         is_dense[shift : len(is_dense) - last + shift] |= is_dense_from

@@ -21,9 +21,10 @@ from slarm_graph.frontends.scans.likelihood_grid import LikelihoodGrid, mean_lik
 from slarm_graph.frontends.scans.line_search import LineSearchMatch, line_search_match
 from slarm_graph.frontends.scans.loop_closure import POINT_INFORMATION, rejection_reason
 from slarm_graph.frontends.scans.match_information import misfit_discount
+from slarm_graph.frontends.scans.place_recognition import PlaceDescriptor, describe_place
 from slarm_graph.frontends.scans.significance import DECISIVE_NAT
 from slarm_graph.frontends.scans.small_matrix import invert3
-from slarm_graph.frontends.scans.static_returns import static_returns
+from slarm_graph.frontends.scans.static_returns import CONFIRMED_WITHIN, static_returns
 from slarm_graph.frontends.scans.submaps import (
     FINE_GRIDS,
     Keyframe,
@@ -55,7 +56,7 @@ _MISFIT = 4.0
 In simulated buildings matches that fit 0.9, 0.7, 0.5 and less were 0.9, 2, 2.5 and 2.8 times as far
 off (68 %) as curvature said; with 4 all are 0.7 to 1.0. Chosen on buildings of even number, right
 for those of odd number, too; half and double leave 1.8 and 0.5."""
-_MAX_VIEWS = 256
+_MAX_VIEWS = 1024
 """Cached views of regions: they take a tenth of a megabyte each."""
 
 
@@ -68,6 +69,8 @@ class SubmapMatcher:
     matching : MatchingConfig
     keyframes, submaps : sequences
         All of a recording.
+    earlier : SubmapMatcher, optional
+        Of the same recording when it was shorter: what still holds is not built again.
     """
 
     def __init__(
@@ -76,6 +79,7 @@ class SubmapMatcher:
         matching: MatchingConfig,
         keyframes: Sequence[Keyframe],
         submaps: Sequence[Submap],
+        earlier: SubmapMatcher | None = None,
     ) -> None:
         stricter = {"min_score": loops.min_submap_score}
         self._loops, self._matching = loops.model_copy(update=stricter), matching
@@ -91,6 +95,11 @@ class SubmapMatcher:
         )
         self._sides = SubmapCache(FINE_GRIDS, wall_sides)
         self._views: SubmapCache[View] = SubmapCache(_MAX_VIEWS, _view)
+        self._appearances: dict[tuple[int, int, int], PlaceDescriptor] = {}
+        if earlier is not None:
+            self._views = earlier._views
+            settled = len(earlier._poses) - CONFIRMED_WITHIN
+            self._appearances = {k: v for k, v in earlier._appearances.items() if k[1] <= settled}
 
     def region(self, submap: int, neighbours: int = _NEIGHBOURS) -> Submap:
         """Return the run of keyframes of a submap and its neighbours, in its frame."""
@@ -106,6 +115,15 @@ class SubmapMatcher:
         """Return the static returns (K, 2) of a submap in its frame [m]."""
         members = self._keyframes[submap.first : submap.last]
         return joined_returns([m.points_m for m in members], self._poses_of(submap))
+
+    def appearance(self, submap: int) -> PlaceDescriptor:
+        """Describe a submap with its neighbours, about the median of its own static returns."""
+        own, region = self.region(submap, 0), self.region(submap)
+        key = (region.first, region.last, region.anchor)
+        if key not in self._appearances:
+            middle = np.median(self.points_of(own), axis=0)
+            self._appearances[key] = describe_place(self.points_of(region), middle)
+        return self._appearances[key]
 
     def align(self, query: int, target: int, start: Floats) -> Closure:
         """Align one submap with the region around another.
