@@ -28,6 +28,9 @@ _REBUILD_GROWTH: Final = 1.7
 scans once."""
 _REBUILD_READINGS: Final = 150
 """At least so many readings, 15 s at 10 Hz, between two renderings: the robot stops meanwhile."""
+_STALE_SHARE: Final = 20
+"""One part in so many of a drive is too little to render all of it anew for, jump or end: with it
+all renderings take at most twenty times the last one."""
 _JUDGED_GROWTH: Final = 1.1
 """A geometric series: all consistency checks together cost eleven times the last one, which takes a
 second for 14,000 scans."""
@@ -103,8 +106,9 @@ class Survey:
     @property
     def is_stale(self) -> bool:
         """Whether rendering the map anew might change it much."""
-        old = self._last_rebuild < self.readings - _REBUILD_READINGS
-        return self._last_rebuild != self.readings and (self._has_moved or old)
+        since = self.readings - self._last_rebuild
+        old = since > max(_REBUILD_READINGS, self.readings // _STALE_SHARE)
+        return since > 0 and (self._has_moved or old)
 
     def kept_state(self) -> dict[str, object]:
         """Exclude from a snapshot what has its own, is read again, or can be made again."""
@@ -175,7 +179,7 @@ class Survey:
 
     def _rebuild_is_due(self) -> bool:
         """Whether to render anew: at growing intervals, soon after a jump; total cost is linear."""
-        soon = max(_REBUILD_READINGS // 3, self.readings // 20)
+        soon = max(_REBUILD_READINGS // 3, self.readings // _STALE_SHARE)
         jump = self._has_moved and self.readings - self._last_rebuild >= soon
         return jump or self.readings >= self._next_rebuild
 
