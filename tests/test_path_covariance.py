@@ -107,6 +107,18 @@ def test_nodes_agree_with_gtsam() -> None:
     np.testing.assert_allclose(nodes.own, expected, rtol=1e-6, atol=1e-10)
 
 
+def test_a_long_path_without_loops_adds_up_its_steps() -> None:
+    coarse, _, _ = coarse_and_fine(1500, False)
+    nodes = node_covariances(coarse)
+    assert nodes is not None
+    expected = np.zeros((3, 3))
+    for k in range(1499):
+        carry = adjoints(between(coarse.poses[k + 1], coarse.poses[k]))
+        np.testing.assert_allclose(nodes.cross[k], expected @ carry.T, rtol=1e-6, atol=1e-12)
+        expected = carry @ expected @ carry.T + Q
+        np.testing.assert_allclose(nodes.own[k + 1], expected, rtol=1e-6, atol=1e-12)
+
+
 def test_scans_after_the_last_node_go_on() -> None:
     coarse, fine, at = coarse_and_fine(4, False)
     fewer = PoseGraph(coarse.poses[:-1], coarse.constraints[:-1])

@@ -115,6 +115,42 @@ def test_a_submap_is_aligned_in_a_region(twice: list[Keyframe]) -> None:
     assert matcher.align(4, 2, np.array([0.0, 0.0, np.pi])).reason
 
 
+def test_what_an_earlier_matcher_built_is_that_of_a_fresh_one(twice: list[Keyframe]) -> None:
+    """Static returns near its end change when the recording goes on; those before do not."""
+    # Each fifth beam ends at a passer-by, whom no other scan sees there.
+    rng = np.random.default_rng(0)
+    keyframes = [
+        replace(k, points_m=np.where(rng.random((len(k.points_m), 1)) < 0.2, 0.7, 1.0) * k.points_m)
+        for k in twice
+    ]
+    starts = range(0, len(keyframes) - 5, 5)
+    submaps = [make_submap(keyframes, k, k + 5, k) for k in starts]
+    settings = PoseGraphConfig().loops, FrontendConfig().matching
+    half = len(submaps) // 2
+    # The recording ended in the middle of the next submap.
+    earlier = SubmapMatcher(*settings, keyframes[: submaps[half].first + 2], submaps[:half])
+    stale = [earlier.appearance(k) for k in range(half)]
+    walls = [earlier.evidence_against(k, k, np.zeros(3)) for k in range(half)]
+    later = SubmapMatcher(*settings, keyframes, submaps, earlier)
+    fresh = SubmapMatcher(*settings, keyframes, submaps)
+    for k in range(len(submaps)):
+        np.testing.assert_array_equal(later.appearance(k).walls_m, fresh.appearance(k).walls_m)
+        evidence = [m.evidence_against(k, k, np.zeros(3)) for m in (later, fresh)]
+        assert evidence[0] == evidence[1]
+    assert walls == [fresh.evidence_against(k, k, np.zeros(3)) for k in range(half)]
+    taken = [later.appearance(k) is stale[k] for k in range(half)]
+    assert all(taken[: half - 5])
+    assert not any(taken[half - 3 :])
+
+
+def test_places_of_one_region_are_described_each_from_its_own_middle(twice: list[Keyframe]) -> None:
+    submaps = [make_submap(twice, k, k + 5, k) for k in range(0, 15, 5)]
+    matcher = SubmapMatcher(PoseGraphConfig().loops, FrontendConfig().matching, twice, submaps)
+    for k in range(3):
+        middle = np.median(matcher.points_of(matcher.region(k, 0)), axis=0)
+        np.testing.assert_array_equal(matcher.appearance(k).middle_m, middle)
+
+
 def test_a_robot_that_was_lost_is_brought_back(twice: list[Keyframe]) -> None:
     """Kidnapped by 25 m and two radians: recovered by place recognition."""
     graph = SubmapGraph(PoseGraphConfig())
