@@ -26,9 +26,9 @@ from slarm_graph.backends.closure_sets import (
     contested_closures,
 )
 from slarm_graph.backends.closure_verification import verify_closures
-from slarm_graph.backends.submap_graph import COVISIBLE_M, SubmapGraph
+from slarm_graph.backends.submap_graph import SubmapGraph
 from slarm_graph.counts import count_of
-from slarm_graph.frontends.scans.closures import GATE_SIGMAS, Closure
+from slarm_graph.frontends.scans.closures import COVISIBLE_M, GATE_SIGMAS, Closure
 from slarm_graph.frontends.scans.place_recognition import PlaceIndex
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.geometry import Floats, between, compose, transform_points

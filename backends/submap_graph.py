@@ -29,7 +29,13 @@ from slarm_graph.backends.sliding_window import sliding_window
 from slarm_graph.backends.variance_components import reoptimized
 from slarm_graph.config import PoseGraphConfig
 from slarm_graph.constraint import Constraint, ConstraintKind, PoseGraph
-from slarm_graph.frontends.scans.closures import GATE_CHI2, GATE_SIGMAS, Closure, ClosureCandidates
+from slarm_graph.frontends.scans.closures import (
+    GATE_CHI2,
+    GATE_SIGMAS,
+    Closure,
+    ClosureCandidates,
+    covisible_submaps,
+)
 from slarm_graph.frontends.scans.small_pose import squared_mahalanobis
 from slarm_graph.frontends.scans.submaps import Keyframe, Submap, make_submap
 from slarm_graph.geometry import (
@@ -48,15 +54,8 @@ _LOCAL_NODES, _FULL_GROWTH = 200, 1.25
 """Up to so many nodes, and whenever their number has grown by the factor, all are optimised, else
 the newest: half and double change nothing (edmonton, mit-csail plain, hard_1_of_2; so below)."""
 GATED = "farther from the graph than the covariances allow"
-COVISIBLE_M, _DISTANCE_BIN_M = 3.0, 1.0
-"""Distance of the view centres of a submap and a keyframe that show the same walls, and bin in
-which distances count as equal. Half and double move edmonton by 3 % at most; with either, mit-csail
-hard_1_of_2 falls from one outcome (0.041 m) to another (0.033), plain it stays."""
-_PENDING, _PENDING_SHARE = 10, 0.25
-"""Closures, and share of the nodes, from which the graph is optimised though none is urgent:
-half moves a ward by 2 %, double nothing."""
 _URGENT_M, _URGENT_RAD = 0.0125, 0.0025
-"""Residual of a closure from which the graph is optimised at once, else closures are batched: a
+"""Residual of a closure from which the graph is optimised at once, else it waits for the next: a
 quarter of a cell of 0.05 m, here and 5 m ahead. Who drives by it along such cells is 9 mm off (RMS;
 12 with double) and drives again what was taken for visited: 695 m in all (763). With eight times as
 much 28 mm and 1004 m; recordings move by 0.1 %."""
@@ -77,8 +76,6 @@ class SubmapGraph:
         self._nodes: list[Floats] = []
         self._edges: list[Constraint] = []
         self.closures: list[Closure] = []
-        self._pending = 0
-        self._is_urgent = False
         self._steps: list[Constraint] = []
         self._relative = RelativeCovariances()
         self._drift_covariances: list[Floats] = []
@@ -219,12 +216,9 @@ class SubmapGraph:
         view = transform_points(here, self.keyframes[-1].view_center_m)
         nodes = np.array(self._nodes[:count])
         sigma_m, sigma_rad = (s[:count] for s in self.sigmas_from(len(self._nodes) - 1))
-        centers = compose(nodes, self._centers[:count])
-        distance = np.hypot(centers[:, 0] - view[0], centers[:, 1] - view[1])
-        bound_m = np.minimum(GATE_SIGMAS * sigma_m, self._config.loops.window_m)
-        near = np.flatnonzero(distance < COVISIBLE_M + bound_m)
-        # Of equally near submaps the oldest first: later visits are then all tied to the first one.
-        near = near[np.lexsort((near, np.floor(distance[near] / _DISTANCE_BIN_M)))]
+        centers_m = compose(nodes, self._centers[:count])[:, :2]
+        bounds_m = np.minimum(GATE_SIGMAS * sigma_m, self._config.loops.window_m)
+        near = covisible_submaps(centers_m, view, bounds_m)
         return ClosureCandidates(near, between(nodes[near], here), sigma_m[near], sigma_rad[near])
 
     def _old_submaps(self) -> int:
@@ -238,7 +232,8 @@ class SubmapGraph:
         return self._old
 
     def add_closures(self, closures: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
-        """Add closures; optimise when a residual is large, or when enough have accumulated."""
+        """Add closures; optimise when a residual is large."""
+        is_urgent = False
         for closure in closures:
             self.closures.append(closure)
             self._solution = None
@@ -247,12 +242,11 @@ class SubmapGraph:
             edge = self.edge(closure)
             self._edges.append(edge)
             self._relative.add(edge)
-            self._pending += 1
             predicted = between(self._nodes[edge.i], self._nodes[edge.j])
             residual = between(predicted, edge.i_from_j.as_array())
             if math.hypot(residual[0], residual[1]) > _URGENT_M or abs(residual[2]) > _URGENT_RAD:
-                self._is_urgent = True
-        if self._is_urgent or self._pending > _PENDING + int(_PENDING_SHARE * len(self._nodes)):
+                is_urgent = True
+        if is_urgent:
             self._optimize(heartbeat)
 
     def optimize_with(self, accepted: Sequence[Closure], heartbeat: Heartbeat = silent) -> None:
@@ -350,8 +344,6 @@ class SubmapGraph:
             heartbeat=heartbeat,
         )
         self._set_poses(first, optimized.poses[1:] if first else optimized.poses)
-        self._pending = 0
-        self._is_urgent = False
 
     def _set_poses(self, first: int, poses: Floats) -> None:
         """Set the poses of the nodes from `first` on, and invalidate relative covariances."""
