@@ -37,6 +37,10 @@ TEAR_DOUBTFUL_NAT, TEAR_INCONSISTENT_NAT = 3.0, 6.0
 MIN_CHECKED = 0.25
 """Share of the path that has to be seen again; below, the verdict is doubtful at best."""
 
+LOST_M, LOST_SHARE = 0.5, 0.01
+"""A trajectory counts as lost when more than this share of it is off by more than this [m], half a
+door. One that is expected to be, by its own covariances, is doubtful."""
+
 REVISIT_M, DETOUR_RATIO = 5.0, 2.0
 """Two visits check each other when the path between them is longer than this [m] and so many times
 the straight line: the robot has come back, instead of having looked ahead."""
@@ -64,6 +68,9 @@ class Contradictions:
         Steps at which the scans confirm odometry against the trajectory.
     points_m : (M, 2) float64
         Walls in conflict at the places, in the map [m].
+    unsure_share : float
+        Share of the poses expected to be off by more than `LOST_M`, as seen from the first one; nan
+        where their covariances are unknown.
     verdict : Verdict
     reasons : tuple of str
         Why, in words for people; empty when consistent.
@@ -77,6 +84,7 @@ class Contradictions:
     places: tuple[ConflictPlace, ...]
     tears: tuple[Tear, ...]
     points_m: Floats
+    unsure_share: float = math.nan
     verdict: Verdict = "consistent"
     reasons: tuple[str, ...] = ()
 
@@ -101,8 +109,9 @@ def contradictions(
     trajectory: Trajectory,
     odometry: Floats | None = None,
     visits: Visits | None = None,
+    position_sds_m: Floats | None = None,
 ) -> Contradictions:
-    """Check a trajectory for consistency with its scans, and with odometry where there is one.
+    """Check a trajectory for consistency with its scans, its odometry, and what it claims to be.
 
     Parameters
     ----------
@@ -113,6 +122,8 @@ def contradictions(
         `odom_from_robot` at each scan [m, m, rad]; nan where there was none.
     visits : Visits, optional
         Of these scans, where they are at hand.
+    position_sds_m : (N,) float64, optional
+        Standard deviation of every position along an axis, as seen from the first pose [m].
     """
     if len(scans) != len(trajectory):
         raise ValueError(f"{len(scans)} scans for {len(trajectory)} poses")
@@ -132,6 +143,7 @@ def contradictions(
         places=places,
         tears=torn,
         points_m=points,
+        unsure_share=unsure_share(position_sds_m),
     )
     return _with_verdict(result)
 
@@ -148,6 +160,23 @@ def checked_share(visits: Visits, pairs: VisitPairs) -> float:
     seen: NDArray[np.bool_] = np.zeros(len(visits), dtype=np.bool_)
     seen[pairs.visits[back].ravel()] = True
     return float(length[seen].sum() / length.sum())
+
+
+def unsure_share(position_sds_m: Floats | None) -> float:
+    """Share of positions expected to be off by more than `LOST_M`; nan where nothing is known.
+
+    With normal errors alike along both axes, distances have Rayleigh's distribution.
+
+    Parameters
+    ----------
+    position_sds_m : (N,) float64 or None
+        Standard deviations along an axis [m].
+    """
+    if position_sds_m is None or not len(position_sds_m):
+        return math.nan
+    # Below a millionth of it nothing is off so far, and a square would be no normal number.
+    sigmas = LOST_M / np.maximum(position_sds_m, 1e-6 * LOST_M)
+    return float(np.exp(-0.5 * sigmas**2).mean())
 
 
 def _expected(pairs: VisitPairs) -> tuple[float, float]:
@@ -189,6 +218,11 @@ def _reasons(result: Contradictions) -> tuple[str, ...]:
         )
     if result.tears:
         reasons.append(f"scans and odometry contradict {len(result.tears)} step(s)")
+    if result.unsure_share > LOST_SHARE:
+        reasons.append(
+            f"{result.unsure_share:.0%} of the way is expected to be more than {LOST_M:g} m off, as"
+            " seen from its start, by the covariances of its poses"
+        )
     if result.checked_share < MIN_CHECKED:
         reasons.append(
             f"only {result.checked_share:.0%} of the way was seen again, the rest is not judged"
