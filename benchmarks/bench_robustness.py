@@ -27,8 +27,7 @@ from harder import VARIANTS, Recorded, odometry_of
 from planting import FAR_M, LOST_SHARE
 
 from slarm_graph.app.calls import run_backend
-from slarm_graph.app.consistency_check import check_trajectory
-from slarm_graph.backend import position_sds_m
+from slarm_graph.app.consistency_check import check_slam
 from slarm_graph.config import RunConfig
 from slarm_graph.eval.alignment import AlignmentMethod, align
 from slarm_graph.eval.association import associate
@@ -116,7 +115,7 @@ def _run(readings: Sequence[Reading], backend: str) -> tuple[Trajectory, str]:
     for reading in readings:
         log.append(reading)
     slam = run_backend(readings, config=RunConfig(backend=backend))
-    return slam.trajectory, check_trajectory(log, slam.trajectory, position_sds_m(slam)).verdict
+    return slam.trajectory, check_slam(log, slam).verdict
 
 
 def _errors_m(truth: Trajectory, estimate: Trajectory) -> Floats:

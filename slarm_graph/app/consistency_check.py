@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.backend import SlamResult, position_sds_m
 from slarm_graph.config import SimulationConfig, SourceConfig
 from slarm_graph.consistency import Contradictions, contradictions
 from slarm_graph.counts import count_of
 from slarm_graph.errors import BadInput
 from slarm_graph.files.trajectories import read_trajectory, trajectory_file
 from slarm_graph.frontends.recordings.sources import existing_paths, open_source
-from slarm_graph.geometry import Floats
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.trajectory import Trajectory
 
@@ -27,20 +27,20 @@ _SAME_NS = 5_000_000
 """Largest difference of the stamps of a scan and its pose [ns]; a scan takes 13 ms and more."""
 
 
-def check_trajectory(
-    log: ReadingLog, trajectory: Trajectory, position_sds_m: Floats | None = None
-) -> Contradictions:
-    """Check the consistency of a trajectory that has a pose for every reading of a log.
+def check_slam(log: ReadingLog, slam: SlamResult) -> Contradictions:
+    """Check the consistency of a SLAM result with the log it was made from.
 
-    Parameters
-    ----------
-    log : ReadingLog
-    trajectory : Trajectory
-    position_sds_m : (N,) float64, optional
-        Standard deviation of every position along an axis, as seen from the first pose [m].
+    Covariances count where they are those of a pose graph, learned from its redundancy. Second
+    moments of particles are about one other path, and hold how its first heading differs.
     """
+    sds_m = None if slam.pose_graph is None else position_sds_m(slam)
     odometry = log.odometry_poses()
-    return contradictions(log.scans, trajectory, odometry, position_sds_m=position_sds_m)
+    return contradictions(log.scans, slam.trajectory, odometry, position_sds_m=sds_m)
+
+
+def check_trajectory(log: ReadingLog, trajectory: Trajectory) -> Contradictions:
+    """Check the consistency of a trajectory that has a pose for every reading of a log."""
+    return contradictions(log.scans, trajectory, log.odometry_poses())
 
 
 def check_trajectory_file(

@@ -12,7 +12,7 @@ from slarm_graph import backends
 from slarm_graph.access_points import RadioMap
 from slarm_graph.app.allocation import freeze_garbage_collector, keep_freed_layers
 from slarm_graph.app.checkpoint import Checkpoint, saved_states
-from slarm_graph.app.consistency_check import check_trajectory
+from slarm_graph.app.consistency_check import check_slam
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job, Run
@@ -35,7 +35,7 @@ from slarm_graph.app.outputs import (
 from slarm_graph.app.progress import Progress
 from slarm_graph.app.run_folder import RunFolder
 from slarm_graph.app.run_report import save_report
-from slarm_graph.backend import SlamBackend, SlamResult, position_sds_m
+from slarm_graph.backend import SlamBackend, SlamResult
 from slarm_graph.config import RunConfig
 from slarm_graph.consistency import Contradictions
 from slarm_graph.counts import count_of
@@ -176,7 +176,7 @@ def check_consistency(
 ) -> Contradictions:
     """Check the consistency of a trajectory and write the verdict."""
     with folder.stage("consistency", progress):
-        verdict = check_trajectory(log, slam.trajectory, position_sds_m(slam))
+        verdict = check_slam(log, slam)
         save_consistency(folder, verdict)
     return verdict
 
