@@ -86,6 +86,17 @@ def test_it_is_drawn_anew_ever_more_seldom(monkeypatch: pytest.MonkeyPatch) -> N
     assert whole.dt_s == pytest.approx(0.1)
 
 
+def test_what_is_old_is_told_by_the_length_of_the_drive(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where all of a drive is the share that is too little, and a half of it."""
+    monkeypatch.setattr(survey, "_STALE_SHARE", 1)
+    _, _, stale = surveyed(monkeypatch, {}, 404)
+    assert not any(stale)
+    monkeypatch.setattr(survey, "_STALE_SHARE", 2)
+    _, _, stale = surveyed(monkeypatch, {}, 404)
+    assert stale == [k - 150 > k // 2 for k in range(1, 405)]
+    assert stale.index(True) == 300
+
+
 @pytest.mark.parametrize(
     ("jump", "is_one"),
     [
