@@ -62,7 +62,7 @@ def reproduce(
     tell: Callable[[str], None] = silent,
     progress: Progress | None = None,
 ) -> tuple[Outcome, ...]:
-    """Run what is missing, then write tables and figures into a folder.
+    """Run what is missing, and write tables and figures into a folder, anew after every seed.
 
     Parameters
     ----------
@@ -83,10 +83,15 @@ def reproduce(
     if len(missing) < len(trials):
         tell(f"{len(trials) - len(missing)} of {len(trials)} closed loops are there already")
 
+    per_seed, ended = len(trials) // plan.seeds, list[Outcome]()
+
     def told(outcome: Outcome) -> None:
-        """Say what came of a closed loop."""
+        """Say what came of a closed loop, and show what is there when a seed's have all ended."""
         accuracy = outcome.figures.get("accuracy", float("nan"))
         tell(f"{outcome.folder}: {outcome.status}, accuracy {accuracy:.4f}")
+        ended.append(outcome)
+        if len(ended) < len(missing) and len(ended) % per_seed == 0:
+            show(folder, plan, {trial: read_outcome(trial) for trial in trials})
 
     ran = compare(missing, workers=jobs, tell=told, progress=progress) if missing else ()
     outcomes |= dict(zip(missing, ran, strict=True))

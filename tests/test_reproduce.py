@@ -1,0 +1,124 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""The paper's figures of closed loops that have ended: which are run, and what is made of them."""
+
+import csv
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import pytest
+
+from slarm_graph.app.outcomes import read_outcome
+from slarm_graph.app.trials import Trial
+from slarm_graph.eval.comparison import Outcome
+from slarm_graph.paper import reproduce as module
+from slarm_graph.paper.plan import Plan
+from slarm_graph.paper.reproduce import reproduce
+from slarm_graph.paper.summary import Hypothesis
+
+PLAN = Plan(resolutions_m=(0.2, 0.15), speeds_m_s=(1.0,), explorers=("ggmr",), seeds=2)
+"""Two cell sizes that figure 4 does not show, both backends: four closed loops per seed."""
+
+
+def accuracy(name: str) -> float:
+    """Of a closed loop by its folder's name: by the cell size, less a hundredth per seed."""
+    _, *_, cell, _, seed = name.split("_")
+    return 1.0 - float(cell.removesuffix("m")) - 0.01 * int(seed)
+
+
+def write_run(folder: Path, status: str = "ok") -> None:
+    folder.mkdir(parents=True, exist_ok=True)
+    values = {"accuracy": accuracy(folder.name), "drive_time_s": 100.0, "collisions": 0.0}
+    for prior, less in (("with", 0.0), ("without", 0.2)):
+        for radius in ("cell", "robot", "zero"):
+            values[f"accuracy_re_{radius}_{prior}_sizes"] = accuracy(folder.name) - less
+    metrics = {name: {"value": value} for name, value in values.items()}
+    (folder / "metrics.json").write_text(json.dumps(metrics))
+    (folder / "run.json").write_text(json.dumps({"status": status, "wall_s": 30.0}))
+
+
+@pytest.fixture
+def ran(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
+    """Names of the closed loops of every comparison, which writes their folders at once."""
+    names: list[list[str]] = []
+
+    def compare(
+        trials: Sequence[Trial], *, tell: Callable[[Outcome], None], **_: object
+    ) -> tuple[Outcome, ...]:
+        names.append([trial.folder.name for trial in trials])
+        outcomes = []
+        for trial in trials:
+            write_run(trial.folder)
+            outcomes.append(read_outcome(trial))
+            tell(outcomes[-1])
+        return tuple(outcomes)
+
+    monkeypatch.setattr(module, "compare", compare)
+    return names
+
+
+@pytest.fixture
+def no_theory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave out what is the same whatever was run, and takes seconds."""
+    guess = Hypothesis("R_e = one cell", 0.2, 0.0, 0.7)
+    monkeypatch.setattr(module, "_theory", lambda *_: None)
+    monkeypatch.setattr(module, "hypotheses", lambda *_: [guess])
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "results.csv").open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_seeds_of_a_setting_are_gathered(tmp_path: Path, ran: list[list[str]]) -> None:
+    said: list[str] = []
+    outcomes = reproduce(tmp_path, PLAN, tell=said.append)
+    assert len(outcomes) == 8
+    assert [len(names) for names in ran] == [8]
+    # The first seed first, and of it the quickest.
+    assert ran[0][:2] == ["ggmr_pose_graph_0.2m_1ms_0", "ggmr_gmapping_0.2m_1ms_0"]
+    assert said[0] == "ggmr_pose_graph_0.2m_1ms_0: ok, accuracy 0.8000"
+    rows = rows_of(tmp_path)
+    assert len(rows) == 2 * 2 * 2 * 3
+    for row in rows:
+        expected = 0.995 - float(row["resolution_m"]) - (0.2 if row["prior"] == "extent" else 0.0)
+        assert float(row["accuracy"]) == pytest.approx(expected)
+        assert float(row["accuracy_min"]) == pytest.approx(expected - 0.005)
+        assert float(row["accuracy_sd"]) == pytest.approx(0.005)
+        assert (row["seeds"], float(row["drive_time_s"])) == ("2", 100.0)
+    pictures = {path.name for path in tmp_path.glob("*.png")}
+    assert pictures == {"fig5_ggmr.png", "times_ggmr.png", "complexity.png"}
+
+
+@pytest.mark.usefixtures("no_theory")
+def test_figures_are_drawn_anew_after_every_seed(
+    tmp_path: Path, ran: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not once more after the last one: the end draws them all."""
+    drawn: list[int] = []
+
+    def show(folder: Path, plan: Plan, outcomes: dict[Trial, Outcome]) -> None:
+        assert folder == tmp_path and plan is PLAN and len(outcomes) == 8
+        drawn.append(sum(outcome.status == "ok" for outcome in outcomes.values()))
+
+    monkeypatch.setattr(module, "show", show)
+    reproduce(tmp_path, PLAN)
+    assert drawn == [4, 8]
+
+
+@pytest.mark.usefixtures("no_theory")
+def test_only_what_is_missing_is_run(
+    tmp_path: Path, ran: list[list[str]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "show", lambda *_: None)
+    there = [t.folder for t in PLAN.trials(tmp_path)]
+    for folder in there[:5]:
+        write_run(folder)
+    write_run(there[5], status="partial")
+    said: list[str] = []
+    reproduce(tmp_path, PLAN, tell=said.append)
+    assert said[0] == "5 of 8 closed loops are there already"
+    assert ran == [[folder.name for folder in there[5:]]]
+    reproduce(tmp_path, PLAN, tell=said.append)
+    assert len(ran) == 1
