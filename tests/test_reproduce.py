@@ -8,11 +8,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
+from matplotlib.figure import Figure
 
 from slarm_graph.app.outcomes import read_outcome
 from slarm_graph.app.trials import Trial
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.paper import reproduce as module
+from slarm_graph.paper.figures import Curve, _draw_panel
 from slarm_graph.paper.plan import Plan
 from slarm_graph.paper.reproduce import reproduce
 from slarm_graph.paper.summary import Hypothesis
@@ -122,3 +124,19 @@ def test_only_what_is_missing_is_run(
     assert ran == [[folder.name for folder in there[5:]]]
     reproduce(tmp_path, PLAN, tell=said.append)
     assert len(ran) == 1
+
+
+def test_curves_of_one_drive_have_one_colour_and_known_sizes_are_broken() -> None:
+    labels = [
+        f"{backend}, {speed} m/s, with{sizes} sizes"
+        for backend in ("pose_graph", "gmapping")
+        for speed in (0.2, 1)
+        for sizes in ("", "out")
+    ]
+    axes = Figure().subplots()
+    _draw_panel(axes, [Curve(label, "R_e = 0", [0.1], [0.9], [0.0]) for label in labels], ())
+    lines = [container[0] for container in axes.containers]
+    assert [line.get_linestyle() for line in lines] == ["--", "-"] * 4
+    colours = [line.get_color() for line in lines]
+    assert colours[::2] == colours[1::2]
+    assert len(set(colours)) == 4

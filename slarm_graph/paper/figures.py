@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -22,7 +23,8 @@ from slarm_graph.radio.pictures import draw_gain
 
 _DPI: Final = 130
 """Of pictures on a screen: 130 pixels to the inch make them as wide as the page."""
-_STYLES: Final = ("-", "--", ":", "-.")
+_KNOWN_SIZES: Final = ", with sizes"
+"""End of the labels of curves that are drawn broken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,13 +67,28 @@ def save_accuracy_figure(
 ) -> None:
     """Draw accuracy over resolution, a panel per kind of curve in the order in which they come."""
     panels = list(dict.fromkeys(curve.panel for curve in curves))
-    figure = Figure(figsize=(5.0 * len(panels), 4.8), layout="constrained")
+    figure = Figure(figsize=(5.0 * len(panels), 5.4), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(title)
     all_axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    shared: dict[str, Artist] = {}
     for axes, panel in zip(all_axes, panels, strict=True):
         _draw_panel(axes, [c for c in curves if c.panel == panel], paper)
         axes.set_title(panel)
+        handles, labels = axes.get_legend_handles_labels()
+        if sum({c.label for c in curves if c.panel == p} == set(labels) for p in panels) > 1:
+            shared |= dict(zip(labels, handles, strict=True))
+        else:
+            axes.legend(fontsize=7, handlelength=3.5)
+    if shared:
+        figure.legend(
+            list(shared.values()),
+            list(shared),
+            loc="outside lower center",
+            ncols=6,
+            fontsize=8,
+            handlelength=3.5,
+        )
     all_axes[0].set_ylabel("accuracy [%]")
     figure.savefig(path, dpi=_DPI)
 
@@ -131,10 +148,10 @@ def save_complexity_figure(path: Path, table: Sequence[Complexity]) -> None:
 def _draw_panel(
     axes: Axes, curves: Sequence[Curve], paper: Sequence[tuple[float, float, str]]
 ) -> None:
-    names = [c.label.split(",")[0] for c in curves]
-    for index, (name, curve) in enumerate(zip(names, curves, strict=True)):
+    names = [c.label.rpartition(", with")[0] or c.label for c in curves]
+    for name, curve in zip(names, curves, strict=True):
         color = f"C{sorted(set(names)).index(name)}"
-        style = _STYLES[names[:index].count(name) % len(_STYLES)]
+        style = "--" if curve.label.endswith(_KNOWN_SIZES) else "-"
         percent, spread = 100 * np.array(curve.accuracy), 100 * np.array(curve.spread)
         axes.errorbar(
             curve.resolution_m,
@@ -154,10 +171,10 @@ def _draw_panel(
             textcoords="offset points",
             xytext=(6, -12),
             fontsize=8,
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.7, "pad": 1.0},
         )
     axes.set_xlabel("resolution [m]")
     axes.grid(alpha=0.3)
-    axes.legend(fontsize=7, handlelength=3.5)
 
 
 def gallery_html(

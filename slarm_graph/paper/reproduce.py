@@ -21,6 +21,7 @@ from slarm_graph.app.progress import Progress
 from slarm_graph.app.trials import Trial
 from slarm_graph.backend import silent
 from slarm_graph.config import DrivingConfig, RunConfig
+from slarm_graph.counts import count_of
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.files.worlds import load_world
 from slarm_graph.paper.figures import (
@@ -180,11 +181,12 @@ def _shown_maps(
 
 def _figure_title(explorer: str, rows: Sequence[Row]) -> str:
     seeds = sorted({row.seeds for row in rows})
-    count = f"{seeds[0]}" if len(seeds) == 1 else f"{seeds[0]} to {seeds[-1]}"
+    count = count_of(seeds[-1], "seed")
+    count = count if len(seeds) == 1 else f"{seeds[0]} to {count}"
     what = "the paper's Algorithm 1, " if explorer == "ggmr" else ""
     return (
         f"Figure 5: accuracy of the radio map, {explorer} ({what}every reachable cell driven to,"
-        f" a drive of its own per cell size, speed and seed; {count} seeds)"
+        f" a drive of its own per cell size, speed and seed; {count})"
     )
 
 
