@@ -75,9 +75,12 @@ def selected_inverse(matrix: csc_array, order: Indices) -> SelectedInverse | Non
     factor_rows, factor, pivots = _factorised(starts, rows, ordered.data, parents, factor_starts)
     if not (np.isfinite(pivots) & (pivots > 0.0)).all():
         return None
+    diagonal, below = _inverted(factor_starts, factor_rows, factor, pivots)
+    if not (np.isfinite(diagonal) & (diagonal >= 0.0)).all():
+        return None
     position = np.empty_like(order)
     position[order] = np.arange(len(order))
-    return SelectedInverse(position, *_inverted(factor_starts, factor_rows, factor, pivots))
+    return SelectedInverse(position, diagonal, factor_starts, factor_rows, below)
 
 
 def elimination_order(count: int, i: Indices, j: Indices) -> Indices:
@@ -173,8 +176,8 @@ def _factorised(
 @kernel
 def _inverted(
     starts: Indices, rows: Indices, factor: Floats, pivots: Floats
-) -> tuple[Floats, Indices, Indices, Floats]:
-    """Diagonal, and starts, rows and values below it, of the inverse on the factor's pattern.
+) -> tuple[Floats, Floats]:
+    """Diagonal of the inverse, and its values below it on the factor's pattern.
 
     With Z the inverse and L the factor, Z = D^-1 L^-1 + (1 - L^T) Z.
     """
@@ -199,7 +202,7 @@ def _inverted(
         for entry in range(begin, end):
             diagonal[j] -= factor[entry] * values[entry]
             place[rows[entry]] = -1
-    return diagonal, starts, rows, values
+    return diagonal, values
 
 
 @kernel

@@ -81,3 +81,8 @@ def test_the_order_of_elimination_keeps_a_star_sparse() -> None:
     found = selected_inverse(csc_array(matrix), order)
     assert found is not None
     assert len(found.rows) == 199
+
+
+def test_an_inverse_beyond_double_precision_is_none() -> None:
+    """Its pivots are positive, but 1e-310 has no inverse."""
+    assert selected_inverse(csc_array(np.diag([1.0, 1e-310])), np.arange(2)) is None
