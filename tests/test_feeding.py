@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from slarm_graph.app.checkpoint import Checkpoint, saved_states
+from slarm_graph.app.checkpoint import Checkpoint, WriteInterval, saved_states
 from slarm_graph.app.ending import Stop, memory_mb
 from slarm_graph.app.feeding import feed
 from slarm_graph.app.job import Job
@@ -120,6 +120,25 @@ def test_resumed_equals_in_one_go(folder: RunFolder) -> None:
     odometry = log.odometry()
     assert odometry is not None
     assert len(odometry) == len(log.scans) == 40
+
+
+@pytest.mark.parametrize("cost_s", [0.02, 0.5, 8.0])
+def test_an_interval_that_is_not_given_loses_least(
+    cost_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_s = [0.0]
+    monkeypatch.setattr("slarm_graph.app.checkpoint.time.monotonic", lambda: now_s[0])
+    # Lost in an hour with one failure: writing, and half an interval of work on average.
+    tried_s = np.arange(0.5, 1000.0, 0.5)
+    best_s = tried_s[np.argmin(3600.0 * cost_s / tried_s + 0.5 * tried_s)]
+    for every_s, due_s in ((None, best_s), (50.0, 50.0)):
+        interval = WriteInterval(every_s)
+        with interval.writing():
+            now_s[0] += cost_s
+        now_s[0] += due_s - 0.6
+        assert not interval.is_due()
+        now_s[0] += 1.2
+        assert interval.is_due()
 
 
 def test_checkpoints_are_written_when_due(

@@ -5,13 +5,12 @@
 from __future__ import annotations
 
 import logging
-import time
 from dataclasses import replace
 
 import numpy as np
 
 from slarm_graph import backends, parts
-from slarm_graph.app.checkpoint import Checkpoint, saved_states
+from slarm_graph.app.checkpoint import Checkpoint, WriteInterval, saved_states
 from slarm_graph.app.ending import Stop
 from slarm_graph.app.feeding import log_early_end
 from slarm_graph.app.job import Run
@@ -143,29 +142,30 @@ class LiveFiles:
     log : ReadingLog
     loop : ClosedLoop
         Only read: writing does not change the drive.
-    every_s : float
-        Least wall time between two writes [s].
+    interval : WriteInterval
     """
 
     def __init__(
-        self, folder: RunFolder, log: ReadingLog, loop: ClosedLoop, every_s: float
+        self, folder: RunFolder, log: ReadingLog, loop: ClosedLoop, interval: WriteInterval
     ) -> None:
         self._folder, self._log, self._loop = folder, log, loop
-        self._every_s, self._written_s = every_s, time.monotonic()
+        self._interval = interval
 
     def write_if_due(self) -> None:
         """Write when it is due."""
-        if time.monotonic() - self._written_s >= self._every_s:
+        if self._interval.is_due():
             self.write()
 
     def write(self) -> None:
         """Write `odometry.tum`, `scans.csv`, `trajectory.tum` and `map.pgm/.yaml`."""
-        save_readings(self._folder, self._log)
-        if len(self._log):
-            save_trajectory(self._folder, "trajectory", self._loop.survey.believed)
-        live = self._loop.live
-        save_map(self._folder, "map", live.driving_geometry, of_layers(live.occupied, live.free))
-        self._written_s = time.monotonic()
+        with self._interval.writing():
+            save_readings(self._folder, self._log)
+            if len(self._log):
+                save_trajectory(self._folder, "trajectory", self._loop.survey.believed)
+            live = self._loop.live
+            save_map(
+                self._folder, "map", live.driving_geometry, of_layers(live.occupied, live.free)
+            )
 
 
 def _drive(
@@ -193,7 +193,7 @@ def _drive(
         if saved is not None:
             loop.restore(saved.states)
     checkpoint = Checkpoint(folder, config.checkpoint, lambda: SavedStates(loop.snapshot(), {}))
-    live = LiveFiles(folder, log, loop, config.checkpoint.every_s)
+    live = LiveFiles(folder, log, loop, WriteInterval(config.checkpoint.every_s))
     stop = Stop(config.limits)
     with stop.on_signals(), log_early_end(log):
         try:

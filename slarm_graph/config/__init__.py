@@ -40,8 +40,9 @@ from slarm_graph.errors import BadInput
 class CheckpointConfig(Stage):
     """Checkpoints, from which an interrupted run is resumed."""
 
-    every_s: float = Field(default=60.0, gt=0)
-    """Time between two checkpoints."""
+    every_s: float | None = Field(default=None, gt=0)
+    """Time between two checkpoints [s]; null: by what one takes, so that a failure an hour costs
+    least."""
     keep: bool = False
     """Whether the last checkpoint is kept when the run has finished."""
 
