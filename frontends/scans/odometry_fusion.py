@@ -90,7 +90,11 @@ def fused_predictions(
     """
     (x, P), motions, covariances = velocity, np.empty((3, 3)), np.empty((4, 3, 3))
     z, R = calibrated_motion(
-        increment, parameters.variance_factor, parameters.errors, parameters.covariance
+        increment,
+        parameters.source_factors,
+        np.ones(3),
+        parameters.errors,
+        parameters.covariance,
     )
     R = add_diagonal3(_with_heading_lever(R, z, steps), lag)
     predicted, covariance = integrated_velocity(x, P, span_s)
@@ -99,7 +103,7 @@ def fused_predictions(
         x, P = kalman_update(x, P, subtract3(z, predicted), R, scaled3(np.eye(3), span_s))
         fused, fused_covariance = integrated_velocity(x, P, span_s)
     correlated = correlated_covariance(
-        increment, parameters.variance_factor, parameters.path_variance_factor
+        increment, parameters.source_factors, parameters.path_variance_factor
     )
     for row in range(3):
         motions[0, row], motions[1, row], motions[2, row] = predicted[row], z[row], fused[row]
@@ -188,7 +192,11 @@ def path_motion(
     in all steps; of them the Jacobian (3, 3), in the body frame after the motion, adds up instead.
     """
     motion, working = calibrated_motion(
-        increment, parameters.path_variance_factor, parameters.errors, np.zeros((3, 3))
+        increment,
+        parameters.source_factors,
+        parameters.path_variance_factor,
+        parameters.errors,
+        np.zeros((3, 3)),
     )
     total = np.zeros((3, 3))
     working = _with_heading_lever(working, motion, steps)

@@ -9,6 +9,10 @@ IEEE T-AC 15(2), 1970). So is an error of reading odometry: wrong stamps shift i
 encoder ticks and degrees are rounded. The errors of matches are proportional to their nominal ones
 in all directions; laterally, where wheels do not move, odometry has no reading error, and what is
 taken back there is the matches'.
+
+Of odometry's noise there are three sources: some per step, some per distance and some per angle.
+How much of each there is depends on the robot, the floor and the clock; squared residuals of steps
+that differ in distance and angle tell them apart.
 """
 
 from __future__ import annotations
@@ -26,8 +30,12 @@ _FIRST_STEPS, _MOST_STEPS = 20.0, 100.0
 """Steps that the prior of the noise is worth, and the memory of the averages."""
 _PATH_STEPS = 10
 """Steps per sum of residuals: longer than an error of a match lasts, shorter than a drive."""
+_PRIOR_LOG_VARIANCE, _STEP_LOG_VARIANCE = 2.0 / _FIRST_STEPS, 2.0 / _MOST_STEPS**2
+"""Variance of the log variance of a source a priori, and its growth per step. A squared residual
+over its variance has itself a variance of 2: so many steps weigh as much as the prior, and a filter
+in its steady state remembers so many."""
 _MIN_FACTOR = 0.01
-"""Lower bound of odometry's variance over the model's: a tenth of the standard deviation."""
+"""Lower bound of odometry's variance over the prior's: a tenth of the standard deviation."""
 _MAX_MATCH_FACTOR = 1000.0
 """Upper bound of a match's variance over the nominal one: 30 times the standard deviation."""
 _LATERAL = 1
@@ -41,14 +49,15 @@ class OdometryNoise:
     """Estimator of the noise of odometry, per step and along a path, and of matches."""
 
     def __init__(self) -> None:
-        self.variance_factor: Floats = np.ones(3)
-        """Actual over model variance of odometry's noise in x, y and theta."""
+        self.source_factors: Floats = np.ones((3, 3))
+        """Actual over prior variance of every source of odometry's noise, in x, y and theta."""
         self.match_variance_factor: Floats = np.ones(3)
         """Actual over nominal variance of a match, at least 1."""
         self.path_variance_factor: Floats = np.ones(3)
-        """As `variance_factor`, per step of a path of many steps: correlated errors add up."""
+        """Variance per step of a path over that of a step: correlated errors add up."""
         self.reading_variances: Floats = np.zeros(3)
         """Variance (3,) of a reading of odometry: taken back by the next, and not the matches'."""
+        self._log_covariances: Floats = np.stack([_PRIOR_LOG_VARIANCE * np.eye(3)] * 3)
         self._sum: Floats = np.zeros(3)
         self._sum_length = 0
         self._all_informative = self._is_informative = np.ones(3, dtype=np.bool_)
@@ -74,17 +83,20 @@ class OdometryNoise:
         self._previous = None
 
     def learn(
-        self, residual: Floats, model: Floats, nominal: Floats, informative: NDArray[np.bool_]
+        self, residual: Floats, sources: Floats, nominal: Floats, informative: NDArray[np.bool_]
     ) -> None:
         """Update the estimates by the residual between odometry and a match in a step.
 
         Parameters
         ----------
-        residual, model, nominal : (3,) float64
-            Difference [m, m, rad], and model variances of odometry and nominal ones of a match.
+        residual, nominal : (3,) float64
+            Difference [m, m, rad], and nominal variances of a match.
+        sources : (3, 3) float64
+            Prior variances of odometry, by source and axis.
         informative : (3,) bool
             Along which axes the match is surer than odometry.
         """
+        model = noise_variances(sources, self.source_factors)
         if math.isnan(self._square[0]):
             # A first match less certain than odometry is no prior of the matches' noise.
             first = np.minimum(nominal, model)
@@ -99,8 +111,16 @@ class OdometryNoise:
         self._steps = min(self._steps + 1.0, _MOST_STEPS)
         averages = self._square, self._product, self._mean_model, self._mean_nominal
         rates = informative / self._steps, both_informative / self._steps
-        self.variance_factor, self.match_variance_factor, self.reading_variances, taken_back = (
-            _estimated_noise(averages, residual, previous, model, nominal, rates)
+        self.match_variance_factor, self.reading_variances, taken_back = _estimated_noise(
+            averages, residual, previous, model, nominal, rates
+        )
+        self.source_factors, self._log_covariances = _updated_sources(
+            self.source_factors,
+            self._log_covariances,
+            residual,
+            sources,
+            self.match_variance_factor * nominal,
+            informative,
         )
         self._update_path_factor(residual, taken_back, informative)
 
@@ -128,6 +148,74 @@ class OdometryNoise:
 
 
 @kernel
+def noise_variances(sources: Floats, factors: Floats) -> Floats:
+    """Variances (3,) of a step by those of its sources (3, 3) times factors (3, 3)."""
+    total = np.zeros(3)
+    for source in range(3):
+        for k in range(3):
+            total[k] += factors[source, k] * sources[source, k]
+    return total
+
+
+@kernel
+def _updated_sources(
+    factors: Floats,
+    log_covariances: Floats,
+    residual: Floats,
+    sources: Floats,
+    match_variances: Floats,
+    informative: NDArray[np.bool_],
+) -> tuple[Floats, Floats]:
+    """Update the variances of odometry's sources by one residual.
+
+    An extended Kalman filter for each axis, whose state are the three log variances: a squared
+    residual over its variance is 1 on average, with a variance of 2, and goes with a log variance
+    by that source's share.
+
+    Parameters
+    ----------
+    factors, log_covariances : (3, 3), (3, 3, 3) float64
+        By source and axis; covariances of their logarithms, by axis.
+    residual, match_variances : (3,) float64
+    sources : (3, 3) float64
+        As of `OdometryNoise.learn`.
+    informative : (3,) bool
+
+    Returns
+    -------
+    factors, log_covariances : (3, 3), (3, 3, 3) float64
+    """
+    factors, log_covariances = factors.copy(), log_covariances.copy()
+    share, gain = np.empty(3), np.empty(3)
+    for k in range(3):
+        if not informative[k]:
+            continue
+        variance = 2.0 * match_variances[k]
+        for s in range(3):
+            variance += factors[s, k] * sources[s, k]
+        P, spread = log_covariances[k], 2.0
+        for s in range(3):
+            share[s] = factors[s, k] * sources[s, k] / variance
+        for s in range(3):
+            gain[s] = P[s, 0] * share[0] + P[s, 1] * share[1] + P[s, 2] * share[2]
+            spread += share[s] * gain[s]
+        excess = residual[k] * residual[k] / variance - 1.0
+        for s in range(3):
+            factor = factors[s, k] * math.exp(gain[s] * excess / spread)
+            factors[s, k] = max(factor, _MIN_FACTOR)
+            for other in range(3):
+                P[s, other] -= gain[s] * gain[other] / spread
+        for s in range(3):
+            P[s, s] += _STEP_LOG_VARIANCE
+        for s in range(3):
+            bound = math.sqrt(min(1.0, _PRIOR_LOG_VARIANCE / P[s, s]))
+            for other in range(3):
+                P[s, other] *= bound
+                P[other, s] *= bound
+    return factors, log_covariances
+
+
+@kernel
 def _estimated_noise(
     averages: tuple[Floats, Floats, Floats, Floats],
     residual: Floats,
@@ -135,14 +223,14 @@ def _estimated_noise(
     model: Floats,
     nominal: Floats,
     rates: tuple[Floats, Floats],
-) -> tuple[Floats, Floats, Floats, Floats]:
-    """Separate the noise of odometry from that of matches.
+) -> tuple[Floats, Floats, Floats]:
+    """Separate the noise of matches, and of readings of odometry, from that of driving.
 
     Parameters
     ----------
     averages : tuple of four (3,) float64
-        Of squared residuals, of products of successive residuals, and of model and nominal
-        variances; updated in place.
+        Of squared residuals, of products of successive residuals, and of variances of odometry and
+        nominal ones of matches; updated in place.
     residual, previous : (3,) float64
         Of this step, and of the one before.
     model, nominal : (3,) float64
@@ -152,7 +240,7 @@ def _estimated_noise(
 
     Returns
     -------
-    variance_factor, match_variance_factor, reading_variances, taken_back : (3,) float64
+    match_variance_factor, reading_variances, taken_back : (3,) float64
         As in `OdometryNoise`; the last is the variance that the next match takes back.
     """
     square, product, mean_model, mean_nominal = averages
@@ -171,16 +259,9 @@ def _estimated_noise(
             total += ratio[k]
             count += 1
     match_ratio = total / count if count else 1.0
-    variance_factor, match_variance_factor, reading_variances = (
-        np.empty(3),
-        np.empty(3),
-        np.empty(3),
-    )
+    match_variance_factor, reading_variances = np.empty(3), np.empty(3)
     for k in range(3):
         match_variance_factor[k] = min(max(match_ratio, 1.0), _MAX_MATCH_FACTOR)
         match_variance = match_variance_factor[k] * mean_nominal[k]
-        variance_factor[k] = (
-            max(square[k] - 2.0 * match_variance, _MIN_FACTOR * mean_model[k]) / mean_model[k]
-        )
         reading_variances[k] = max(taken_back[k] - match_variance, 0.0)
-    return variance_factor, match_variance_factor, reading_variances, taken_back
+    return match_variance_factor, reading_variances, taken_back

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.kalman import kalman_update
-from slarm_graph.frontends.scans.odometry_noise import OdometryNoise
+from slarm_graph.frontends.scans.odometry_noise import OdometryNoise, noise_variances
 from slarm_graph.frontends.scans.small_matrix import (
     add_diagonal3,
     add_vectors3,
@@ -51,7 +51,7 @@ _MIN_MOTION_M, _MIN_MOTION_RAD = 0.005, 0.005
 class WheelParameters(NamedTuple):
     """Calibration and noise of odometry, for compiled code."""
 
-    variance_factor: Floats
+    source_factors: Floats
     path_variance_factor: Floats
     errors: Floats
     covariance: Floats
@@ -77,7 +77,7 @@ class WheelCalibration:
     def parameters(self) -> WheelParameters:
         """Calibration and noise so far, for compiled code."""
         return WheelParameters(
-            self.noise.variance_factor,
+            self.noise.source_factors,
             self.noise.path_variance_factor,
             self.errors,
             self.covariance,
@@ -105,11 +105,11 @@ class WheelCalibration:
         if p_working < 0.5 or (distance < _MIN_MOTION_M and abs(increment[2]) < _MIN_MOTION_RAD):
             self.noise.interrupt()
             return
-        variance_factors = self.noise.variance_factor, self.noise.match_variance_factor
-        self.errors, self.covariance, residual, model, informative = _calibration_update(
-            self.errors, self.covariance, increment, motion, nominal, variance_factors
+        factors = self.noise.source_factors, self.noise.match_variance_factor
+        self.errors, self.covariance, residual, sources, informative = _calibration_update(
+            self.errors, self.covariance, increment, motion, nominal, factors
         )
-        self.noise.learn(residual, model, nominal, informative)
+        self.noise.learn(residual, sources, nominal, informative)
 
 
 @kernel
@@ -123,39 +123,49 @@ def error_jacobian(increment: Floats) -> Floats:
 
 
 @kernel
-def _model_variances(increment: Floats) -> Floats:
-    """Variances (3,) of an increment's noise by the prior model, before learned factors."""
+def _source_variances(increment: Floats) -> Floats:
+    """Prior variances (3, 3) of an increment's noise, by source and axis, before learned factors.
+
+    The sources are independent: the step itself, its distance, and its angle.
+    """
     distance = math.hypot(increment[0], increment[1])
-    noise = np.empty(3)
+    variances = np.empty((3, 3))
     for k in range(3):
-        sigma = _FLOOR[k] + _PER_DISTANCE[k] * distance + _PER_ANGLE[k] * abs(increment[2])
-        noise[k] = sigma * sigma
-    return noise
+        variances[0, k] = _FLOOR[k] ** 2
+        variances[1, k] = (_PER_DISTANCE[k] * distance) ** 2
+        variances[2, k] = (_PER_ANGLE[k] * increment[2]) ** 2
+    return variances
 
 
 @kernel
 def calibrated_motion(
-    increment: Floats, variance_factor: Floats, errors: Floats, covariance: Floats
+    increment: Floats,
+    source_factors: Floats,
+    path_variance_factor: Floats,
+    errors: Floats,
+    covariance: Floats,
 ) -> tuple[Floats, Floats]:
     """Correct an increment (3,) for the systematic errors: motion (3,) and covariance (3, 3)."""
     jacobian = error_jacobian(increment)
-    model, spread = _model_variances(increment), sandwich3(jacobian, covariance)
+    noise = noise_variances(_source_variances(increment), source_factors)
+    spread = sandwich3(jacobian, covariance)
     for k in range(3):
-        spread[k, k] += variance_factor[k] * model[k]
+        spread[k, k] += path_variance_factor[k] * noise[k]
     return add_vectors3(increment, matvec3(jacobian, errors)), spread
 
 
 @kernel
 def correlated_covariance(
-    increment: Floats, variance_factor: Floats, path_variance_factor: Floats
+    increment: Floats, source_factors: Floats, path_variance_factor: Floats
 ) -> Floats:
     """Covariance (3, 3) of a step's errors that are correlated over many steps.
 
     They add up along a path, but do not show from one scan to the next.
     """
-    model, correlated = _model_variances(increment), np.zeros((3, 3))
+    noise = noise_variances(_source_variances(increment), source_factors)
+    correlated = np.zeros((3, 3))
     for k in range(3):
-        correlated[k, k] = max(path_variance_factor[k] - variance_factor[k], 0.0) * model[k]
+        correlated[k, k] = max(path_variance_factor[k] - 1.0, 0.0) * noise[k]
     return correlated
 
 
@@ -166,7 +176,7 @@ def _calibration_update(
     increment: Floats,
     motion: Floats,
     nominal: Floats,
-    variance_factors: tuple[Floats, Floats],
+    factors: tuple[Floats, Floats],
 ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
     """Update the systematic errors by one step (robust Kalman update, then aging).
 
@@ -175,25 +185,26 @@ def _calibration_update(
     errors, covariance : (3,), (3, 3) float64
     increment, motion, nominal : (3,) float64
         As for `WheelCalibration.learn`.
-    variance_factors : tuple of two (3,) float64
-        Actual over model variances of odometry, and over nominal ones of a match.
+    factors : tuple of (3, 3) and (3,) float64
+        Actual over prior variances of odometry's sources, and over nominal ones of a match.
 
     Returns
     -------
     errors, covariance : (3,), (3, 3) float64
-    residual, model : (3,) float64
-        Of the motion, clipped to three sigmas, and odometry's model variances.
+    residual, sources : (3,), (3, 3) float64
+        Of the motion, clipped to three sigmas, and odometry's prior variances by source.
     informative : (3,) bool
         Along which axes the match is surer than odometry.
     """
-    jacobian, model = error_jacobian(increment), _model_variances(increment)
+    jacobian, sources = error_jacobian(increment), _source_variances(increment)
+    of_odometry = noise_variances(sources, factors[0])
     residual = subtract3(motion, add_vectors3(increment, matvec3(jacobian, errors)))
     residual[2] = wrapped(residual[2])
     # A match less certain than odometry cannot calibrate it, such as along a bare corridor.
     informative, noise = np.empty(3, dtype=np.bool_), np.empty(3)
     for k in range(3):
-        informative[k] = nominal[k] < model[k]
-        noise[k] = variance_factors[0][k] * model[k] + 2.0 * variance_factors[1][k] * nominal[k]
+        informative[k] = nominal[k] < sources[0, k] + sources[1, k] + sources[2, k]
+        noise[k] = of_odometry[k] + 2.0 * factors[1][k] * nominal[k]
         noise[k] = noise[k] if informative[k] else _UNINFORMATIVE
     inflated = _student_t_variances(residual, noise, sandwich3(jacobian, covariance))
     R = add_diagonal3(np.zeros((3, 3)), inflated)
@@ -207,7 +218,7 @@ def _calibration_update(
     for k in range(3):
         limit = 3.0 * math.sqrt(noise[k])
         residual[k] = min(max(residual[k], -limit), limit)
-    return errors, scaled3(aged, shrink), residual, model, informative
+    return errors, scaled3(aged, shrink), residual, sources, informative
 
 
 @kernel
