@@ -205,7 +205,7 @@ def test_a_gap_lies_where_odometry_says_whether_it_failed_in_it_or_not() -> None
     for prediction in both:
         np.testing.assert_allclose(prediction.motion, way.as_array(), atol=0.1)
     assert both[1].covariance[0, 0] > 0.5
-    assert both[0].covariance[1, 1] > odometry.wheels.parameters.variance_factor[1] * 1e-3
+    assert both[0].covariance[1, 1] > odometry.wheels.parameters.source_factors[0, 1] * 1e-3
 
 
 @pytest.mark.parametrize("jitter_m", [0.0, 0.1])

@@ -17,7 +17,7 @@ def test_odometry_noise_grows_with_the_way() -> None:
     wheels = WheelCalibration()
     still, moved, turned = (
         calibrated_motion(
-            np.array(v), wheels.noise.variance_factor, wheels.errors, wheels.covariance
+            np.array(v), wheels.noise.source_factors, np.ones(3), wheels.errors, wheels.covariance
         )[1]
         for v in ([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.5])
     )
@@ -50,6 +50,13 @@ def test_one_match_far_off_does_not_turn_what_many_have_told() -> None:
     assert 0.0 < wheels.errors[1] - before < 2.0 * sigma
 
 
+def variances_of_a_step(wheels: WheelCalibration, distance_m: float) -> Floats:
+    """Variances (3,) that are learned of a step ahead, its systematic errors known."""
+    step, known = np.array([distance_m, 0.0, 0.0]), np.zeros((3, 3))
+    noise = wheels.noise
+    return np.diag(calibrated_motion(step, noise.source_factors, np.ones(3), step, known)[1])
+
+
 def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floats, ...]:
     """Variances (3,) found of matches, single steps, steps along a path, and readings.
 
@@ -58,7 +65,6 @@ def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floa
     """
     rng = np.random.default_rng(1)
     wheels, found = WheelCalibration(), []
-    guess = np.array([0.009, 0.007, 0.009]) ** 2  # the floor, and what 0.1 m adds to it
     match, reading = np.zeros(3), np.zeros(3)
     for _ in range(3000):
         now, read = of_match * rng.standard_normal(3), of_reading * rng.standard_normal(3)
@@ -66,7 +72,8 @@ def learned(of_step: Floats, of_match: Floats, of_reading: Floats) -> tuple[Floa
         moved = np.array([0.1, 0.0, 0.0]) + of_step * rng.standard_normal(3) + now - match
         match, reading = now, read
         wheels.learn(told, moved, np.full(3, 0.004**2), 1.0)
-        one = wheels.noise.variance_factor * guess, wheels.noise.path_variance_factor * guess
+        step = variances_of_a_step(wheels, 0.1)
+        one = step, wheels.noise.path_variance_factor * step
         found.append(
             (wheels.noise.match_variance_factor * 0.004**2, *one, wheels.noise.reading_variances)
         )
@@ -100,7 +107,8 @@ def test_a_bare_corridor_teaches_nothing_of_how_errors_add_up() -> None:
         is_bare = k % 100 < 60 or (k % 100 >= 80 and k % 2 == 0)
         moved = step + rng.normal(0.0, 0.002, 3) - [0.15 * is_bare, 0.0, 0.0]
         wheels.learn(step, moved, np.array([1.0 if is_bare else 1e-6, 1e-6, 1e-6]), 1.0)
-    assert wheels.noise.path_variance_factor[0] < 0.1
+    path = wheels.noise.path_variance_factor * variances_of_a_step(wheels, 0.2)
+    assert path[0] < 0.1 * 0.014**2  # a tenth of what is supposed at first
     assert wheels.noise.match_variance_factor[0] < 10.0
     assert wheels.noise.reading_variances[0] < 0.003**2
     # Nor does what follows upon such a match, since it takes back what that was off.

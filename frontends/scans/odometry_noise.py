@@ -40,9 +40,11 @@ _MAX_MATCH_FACTOR = 1000.0
 """Upper bound of a match's variance over the nominal one: 30 times the standard deviation."""
 _LATERAL = 1
 """Index of the axis in which wheels do not move."""
+_MATCH_SIGMA = 0.25
+"""Relative standard deviation of a variance of matches that is learned from `_MOST_STEPS`."""
 _MAX_RATIO = 2.0
-"""Factor within which two axes' ratios may both be of the matches alone: each is learned from
-`_MOST_STEPS` with a standard deviation of a quarter, so 93 % of two that are lie within it."""
+"""Factor within which two axes' ratios may both be of the matches alone: 93 % of two that are lie
+within it, as unsure as they are."""
 
 
 class OdometryNoise:
@@ -199,7 +201,9 @@ def _updated_sources(
         for s in range(3):
             gain[s] = P[s, 0] * share[0] + P[s, 1] * share[1] + P[s, 2] * share[2]
             spread += share[s] * gain[s]
-        excess = residual[k] * residual[k] / variance - 1.0
+        # The mean of 1 / x is 1 plus the relative variance of x, here of what matches are off by.
+        unsure = _MATCH_SIGMA * 2.0 * match_variances[k] / variance
+        excess = residual[k] * residual[k] / variance - (1.0 + unsure * unsure)
         for s in range(3):
             factor = factors[s, k] * math.exp(gain[s] * excess / spread)
             factors[s, k] = max(factor, _MIN_FACTOR)

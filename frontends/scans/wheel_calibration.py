@@ -105,11 +105,12 @@ class WheelCalibration:
         if p_working < 0.5 or (distance < _MIN_MOTION_M and abs(increment[2]) < _MIN_MOTION_RAD):
             self.noise.interrupt()
             return
-        factors = self.noise.source_factors, self.noise.match_variance_factor
+        noise = self.noise
+        learned = noise.source_factors, noise.match_variance_factor, noise.reading_variances
         self.errors, self.covariance, residual, sources, informative = _calibration_update(
-            self.errors, self.covariance, increment, motion, nominal, factors
+            self.errors, self.covariance, increment, motion, nominal, learned
         )
-        self.noise.learn(residual, sources, nominal, informative)
+        noise.learn(residual, sources, nominal, informative)
 
 
 @kernel
@@ -176,7 +177,7 @@ def _calibration_update(
     increment: Floats,
     motion: Floats,
     nominal: Floats,
-    factors: tuple[Floats, Floats],
+    learned: tuple[Floats, Floats, Floats],
 ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
     """Update the systematic errors by one step (robust Kalman update, then aging).
 
@@ -185,8 +186,9 @@ def _calibration_update(
     errors, covariance : (3,), (3, 3) float64
     increment, motion, nominal : (3,) float64
         As for `WheelCalibration.learn`.
-    factors : tuple of (3, 3) and (3,) float64
-        Actual over prior variances of odometry's sources, and over nominal ones of a match.
+    learned : tuple of (3, 3), (3,) and (3,) float64
+        Actual over prior variances of odometry's sources, and over nominal ones of a match, and
+        variances of a reading.
 
     Returns
     -------
@@ -196,16 +198,24 @@ def _calibration_update(
     informative : (3,) bool
         Along which axes the match is surer than odometry.
     """
-    jacobian, sources = error_jacobian(increment), _source_variances(increment)
-    of_odometry = noise_variances(sources, factors[0])
-    residual = subtract3(motion, add_vectors3(increment, matvec3(jacobian, errors)))
+    sources = _source_variances(increment)
+    of_odometry = noise_variances(sources, learned[0])
+    expected = add_vectors3(increment, matvec3(error_jacobian(increment), errors))
+    residual = subtract3(motion, expected)
     residual[2] = wrapped(residual[2])
     # A match less certain than odometry cannot calibrate it, such as along a bare corridor.
     informative, noise = np.empty(3, dtype=np.bool_), np.empty(3)
+    # The errors are proportional to the increment without the errors of its two readings, as far as
+    # the match tells them: regression on noisy ones finds too little.
+    without_readings = increment.copy()
     for k in range(3):
         informative[k] = nominal[k] < sources[0, k] + sources[1, k] + sources[2, k]
-        noise[k] = of_odometry[k] + 2.0 * factors[1][k] * nominal[k]
-        noise[k] = noise[k] if informative[k] else _UNINFORMATIVE
+        noise[k] = of_odometry[k] + 2.0 * learned[1][k] * nominal[k]
+        if informative[k]:
+            without_readings[k] += min(2.0 * learned[2][k] / noise[k], 1.0) * residual[k]
+        else:
+            noise[k] = _UNINFORMATIVE
+    jacobian = error_jacobian(without_readings)
     inflated = _student_t_variances(residual, noise, sandwich3(jacobian, covariance))
     R = add_diagonal3(np.zeros((3, 3)), inflated)
     errors, covariance = kalman_update(errors, covariance, residual, R, jacobian)
