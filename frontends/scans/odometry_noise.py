@@ -34,7 +34,7 @@ _PRIOR_LOG_VARIANCE, _STEP_LOG_VARIANCE = 2.0 / _FIRST_STEPS, 2.0 / _MOST_STEPS*
 """Variance of the log variance of a source a priori, and its growth per step. A squared residual
 over its variance has itself a variance of 2: so many steps weigh as much as the prior, and a filter
 in its steady state remembers so many."""
-_MIN_FACTOR = 0.01
+MIN_FACTOR = 0.01
 """Lower bound of odometry's variance over the prior's: a tenth of the standard deviation."""
 _MAX_MATCH_FACTOR = 1000.0
 """Upper bound of a match's variance over the nominal one: 30 times the standard deviation."""
@@ -146,7 +146,7 @@ class OdometryNoise:
         self._sum_square = self._sum_square + rate * (self._sum**2 - self._sum_square)
         self._begin_sum()
         step_variance = (self._sum_square - 2.0 * taken_back) / _PATH_STEPS
-        self.path_variance_factor = np.maximum(step_variance / self._mean_model, _MIN_FACTOR)
+        self.path_variance_factor = np.maximum(step_variance / self._mean_model, MIN_FACTOR)
 
 
 @kernel
@@ -206,7 +206,7 @@ def _updated_sources(
         excess = residual[k] * residual[k] / variance - (1.0 + unsure * unsure)
         for s in range(3):
             factor = factors[s, k] * math.exp(gain[s] * excess / spread)
-            factors[s, k] = max(factor, _MIN_FACTOR)
+            factors[s, k] = max(factor, MIN_FACTOR)
             for other in range(3):
                 P[s, other] -= gain[s] * gain[other] / spread
         for s in range(3):

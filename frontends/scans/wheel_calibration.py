@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.kalman import kalman_update
-from slarm_graph.frontends.scans.odometry_noise import OdometryNoise, noise_variances
+from slarm_graph.frontends.scans.odometry_noise import MIN_FACTOR, OdometryNoise, noise_variances
 from slarm_graph.frontends.scans.small_matrix import (
     add_diagonal3,
     add_vectors3,
@@ -147,11 +147,12 @@ def calibrated_motion(
     covariance: Floats,
 ) -> tuple[Floats, Floats]:
     """Correct an increment (3,) for the systematic errors: motion (3,) and covariance (3, 3)."""
-    jacobian = error_jacobian(increment)
-    noise = noise_variances(_source_variances(increment), source_factors)
+    jacobian, sources = error_jacobian(increment), _source_variances(increment)
+    noise = noise_variances(sources, source_factors)
     spread = sandwich3(jacobian, covariance)
     for k in range(3):
-        spread[k, k] += path_variance_factor[k] * noise[k]
+        least = MIN_FACTOR * (sources[0, k] + sources[1, k] + sources[2, k])
+        spread[k, k] += max(path_variance_factor[k] * noise[k], least)
     return add_vectors3(increment, matvec3(jacobian, errors)), spread
 
 
