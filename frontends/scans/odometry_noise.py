@@ -23,6 +23,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from slarm_graph.frontends.scans.small_matrix import matvec3
 from slarm_graph.geometry import Floats
 from slarm_graph.kernels import kernel
 
@@ -188,7 +189,7 @@ def _updated_sources(
     factors, log_covariances : (3, 3), (3, 3, 3) float64
     """
     factors, log_covariances = factors.copy(), log_covariances.copy()
-    share, gain = np.empty(3), np.empty(3)
+    share = np.empty(3)
     for k in range(3):
         if not informative[k]:
             continue
@@ -198,8 +199,8 @@ def _updated_sources(
         P, spread = log_covariances[k], 2.0
         for s in range(3):
             share[s] = factors[s, k] * sources[s, k] / variance
+        gain = matvec3(P, share)
         for s in range(3):
-            gain[s] = P[s, 0] * share[0] + P[s, 1] * share[1] + P[s, 2] * share[2]
             spread += share[s] * gain[s]
         # The mean of 1 / x is 1 plus the relative variance of x, here of what matches are off by.
         unsure = _MATCH_SIGMA * 2.0 * match_variances[k] / variance
