@@ -125,3 +125,23 @@ def test_headings_that_match_well_do_not_vouch_for_places() -> None:
     matches, steps, _, _ = learned(np.full(3, 0.001), of_match, np.zeros(3))
     np.testing.assert_allclose(matches[:2], 0.012**2, rtol=0.3)
     assert (steps[:2] < 0.006**2).all()
+
+
+def test_turns_and_straights_are_both_as_sure_as_predicted() -> None:
+    """Of a robot of two wheels that slip at random, by the root of each one's way."""
+    rng, wheels, apart_m = np.random.default_rng(4), WheelCalibration(), 0.3
+    squared: dict[bool, list[float]] = {True: [], False: []}
+    for k in range(4000):
+        turns = k // 40 % 2 == 0
+        told = np.array([-0.05, 0.05] if turns else [0.1, 0.1])
+        ground = told + 0.004 * np.sqrt(np.abs(told)) * rng.standard_normal(2)
+        step, moved = (np.array([w.mean(), 0.0, (w[1] - w[0]) / apart_m]) for w in (told, ground))
+        moved += rng.normal(0.0, 0.0005, 3)
+        motion, covariance = calibrated_motion(
+            step, wheels.noise.source_factors, np.ones(3), wheels.errors, wheels.covariance
+        )
+        if k > 800:
+            squared[turns].append((moved[2] - motion[2]) ** 2 / (covariance[2, 2] + 0.0005**2))
+        wheels.learn(step, moved, np.full(3, 0.0005**2), 1.0)
+    for values in squared.values():
+        assert 0.75 < np.mean(values) < 1.25
