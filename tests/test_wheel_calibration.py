@@ -9,7 +9,11 @@ import math
 import numpy as np
 import pytest
 
-from slarm_graph.frontends.scans.wheel_calibration import WheelCalibration, calibrated_motion
+from slarm_graph.frontends.scans.wheel_calibration import (
+    WheelCalibration,
+    calibrated_motion,
+    correlated_covariance,
+)
 from slarm_graph.geometry import Floats
 
 
@@ -145,3 +149,44 @@ def test_turns_and_straights_are_both_as_sure_as_predicted() -> None:
         wheels.learn(step, moved, np.full(3, 0.0005**2), 1.0)
     for values in squared.values():
         assert 0.75 < np.mean(values) < 1.25
+
+
+def test_at_first_noise_is_that_of_three_independent_sources() -> None:
+    """4 mm and 4 mrad, 5 % of the way (3 % aside), and 3 mm or a tenth of it per radian."""
+    step, nothing, ones = np.array([0.3, 0.4, -0.2]), np.zeros((3, 3)), np.ones((3, 3))
+    expected = [
+        0.004**2 + (0.05 * 0.5) ** 2 + (0.03 * 0.2) ** 2,
+        0.004**2 + (0.03 * 0.5) ** 2 + (0.03 * 0.2) ** 2,
+        0.004**2 + (0.05 * 0.5) ** 2 + (0.10 * 0.2) ** 2,
+    ]
+    motion, covariance = calibrated_motion(step, ones, np.ones(3), np.zeros(3), nothing)
+    np.testing.assert_allclose(motion, step)
+    np.testing.assert_allclose(covariance, np.diag(expected))
+    path = np.array([3.0, 1.0, 0.5])
+    adds_up = correlated_covariance(step, 2.0 * ones, path)
+    np.testing.assert_allclose(adds_up, np.diag([4.0 * expected[0], 0.0, 0.0]))
+
+
+def test_perfect_odometry_is_no_surer_than_a_tenth_of_what_is_supposed_at_first() -> None:
+    wheels, step = WheelCalibration(), np.array([0.1, 0.0, 0.1])
+    for _ in range(3000):
+        wheels.learn(step, step, np.full(3, 1e-12), 1.0)
+    noise = wheels.noise
+    assert noise.source_factors.min() == pytest.approx(0.01)
+    given = step, np.ones((3, 3)), np.ones(3), np.zeros(3), np.zeros((3, 3))
+    supposed = np.diag(calibrated_motion(*given)[1])
+    for path in (np.ones(3), noise.path_variance_factor, np.full(3, 1e-9)):
+        known = step, noise.source_factors, path, np.zeros(3), np.zeros((3, 3))
+        assert (np.diag(calibrated_motion(*known)[1]) > 0.00999 * supposed).all()
+
+
+@pytest.mark.parametrize("variance_m2", [1e-3, 1.0])
+def test_a_match_says_at_most_what_it_says(variance_m2: float) -> None:
+    """However unsure the readings are, the way between them is not beyond the match."""
+    wheels = WheelCalibration()
+    wheels.noise.reading_variances = np.array([variance_m2, 0.0, 0.0])
+    variance = wheels.covariance[0, 0]
+    wheels.learn(np.array([0.1, 0.0, 0.0]), np.array([0.11, 0.0, 0.0]), np.full(3, 1e-6), 1.0)
+    noise = 0.004**2 + 0.005**2 + 2e-6
+    expected = variance * 0.11 / (variance * 0.11**2 + noise) * 0.01
+    assert wheels.errors[0] == pytest.approx(expected)
