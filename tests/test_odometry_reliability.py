@@ -57,6 +57,22 @@ def test_nor_does_what_was_just_seen_to_fail() -> None:
     assert reliability.p_working > 0.9
 
 
+@pytest.mark.parametrize("steps", [3, 60])
+def test_encoders_that_hang_for_long_hang_while_the_robot_turns_on_the_spot(steps: int) -> None:
+    """A gyroscope turns beside frozen encoders; wheels that slip in a turn soon hold again."""
+    reliability, turns = OdometryReliability(), np.array([0.0, 0.0, 0.1])
+    for _ in range(100):
+        stepped(reliability, AGREES_NAT)
+    for _ in range(steps):
+        stepped(reliability, DISAGREES_NAT, turns)
+    for _ in range(10):  # the robot stands, and odometry says so
+        stepped(reliability, AGREES_NAT, turns)
+    assert (reliability.p_working > 0.9) == (steps == 3)
+    for _ in range(20):
+        stepped(reliability, AGREES_NAT)
+    assert reliability.p_working > 0.9
+
+
 @pytest.mark.parametrize(("log_vouched", "expected"), [(2.6, True), (2.9, False)])
 def test_nor_against_what_the_velocity_vouches_for(log_vouched: float, expected: bool) -> None:
     """One match in 300 is false, two steps of 301 have failed: 2.73 nat are 30.66 times as many."""
