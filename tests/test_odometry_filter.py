@@ -271,7 +271,9 @@ def test_systematic_errors_add_up_along_a_path() -> None:
     ones, nothing = np.ones(3), np.zeros((3, 3))
 
     def whole(errors: Floats) -> WheelMotion:
-        known = WheelCalibration().parameters._replace(errors=errors, path_variance_factor=ones)
+        known = WheelCalibration().parameters._replace(
+            path_errors=errors, path_variance_factor=ones
+        )
         path: WheelMotion | None = None
         for step in steps:
             motion, covariance, covariance_if_working, error_jacobian = path_motion(

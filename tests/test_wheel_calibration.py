@@ -189,4 +189,6 @@ def test_a_match_says_at_most_what_it_says(variance_m2: float) -> None:
     wheels.learn(np.array([0.1, 0.0, 0.0]), np.array([0.11, 0.0, 0.0]), np.full(3, 1e-6), 1.0)
     noise = 0.004**2 + 0.005**2 + 2e-6
     expected = variance * 0.11 / (variance * 0.11**2 + noise) * 0.01
-    assert wheels.errors[0] == pytest.approx(expected)
+    assert wheels.path_errors[0] == pytest.approx(expected)
+    known = variance * 0.1 / (variance * 0.1**2 + noise) * 0.01
+    assert wheels.errors[0] == pytest.approx(known)

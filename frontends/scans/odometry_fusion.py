@@ -195,7 +195,7 @@ def path_motion(
         increment,
         parameters.source_factors,
         parameters.path_variance_factor,
-        parameters.errors,
+        parameters.path_errors,
         np.zeros((3, 3)),
     )
     total = np.zeros((3, 3))

@@ -55,6 +55,7 @@ class WheelParameters(NamedTuple):
     path_variance_factor: Floats
     errors: Floats
     covariance: Floats
+    path_errors: Floats
 
 
 class WheelCalibration:
@@ -65,6 +66,12 @@ class WheelCalibration:
         """Scale of distance and of turns, less 1, and turn per metre [1, 1, rad/m]."""
         self.covariance: Floats = np.diag(_PRIOR_SIGMA**2)
         """Of the errors (3, 3)."""
+        self.path_errors: Floats = np.zeros(3)
+        """As `errors`, found from increments without the errors of their readings.
+
+        A noisy increment is best predicted from by too small a scale; along a path, on which the
+        errors of readings cancel, the scale is the right one."""
+        self._path_covariance: Floats = np.diag(_PRIOR_SIGMA**2)
         self.noise = OdometryNoise()
 
     def branched(self) -> WheelCalibration:
@@ -81,6 +88,7 @@ class WheelCalibration:
             self.noise.path_variance_factor,
             self.errors,
             self.covariance,
+            self.path_errors,
         )
 
     def interrupt(self) -> None:
@@ -106,9 +114,14 @@ class WheelCalibration:
             self.noise.interrupt()
             return
         noise = self.noise
-        learned = noise.source_factors, noise.match_variance_factor, noise.reading_variances
-        self.errors, self.covariance, residual, sources, informative = _calibration_update(
-            self.errors, self.covariance, increment, motion, nominal, learned
+        step = increment, motion, nominal, (noise.source_factors, noise.match_variance_factor)
+        self.errors, self.covariance, *_ = _calibration_update(
+            self.errors, self.covariance, *step, np.zeros(3)
+        )
+        self.path_errors, self._path_covariance, residual, sources, informative = (
+            _calibration_update(
+                self.path_errors, self._path_covariance, *step, noise.reading_variances
+            )
         )
         noise.learn(residual, sources, nominal, informative)
 
@@ -178,7 +191,8 @@ def _calibration_update(
     increment: Floats,
     motion: Floats,
     nominal: Floats,
-    learned: tuple[Floats, Floats, Floats],
+    factors: tuple[Floats, Floats],
+    reading_variances: Floats,
 ) -> tuple[Floats, Floats, Floats, Floats, NDArray[np.bool_]]:
     """Update the systematic errors by one step (robust Kalman update, then aging).
 
@@ -187,9 +201,10 @@ def _calibration_update(
     errors, covariance : (3,), (3, 3) float64
     increment, motion, nominal : (3,) float64
         As for `WheelCalibration.learn`.
-    learned : tuple of (3, 3), (3,) and (3,) float64
-        Actual over prior variances of odometry's sources, and over nominal ones of a match, and
-        variances of a reading.
+    factors : tuple of (3, 3) and (3,) float64
+        Actual over prior variances of odometry's sources, and over nominal ones of a match.
+    reading_variances : (3,) float64
+        Of the readings whose errors are to be taken from the increment.
 
     Returns
     -------
@@ -200,7 +215,7 @@ def _calibration_update(
         Along which axes the match is surer than odometry.
     """
     sources = _source_variances(increment)
-    of_odometry = noise_variances(sources, learned[0])
+    of_odometry = noise_variances(sources, factors[0])
     expected = add_vectors3(increment, matvec3(error_jacobian(increment), errors))
     residual = subtract3(motion, expected)
     residual[2] = wrapped(residual[2])
@@ -211,9 +226,9 @@ def _calibration_update(
     without_readings = increment.copy()
     for k in range(3):
         informative[k] = nominal[k] < sources[0, k] + sources[1, k] + sources[2, k]
-        noise[k] = of_odometry[k] + 2.0 * learned[1][k] * nominal[k]
+        noise[k] = of_odometry[k] + 2.0 * factors[1][k] * nominal[k]
         if informative[k]:
-            without_readings[k] += min(2.0 * learned[2][k] / noise[k], 1.0) * residual[k]
+            without_readings[k] += min(2.0 * reading_variances[k] / noise[k], 1.0) * residual[k]
         else:
             noise[k] = _UNINFORMATIVE
     jacobian = error_jacobian(without_readings)
