@@ -18,8 +18,8 @@ RECOVERS = 0.2
 """Probability that a failure ends in a step: slips and jumps last for some scans."""
 _HAS_GYROSCOPE = _FAILS
 """Probability that a failure in which the heading goes on is of frozen encoders, beside which a
-gyroscope turns: as rare as failures are. Three times as often, and intel.bag is 4 % worse, three draws of it
-as good."""
+gyroscope turns: as rare as failures are. Three times as often, and intel.bag is 4 % worse
+(three draws of it as good)."""
 _MAX_LOG_ODDS = 600.0
 """Log odds beyond which their exponential overflows a float."""
 _NO_MOTION = 1e-9
