@@ -141,6 +141,21 @@ def test_an_interval_that_is_not_given_loses_least(
         assert interval.is_due()
 
 
+def test_a_write_that_fails_at_once_is_not_tried_again_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now_s = [0.0]
+    monkeypatch.setattr("slarm_graph.app.checkpoint.time.monotonic", lambda: now_s[0])
+    interval = WriteInterval(None)
+    for _ in range(2):
+        with pytest.raises(OSError, match="full"), interval.writing():
+            raise OSError("full")
+        now_s[0] += 59.0
+        assert not interval.is_due()
+        now_s[0] += 2.0
+        assert interval.is_due()
+
+
 def test_checkpoints_are_written_when_due(
     folder: RunFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -54,13 +54,13 @@ class WriteInterval:
 
     @contextmanager
     def writing(self) -> Iterator[None]:
-        """Time the write in the block; the next interval begins where it ends."""
+        """Time the write in the block, unless it fails; the next interval begins where it ends."""
         begun_s = time.monotonic()
         try:
             yield
+            self._cost_s = time.monotonic() - begun_s
         finally:
             self._written_s = time.monotonic()
-            self._cost_s = self._written_s - begun_s
 
 
 class Checkpoint:
