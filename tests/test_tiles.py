@@ -213,8 +213,10 @@ def far_apart(config: MappingConfig) -> Maps:
 
 def recovery_of(grid, path, recovery, scans, config):  # type: ignore[no-untyped-def]
     from slarm_graph.recovery.recover import recover
+    from slarm_graph.recovery.returns import gather_returns
 
-    return recover(grid, path, recovery, end_points=end_points_m(scans, path, config))
+    returns = gather_returns(end_points_m(scans, path, config), grid.geometry.resolution_m)
+    return recover(grid, path, recovery, returns=returns)
 
 
 @pytest.fixture(scope="module")

@@ -42,8 +42,8 @@ from slarm_graph.mapping import render
 from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
-from slarm_graph.recovery.fine_map import fine_map
-from slarm_graph.recovery.recover import recover_scans, with_sizes_of
+from slarm_graph.recovery.fine_map import FineMap, fine_map
+from slarm_graph.recovery.recover import recover, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 
@@ -81,8 +81,12 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress):
         around = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
-        how = (config.mapping, config.recovery)
-        geographic = recover_scans(log.scans, slam.trajectory, *how, geometry=around, grid=grid)
+        drawn = fine_map(log.scans, slam.trajectory, config.mapping, around.resolution_m, grid)
+        geographic = recover(
+            *(drawn.grid, slam.trajectory, config.recovery),
+            returns=drawn.returns,
+            geometry=around,
+        )
         save_geographic(folder, geographic)
     # readings of signal strength -> heights -> geographic map -> radio maps
     given = RadioInput(rss_with_scans(log), slam, world.access_points, config)
@@ -94,7 +98,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
         subject = Subject(slam.trajectory, *known, slam.covariances)
         assert radio is not None, "a world that is explored has access points"
         own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
-        others = _accuracy_otherwise(world, config, log, slam.trajectory)
+        others = _accuracy_otherwise(world, config, drawn, slam.trajectory)
         metrics = in_table_order((*own, *others, *assess(subject)))
         title = f"{world.name}, {config.backend}, {config.explore.explorer}"
         info = SourceInfo(f"simulated world {world.name}", len(log))
@@ -124,10 +128,9 @@ def with_prior(world: WorldMap, config: RunConfig) -> RunConfig:
 
 
 def _accuracy_otherwise(
-    world: WorldMap, config: RunConfig, log: ReadingLog, trajectory: Trajectory
+    world: WorldMap, config: RunConfig, drawn: FineMap, trajectory: Trajectory
 ) -> tuple[Metric, ...]:
     """Compare maps recovered with other settings with the world."""
-    drawn = fine_map(log.scans, trajectory, config.mapping, config.explore.resolution_m)
     drive = (world, drawn, trajectory, config)
     variants = variant_metrics(*drive) if config.explore.judge_variants else ()
     return (*sizes_metrics(*drive), *variants)

@@ -54,6 +54,7 @@ from slarm_graph.raster.layers import set_aside
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import Source
 from slarm_graph.recovery.recover import recover
+from slarm_graph.recovery.returns import gather_returns
 from slarm_graph.trajectory import Trajectory
 
 RadioMaps = tuple[GeographicMap, RadioMap | None, MeasuredMap | None, tuple[HeightPosterior, ...]]
@@ -103,7 +104,8 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
     # occupancy grid -> geographic map (GGMR)
     with folder.stage("recovery", progress), keep_freed_layers():
         ends = thinned(end_points_m(log.scans, slam.trajectory, config.mapping), _ENOUGH_POINTS)
-        geographic = recover(grid, slam.trajectory, config.recovery, end_points=ends)
+        returns = gather_returns(ends, grid.geometry.resolution_m)
+        geographic = recover(grid, slam.trajectory, config.recovery, returns=returns)
         save_geographic(folder, geographic, config.mapping.large_image)
     # geographic map and readings of signal strength -> radio maps
     signals = signals.along(slam, config)

@@ -88,9 +88,7 @@ def _recovered_accuracy(
     """Return the accuracy of a drive's maps recovered with other settings."""
     resolution_m = config.explore.resolution_m
     geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
-    geographic = recover(
-        drawn.grid, trajectory, recovery, end_points=drawn.end_points_m, geometry=geometry
-    )
+    geographic = recover(drawn.grid, trajectory, recovery, returns=drawn.returns, geometry=geometry)
     radio = radio_map(geographic, world.access_points, config.radio)
     return accuracy_on(world, geographic, radio, config.radio, resolution_m, config.explore.area)
 

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from slarm_graph.config import MappingConfig
-from slarm_graph.geometry import Floats
 from slarm_graph.grid import OccupancyGrid
 from slarm_graph.mapping import end_points_m, render
 from slarm_graph.readings import LaserScan
+from slarm_graph.recovery.returns import Returns, gather_returns
 from slarm_graph.trajectory import Trajectory
 
 _COARSEST_M = 0.05
@@ -25,12 +25,12 @@ class FineMap:
     Parameters
     ----------
     grid : OccupancyGrid
-    end_points_m : (N, 2) float64
-        Laser returns in the map.
+    returns : Returns
+        Of the laser in the map, averaged per cell of the grid.
     """
 
     grid: OccupancyGrid
-    end_points_m: Floats
+    returns: Returns
 
 
 def fine_map(
@@ -45,4 +45,4 @@ def fine_map(
     fine = mapping.model_copy(update={"resolution_m": fine_m})
     if grid is None or grid.geometry.resolution_m != fine_m:
         grid = render(scans, trajectory, fine)
-    return FineMap(grid, end_points_m(scans, trajectory, fine))
+    return FineMap(grid, gather_returns(end_points_m(scans, trajectory, fine), fine_m))

@@ -52,7 +52,7 @@ from slarm_graph.recovery.heights import (
 )
 from slarm_graph.recovery.known_sizes import known_sizes_of
 from slarm_graph.recovery.obstacles import matched_blocks, wall_strips
-from slarm_graph.recovery.returns import gather_returns, returns_of_cells
+from slarm_graph.recovery.returns import Returns, returns_of_cells
 from slarm_graph.recovery.walls import Outline, straighten_outlines
 from slarm_graph.tiles import Where, Window
 from slarm_graph.trajectory import Trajectory
@@ -85,7 +85,7 @@ def recover(
     trajectory: Trajectory,
     config: RecoveryConfig,
     *,
-    end_points: Floats | None = None,
+    returns: Returns | None = None,
     geometry: GridGeometry | None = None,
 ) -> GeographicMap:
     """Recover the geographic map from an occupancy grid.
@@ -96,9 +96,9 @@ def recover(
     trajectory : Trajectory
         `map_from_robot`; cells it visits are never obstacles.
     config : RecoveryConfig
-    end_points : (N, 2) float64, optional
-        Laser returns in the map [m], from the corrected trajectory; they place walls more finely
-        than cells can.
+    returns : Returns, optional
+        Of the laser in the map, from the corrected trajectory, averaged per cell of the grid
+        (`gather_returns`); they place walls more finely than cells can.
     geometry : GridGeometry, optional
         Cells of the result, for instance coarser ones; a cell is what its centre is. The grid's
         own when left out.
@@ -106,7 +106,7 @@ def recover(
     target = grid.geometry if geometry is None else geometry
     grid = with_path_tiles(grid, trajectory)
     visited = visited_cells(target, trajectory)
-    shape = _shape(grid, trajectory, config, end_points)
+    shape = _shape(grid, trajectory, config, returns)
     raster = _RasterisedShape.on(target, shape)
     tiles = raster.solids.tiles_of(grid.tiles) if grid.tiles and target == grid.geometry else None
     where = tiles or target.shape
@@ -150,7 +150,6 @@ def recover_scans(
     config: RecoveryConfig,
     *,
     geometry: GridGeometry,
-    grid: OccupancyGrid | None = None,
 ) -> GeographicMap:
     """Recover the geographic map of a drive on given cells, from a map of 0.05 m or finer.
 
@@ -161,11 +160,9 @@ def recover_scans(
     mapping : MappingConfig
     config : RecoveryConfig
     geometry : GridGeometry
-    grid : OccupancyGrid, optional
-        Rendered from the same; used where it is fine enough.
     """
-    fine = fine_map(scans, trajectory, mapping, geometry.resolution_m, grid)
-    return recover(fine.grid, trajectory, config, end_points=fine.end_points_m, geometry=geometry)
+    fine = fine_map(scans, trajectory, mapping, geometry.resolution_m)
+    return recover(fine.grid, trajectory, config, returns=fine.returns, geometry=geometry)
 
 
 def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
@@ -179,7 +176,7 @@ def _shape(
     grid: OccupancyGrid,
     trajectory: Trajectory,
     config: RecoveryConfig,
-    end_points: Floats | None,
+    returns: Returns | None,
 ) -> _Shape:
     """Clean the grid and straighten the outline of the reachable region."""
     geometry = grid.geometry
@@ -187,10 +184,8 @@ def _shape(
     set_aside(grid.probability)
     if not config.straighten or not _any(clean.reached, clean.where):
         return _Shape(clean, [], [], [])
-    if end_points is None:
+    if returns is None:
         returns = returns_of_cells(geometry, clean.occupied, clean.reached)
-    else:
-        returns = gather_returns(end_points, geometry.resolution_m)
     rings = outlines_m(geometry, clean.reached, grid.tiles)
     outlines = straighten_outlines(rings, returns, geometry.resolution_m)
     blocks = matched_blocks(outlines, returns, config.known_sizes, config.size_tolerance_m)
