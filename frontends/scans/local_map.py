@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,14 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.moving_returns import (
+    FARTHEST_M,
+    LOOKS_NOWHERE,
+    ClearSectors,
+    seen_through,
+)
 from slarm_graph.frontends.scans.search_pyramid import SearchPyramid, build_pyramid
+from slarm_graph.frontends.scans.small_objects import is_wide
 from slarm_graph.frontends.scans.small_pose import between3
 from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.kernels import kernel
@@ -27,6 +35,37 @@ _OBSERVED_BLOCK_M = 0.2
 """Side of the blocks of the observed space: a beam's width at 10 m and 1 degree."""
 _LEVELS = 5
 """Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
+
+_NEWEST = 40
+"""Keyframes back that say what has come before a new one."""
+_SPREAD = (2, 4, 8, 16)
+"""Keyframes back that say what has come before a scan: half a metre of way and more."""
+
+
+@dataclass(frozen=True, slots=True)
+class _MapKeyframe:
+    """A scan of the local map.
+
+    Parameters
+    ----------
+    points : (K, 2) float64
+        In the robot's frame [m].
+    pose : (3,) float64
+    clear : ClearSectors
+    is_small : (K,) bool
+        Which of the points belong to objects that may move.
+    stays : (K,) bool
+        Which of them no other keyframe has looked through.
+    segments : (S, 4) float64
+        Pieces of wall of those that stay [m].
+    """
+
+    points: Floats
+    pose: Floats
+    clear: ClearSectors
+    is_small: NDArray[np.bool_]
+    stays: NDArray[np.bool_]
+    segments: Floats
 
 
 class LocalMap:
@@ -39,8 +78,7 @@ class LocalMap:
     def __init__(self, keyframes: KeyframeConfig, matching: MatchingConfig) -> None:
         self._rule = keyframes
         self._matching = matching
-        self._segments: list[Floats] = []
-        self._keyframes: list[tuple[Floats, Floats]] = []
+        self._keyframes: list[_MapKeyframe] = []
         self._last_pose: Floats | None = None
         self._levels: SearchPyramid | None = None
         self.grid: LikelihoodGrid | None = None
@@ -58,7 +96,7 @@ class LocalMap:
     def latest_points(self, keyframes: int) -> Floats:
         """Return the points (M, 2) of the latest keyframes, one after the other [m]."""
         latest = self._keyframes[-keyframes:]
-        return np.concatenate([transform_points(pose, points) for points, pose in latest])
+        return np.concatenate([transform_points(k.pose, k.points[k.stays]) for k in latest])
 
     def levels(self) -> SearchPyramid:
         """Return the search pyramid of the grid, cached until the grid changes."""
@@ -73,39 +111,105 @@ class LocalMap:
 
     def clear(self) -> None:
         """Drop all keyframes and the grid."""
-        self._segments, self._keyframes = [], []
-        self._last_pose = None
+        self._keyframes, self._last_pose = [], None
         self.grid = self._levels = None
 
-    def add(self, points: Floats, local_from_robot: Pose2) -> None:
-        """Add a keyframe: points (K, 2) [m] in the robot's frame."""
-        self._last_pose, self._levels = local_from_robot.as_array(), None
-        pose = self._last_pose
-        segments = scan_segments(points, pose, self._matching.max_gap_m)
-        self._segments.append(segments)
-        self._keyframes.append((points, pose))
-        if len(self._segments) >= 2 * self._rule.window:
-            del self._segments[: self._rule.window], self._keyframes[: self._rule.window]
+    def add(
+        self, points: Floats, local_from_robot: Pose2, clear: ClearSectors = LOOKS_NOWHERE
+    ) -> None:
+        """Add a keyframe; what has come or gone since the others is in the grid no longer.
+
+        Parameters
+        ----------
+        points : (K, 2) float64
+            In the robot's frame [m].
+        local_from_robot : Pose2
+        clear : ClearSectors
+            How far its scan looks.
+        """
+        pose = local_from_robot.as_array()
+        self._last_pose, self._levels = pose, None
+        if self._take_out_gone(pose, clear):
             self.grid = None
-        if self.grid is None or not add_segments(self.grid, segments):
+        is_small, stays = ~is_wide(points), np.ones(len(points), dtype=np.bool_)
+        for before in self._keyframes[-_NEWEST:]:
+            stays &= ~_gone(points, is_small, between3(before.pose, pose), before.clear)
+        if stays.sum() < self._matching.min_points:
+            stays[:] = True
+        keyframe = _MapKeyframe(points, pose, clear, is_small, stays, np.zeros((0, 4)))
+        keyframe = self._with_static(keyframe, stays)
+        self._keyframes.append(keyframe)
+        if len(self._keyframes) >= 2 * self._rule.window:
+            del self._keyframes[: self._rule.window]
+            self.grid = None
+        if self.grid is None or not add_segments(self.grid, keyframe.segments):
             self.grid = build_likelihood_grid(
-                np.concatenate(self._segments),
+                np.concatenate([k.segments for k in self._keyframes]),
                 resolution_m=self._matching.resolution_m,
                 sigma_m=self._matching.sigma_m,
                 margin_m=_MARGIN_M,
             )
             shape = [-(-side // self.observed_step) for side in self.grid.values.shape]
             self.observed = np.zeros(shape, dtype=np.bool_)
-            for keyframe in self._keyframes:
-                self._mark_observed_by(*keyframe)
+            for each in self._keyframes:
+                self._mark_observed_by(each)
         else:
-            self._mark_observed_by(points, pose)
+            self._mark_observed_by(keyframe)
 
-    def _mark_observed_by(self, points: Floats, pose: Floats) -> None:
+    def static(self, points: Floats, pose: Floats, within_m: float) -> Floats:
+        """Return points without the small objects that have come since earlier keyframes.
+
+        Parameters
+        ----------
+        points : (K, 2) float64
+            Of a robot at `pose`, in its frame and in beam order [m].
+        pose : (3,) float64
+        within_m : float
+            Range up to which the pose is sure enough.
+        """
+        is_small, came = ~is_wide(points), np.zeros(len(points), dtype=np.bool_)
+        for keyframe in (self._keyframes[-k] for k in _SPREAD if k <= len(self._keyframes)):
+            seen = between3(keyframe.pose, pose), keyframe.clear.laser, keyframe.clear.ranges_m
+            came[is_small] |= seen_through(points[is_small], *seen, within_m)
+        return points[~came] if came.any() else points
+
+    def _take_out_gone(self, pose: Floats, clear: ClearSectors) -> bool:
+        """Take out of all keyframes what a new one looks through; returns whether there is any.
+
+        Where hardly anything would stay of a keyframe, the poses are wrong, or only people were
+        seen; either way it is all there is.
+        """
+        changed = False
+        for k, keyframe in enumerate(self._keyframes):
+            seen_from = between3(pose, keyframe.pose)
+            stays = keyframe.stays & ~_gone(keyframe.points, keyframe.is_small, seen_from, clear)
+            if self._matching.min_points <= stays.sum() < keyframe.stays.sum():
+                self._keyframes[k], changed = self._with_static(keyframe, stays), True
+        return changed
+
+    def _with_static(self, keyframe: _MapKeyframe, stays: NDArray[np.bool_]) -> _MapKeyframe:
+        static = keyframe.points[stays]
+        segments = scan_segments(static, keyframe.pose, self._matching.max_gap_m)
+        return replace(keyframe, stays=stays, segments=segments)
+
+    def _mark_observed_by(self, keyframe: _MapKeyframe) -> None:
         assert self.grid is not None
         block_m = self.observed_step * self.grid.resolution_m
         corner = self.grid.origin_x_m, self.grid.origin_y_m
-        _mark_observed(self.observed, points, pose, *corner, block_m)
+        _mark_observed(self.observed, keyframe.points, keyframe.pose, *corner, block_m)
+
+
+def _gone(
+    points: Floats, is_small: NDArray[np.bool_], seen_from: Floats, clear: ClearSectors
+) -> NDArray[np.bool_]:
+    """Which points (K, 2) a scan looks through; only small things where beams do not return.
+
+    These may be sent towards glass, or into the sun.
+    """
+    gone = seen_through(points, seen_from, clear.laser, clear.returned_m, FARTHEST_M)
+    small = points[is_small]
+    gone[is_small] |= seen_through(small, seen_from, clear.laser, clear.ranges_m, FARTHEST_M)
+    return gone
 
 
 @kernel

@@ -21,11 +21,15 @@ from slarm_graph.frontends.scans.dynamic_objects import with_dynamic_objects
 from slarm_graph.frontends.scans.hypotheses import PathHypothesis, branch, is_unambiguous, prune
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
+from slarm_graph.frontends.scans.moving_returns import (
+    certain_within_m,
+    clear_sectors,
+)
 from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior
 from slarm_graph.frontends.scans.refinement import chosen_refinement
 from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.scan_fit import scan_fit
-from slarm_graph.frontends.scans.small_pose import between3
+from slarm_graph.frontends.scans.small_pose import between3, compose3
 from slarm_graph.frontends.scans.wheel_motion import WheelMotion
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import LaserScan, Reading
@@ -120,7 +124,8 @@ class ScanTracker:
             h.predict(span_s, reading.odom_from_robot, 0.5 * sweep_s) for h in self._hypotheses
         ]
         rate = best.odometry.rate(priors[0].predictions[0].motion, span_s)
-        points = points_for_matching(scan, self._config, rate, middle)
+        expected, certain_m = self._expected(priors)
+        points = self._points(scan, rate, middle, expected, certain_m)
         candidates = self._candidates(points, priors)
         if sweep_s:
             motion = between3(priors[0].base, candidates[0][0].pose)
@@ -128,11 +133,26 @@ class ScanTracker:
             change = np.abs(new_rate - rate) * sweep_s
             rate = new_rate
             if max(change[0], change[1]) > _MISTIMED_M or change[2] > _MISTIMED_RAD:
-                points = points_for_matching(scan, self._config, rate, middle)
+                points = self._points(scan, rate, middle, expected, certain_m)
                 candidates = self._candidates(points, priors)
         self._update_hypotheses(candidates, priors, span_s)
         self._last_stamp_ns = reading.stamp_ns
+        if sweep_s:
+            points = self._points(scan, rate, middle, self._hypotheses[0].pose, certain_m)
         return self._tracked(reading, points, rate if sweep_s else None, middle)
+
+    def _expected(self, priors: Sequence[PosePrior]) -> tuple[Floats, float]:
+        """Return the likeliest pose, and the range [m] up to which it says what moves."""
+        first, *others = priors
+        pose = compose3(first.base, first.predictions[0].motion)
+        return pose, 0.0 if others else certain_within_m(first.predictions)
+
+    def _points(
+        self, scan: LaserScan, rate: Floats, middle: float, pose: Floats, certain_m: float
+    ) -> Floats:
+        """Return the returns worth matching: thinned, without what has moved."""
+        points = points_for_matching(scan, self._config, rate, middle)
+        return self._map.static(points, pose, certain_m) if certain_m > 0.0 else points
 
     def _candidates(self, points: Floats, priors: Sequence[PosePrior]) -> list[list[PoseCandidate]]:
         """Pose candidates by hypothesis; relocalise after 0, 1, 2, 4, 8, ... unmatched scans."""
@@ -191,9 +211,7 @@ class ScanTracker:
         if rate is not None:
             middle_from_first = Pose2.from_array(-rate * scan.time_increment_s * middle)
             pose = pose @ middle_from_first
-            points = middle_from_first.inverse().transform(
-                points_for_matching(scan, self._config, rate, middle)
-            )
+            points = middle_from_first.inverse().transform(points)
             lag = best.odometry.lag_covariance(middle * scan.time_increment_s)
         current = pose.as_array()
         previous = self._revised[-1] if self._revised else self._previous_pose
@@ -217,7 +235,7 @@ class ScanTracker:
             best.mixture_covariance,
             match,
             reading.odom_from_robot,
-            self._add_keyframe(points, pose, candidate),
+            self._add_keyframe(points, pose, candidate, scan, rate),
             best.odometry.wheel_motion(),
             self._revised,
             lag,
@@ -229,7 +247,14 @@ class ScanTracker:
         sweep_s = max(len(scan.ranges_m) - 1, 0) * scan.time_increment_s
         return sweep_s if self._config.deskew and 0.0 < sweep_s < _MAX_SWEEP_S else 0.0
 
-    def _add_keyframe(self, points: Floats, pose: Pose2, candidate: PoseCandidate | None) -> bool:
+    def _add_keyframe(
+        self,
+        points: Floats,
+        pose: Pose2,
+        candidate: PoseCandidate | None,
+        scan: LaserScan,
+        rate: Floats | None,
+    ) -> bool:
         """Add the scan to the local map when the robot has moved enough since the last keyframe.
 
         Unmatched and ambiguous scans are not added; after several unmatched scans in a row the
@@ -248,7 +273,7 @@ class ScanTracker:
             self._matcher.true_fit.learn(fit)
             if not self._map.is_keyframe_due(pose):
                 return False
-        self._map.add(points, pose)
+        self._map.add(points, pose, clear_sectors(scan, self._config.max_range_m, rate))
         return True
 
 

@@ -1,0 +1,172 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Moving returns: what another scan has looked through, and a local map without it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_dynamic_objects import NOTHING, points_of, scan_of
+
+from slarm_graph.config import KeyframeConfig, MatchingConfig
+from slarm_graph.frontends.scans.likelihood_grid import likelihoods
+from slarm_graph.frontends.scans.local_map import LocalMap
+from slarm_graph.frontends.scans.moving_returns import (
+    FARTHEST_M,
+    ClearSectors,
+    certain_within_m,
+    clear_sectors,
+    seen_through,
+)
+from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.geometry import Floats, Pose2, transform_points
+from slarm_graph.readings import LaserScan
+
+SILENT = np.zeros(361)
+ROOM = np.array([[-4.0, -4.0, 4.0, -4.0], [4.0, -4.0, 4.0, 4.0], [4.0, 4.0, -4.0, 4.0]])
+"""Open to the left, where nothing returns."""
+BESIDE, AHEAD = [0.0, 1.5, 0.25], [2.0, 0.0, 0.25]
+
+
+def scan(discs: list[list[float]], walls: Floats = ROOM, x: float = 0.0) -> LaserScan:
+    around = np.array(discs, dtype=np.float64).reshape(-1, 3)
+    return scan_of(around, walls, np.array([x, 0.0, 0.0]), SILENT)
+
+
+def through(points: Floats, looked: ClearSectors, at: Floats, within_m: float = 15.0) -> Floats:
+    return seen_through(points, at, looked.laser, looked.ranges_m, within_m)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_beam_that_passes_beside_goes_on(seed: int) -> None:
+    """Between brute force at 0.25 m aside, and at as much plus a sector of two degrees."""
+    rng = np.random.default_rng(seed)
+    looks = scan_of(rng.uniform(-4.0, 4.0, (6, 3)) * [1, 1, 0.1], ROOM, np.zeros(3), SILENT)
+    ranges_m = np.where(np.isinf(looks.ranges_m), looks.ranges_m[looks.is_return()].max(), 0.0)
+    ranges_m = np.where(looks.is_return(), looks.ranges_m, ranges_m)
+    pose = rng.uniform(-0.5, 0.5, 3)
+    points = rng.uniform(-5.0, 5.0, (400, 2))
+    found = through(points, clear_sectors(looks, 30.0), pose)
+    inner, outer = np.zeros((2, len(points)), dtype=bool)
+    for k, (x, y) in enumerate(transform_points(pose, points)):
+        r = math.hypot(x, y)
+        turn = np.abs((looks.angles_rad() - math.atan2(y, x) + math.pi) % (2 * math.pi) - math.pi)
+        half = math.asin(min(1.0, 0.25 / r))
+        for told, aside in ((outer, half), (inner, half + math.radians(2.0))):
+            told[k] = r > 0.25 and (ranges_m[turn <= aside] >= r + 0.4).all()
+    assert (found <= outer).all() and (inner <= found).all()
+    assert inner.sum() > 20 and outer.sum() < 0.7 * len(points)
+
+
+def test_without_a_return_a_beam_looks_as_far_as_the_farthest_one() -> None:
+    looks = clear_sectors(scan([[0.0, 3.0, 0.25]], NOTHING), 30.0)
+    points = np.array([[-2.0, 0.0], [-2.3, 0.0], [-2.7, 0.0], [-3.0, 0.0]])
+    assert through(points, looks, np.zeros(3)).tolist() == [True, True, False, False]
+    assert not through(points, clear_sectors(scan([], NOTHING), 30.0), np.zeros(3)).any()
+
+
+@pytest.mark.parametrize("code", [math.nan, -math.inf, 5.7])
+def test_a_beam_that_says_nothing_looks_nowhere(code: float) -> None:
+    looks = scan([])
+    ranges_m = np.array(looks.ranges_m)
+    ranges_m[180] = code
+    ahead = np.array([[2.0, 0.0], [0.0, 2.0]])
+    assert through(ahead, clear_sectors(looks, 30.0), np.zeros(3)).all()
+    spoilt = clear_sectors(replace(looks, ranges_m=ranges_m), 30.0)
+    assert through(ahead, spoilt, np.zeros(3)).tolist() == [False, True]
+
+
+def test_nothing_is_known_beside_the_view_nor_beyond_its_use() -> None:
+    whole = scan([])
+    half = replace(whole, ranges_m=whole.ranges_m[180:], angle_min_rad=0.0)
+    points = np.array([[0.0, 2.0], [0.0, -2.0], [2.0, 0.0]])
+    assert through(points, clear_sectors(half, 30.0), np.zeros(3)).tolist() == [True, False, False]
+    assert not through(points, clear_sectors(half, 30.0), np.zeros(3), within_m=1.9).any()
+
+
+def test_sectors_are_the_robots_whatever_the_mounting() -> None:
+    """A laser 0.3 m ahead, turned by a quarter, clockwise, and 45 beams in place of 361."""
+    whole, point = scan([BESIDE], x=0.3), np.array([[-0.5, 3.0], [2.0, 0.0], [0.0, -3.0]])
+    mounted = replace(
+        whole,
+        ranges_m=np.roll(np.array(whole.ranges_m)[::-1][:-1], 90)[::8],
+        angle_min_rad=math.pi,
+        angle_increment_rad=-8.0 * whole.angle_increment_rad,
+        robot_from_laser=Pose2(0.3, 0.0, math.pi / 2),
+    )
+    for looks in (replace(whole, robot_from_laser=Pose2(0.3, 0.0, 0.0)), mounted):
+        told = through(point, clear_sectors(looks, 30.0), np.zeros(3)).tolist()
+        assert told == [False, True, True]
+
+
+def test_a_turn_within_the_sweep_is_undone() -> None:
+    """Half a turn during the sweep: the beams cover half of the way round, or all of it twice."""
+    looks = replace(scan([AHEAD]), time_increment_s=1e-3)
+    point = np.array([[0.0, 3.0]])
+    turning = np.array([0.0, 0.0, math.radians(-0.5) / 1e-3])
+    assert through(point, clear_sectors(looks, 30.0), np.zeros(3)).all()
+    assert not through(point, clear_sectors(looks, 30.0, turning), np.zeros(3)).any()
+
+
+def test_a_prediction_tells_as_far_as_its_turn_moves_a_return_by_the_tolerance() -> None:
+    def prediction(x_m: float, sigma_m: float, sigma_rad: float) -> Prediction:
+        return Prediction(np.array([x_m, 0.0, 0.0]), np.diag([sigma_m, sigma_m, sigma_rad]) ** 2)
+
+    assert certain_within_m([prediction(0.0, 0.0, 0.025)]) == pytest.approx(10.0)
+    sure = prediction(0.0, 0.0, 0.0)
+    assert certain_within_m([sure]) == FARTHEST_M
+    assert certain_within_m([sure, prediction(0.24, 9.0, 9.0)]) == FARTHEST_M
+    assert certain_within_m([prediction(0.0, 0.18, 0.01)]) < 0.0
+    assert certain_within_m([prediction(0.0, 0.01, 0.01), prediction(0.3, 0.0, 0.0)]) < 0.0
+
+
+def grid_at(local_map: LocalMap, x: float, y: float) -> float:
+    """Likelihood of a return there [m]."""
+    assert local_map.grid is not None
+    return float(likelihoods(local_map.grid.lattice, np.array([[x, y]]), np.zeros(3))[0])
+
+
+def test_a_local_map_forgets_who_has_left_and_takes_in_nobody_who_came() -> None:
+    for one, other in (([BESIDE], []), ([], [BESIDE])):
+        local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+        for k, around in enumerate((one, other)):
+            seen = scan(around, x=0.1 * k)
+            local_map.add(points_of(seen), Pose2(0.1 * k, 0.0, 0.0), clear_sectors(seen, 30.0))
+        assert grid_at(local_map, 0.0, 1.25) < 0.01
+        assert grid_at(local_map, 4.0, 0.5) > 0.9
+
+
+def test_a_local_map_keeps_who_stays_and_what_is_hidden() -> None:
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    behind = [0.0, 3.0, 0.15]
+    for k, around in enumerate(([BESIDE], [BESIDE], [BESIDE, behind], [BESIDE])):
+        seen = scan(around, x=0.1 * k)
+        local_map.add(points_of(seen), Pose2(0.1 * k, 0.0, 0.0), clear_sectors(seen, 30.0))
+    assert grid_at(local_map, 0.0, 1.25) > 0.9
+
+
+def test_a_keyframe_of_which_nothing_would_stay_is_kept() -> None:
+    """Where all has gone it is the poses that are wrong, or only somebody was seen at all."""
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    for around in ([[0.0, 1.5, 0.25], [0.0, -5.0, 0.3]], [[0.0, -1.5, 0.25], [0.0, 5.0, 0.3]]):
+        seen = scan(around, NOTHING)
+        local_map.add(points_of(seen), Pose2(), clear_sectors(seen, 30.0))
+    assert min(grid_at(local_map, 0.0, 1.25), grid_at(local_map, 0.0, -1.25)) > 0.9
+
+
+def test_small_things_that_came_are_left_out_of_a_scan_but_no_wall() -> None:
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    for k in range(3):
+        seen = scan([], x=0.1 * k)
+        local_map.add(points_of(seen), Pose2(0.1 * k, 0.0, 0.0), clear_sectors(seen, 30.0))
+    pose = np.array([0.2, 0.0, 0.0])
+    wall = np.array([[2.0, -1.0, 2.0, 1.0]])
+    points = points_of(scan([BESIDE], np.vstack([ROOM, wall]), x=0.2))
+    static = local_map.static(points, pose, FARTHEST_M)
+    near = np.hypot(*(transform_points(pose, points) - [0.0, 1.5]).T) < 0.3
+    assert near.sum() > 10
+    assert len(static) == len(points) - near.sum()
+    assert len(local_map.static(points, pose, 1.0)) == len(points)
