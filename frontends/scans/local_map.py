@@ -72,7 +72,8 @@ class LocalMap:
     """A likelihood grid of the last keyframes, between one and two windows of them.
 
     Keyframes are added in place; once there are two windows, the older one is dropped. So each
-    keyframe is drawn about twice, however long the window.
+    keyframe is drawn about twice, however long the window; and once more with every keyframe that
+    shows that something has come or gone, which is taken out.
     """
 
     def __init__(self, keyframes: KeyframeConfig, matching: MatchingConfig) -> None:

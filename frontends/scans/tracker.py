@@ -57,7 +57,8 @@ class TrackedScan:
     ----------
     stamp_ns : int
     points_m : (K, 2) float64
-        Returns in the robot's frame at the stamp, range-filtered, deskewed and thinned [m].
+        Returns in the robot's frame at the stamp, range-filtered, deskewed and thinned, without
+        small objects where keyframes have looked through [m].
     local_from_robot : Pose2
         Lidar odometry: drifts, never jumps.
     motion : Pose2
