@@ -36,10 +36,10 @@ _OBSERVED_BLOCK_M = 0.2
 _LEVELS = 5
 """Of the pyramid: its largest blocks span 0.8 m of a grid of 0.05 m, about the least window."""
 
-_NEWEST = 40
-"""Keyframes back that say what has come before a new one."""
-_SPREAD = (2, 4, 8, 16)
-"""Keyframes back that say what has come before a scan: half a metre of way and more."""
+_AGES = (1, 2, 4, 8, 16, 32)
+"""Keyframes back that a new one is compared with, for what has come and what has gone: with every
+keyframe a few times, half a metre later and more. All 80 leave halls 34, 40, 103 and 124 at 0.053
+0.163 0.061 0.043 m in place of 0.038 0.093 0.052 0.045, and take half as long again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,7 +133,7 @@ class LocalMap:
         if self._take_out_gone(pose, clear):
             self.grid = None
         is_small, stays = ~is_wide(points), np.ones(len(points), dtype=np.bool_)
-        for before in self._keyframes[-_NEWEST:]:
+        for _, before in self._earlier():
             stays &= ~_gone(points, is_small, between3(before.pose, pose), before.clear)
         if stays.sum() < self._matching.min_points:
             stays[:] = True
@@ -169,10 +169,14 @@ class LocalMap:
             Range up to which the pose is sure enough.
         """
         is_small, came = ~is_wide(points), np.zeros(len(points), dtype=np.bool_)
-        for keyframe in (self._keyframes[-k] for k in _SPREAD if k <= len(self._keyframes)):
+        for _, keyframe in self._earlier():
             seen = between3(keyframe.pose, pose), keyframe.clear.laser, keyframe.clear.ranges_m
             came[is_small] |= seen_through(points[is_small], *seen, within_m)
         return points[~came] if came.any() else points
+
+    def _earlier(self) -> list[tuple[int, _MapKeyframe]]:
+        """Return the keyframes that a new one is compared with, and their indices."""
+        return [(-age, self._keyframes[-age]) for age in _AGES if age <= len(self._keyframes)]
 
     def _take_out_gone(self, pose: Floats, clear: ClearSectors) -> bool:
         """Take out of all keyframes what a new one looks through; returns whether there is any.
@@ -181,7 +185,7 @@ class LocalMap:
         seen; either way it is all there is.
         """
         changed = False
-        for k, keyframe in enumerate(self._keyframes):
+        for k, keyframe in self._earlier():
             seen_from = between3(pose, keyframe.pose)
             stays = keyframe.stays & ~_gone(keyframe.points, keyframe.is_small, seen_from, clear)
             if self._matching.min_points <= stays.sum() < keyframe.stays.sum():
