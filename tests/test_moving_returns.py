@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from test_dynamic_objects import NOTHING, points_of, scan_of
 
-from slarm_graph.config import KeyframeConfig, MatchingConfig
+from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import likelihoods
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.moving_returns import (
@@ -22,8 +22,9 @@ from slarm_graph.frontends.scans.moving_returns import (
     seen_through,
 )
 from slarm_graph.frontends.scans.odometry_filter import Prediction
+from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Floats, Pose2, transform_points
-from slarm_graph.readings import LaserScan
+from slarm_graph.readings import LaserScan, Reading
 
 SILENT = np.zeros(361)
 ROOM = np.array([[-4.0, -4.0, 4.0, -4.0], [4.0, -4.0, 4.0, 4.0], [4.0, 4.0, -4.0, 4.0]])
@@ -79,6 +80,15 @@ def test_a_beam_that_says_nothing_looks_nowhere(code: float) -> None:
     assert through(ahead, spoilt, np.zeros(3)).tolist() == [False, True]
 
 
+def test_what_old_logs_write_for_no_return_says_nothing() -> None:
+    looks = scan([])
+    ranges_m = np.where(np.abs(looks.angles_rad()) < 0.3, 81.83, looks.ranges_m)
+    coded = replace(looks, ranges_m=ranges_m, range_max_m=81.83)
+    ahead = np.array([[2.0, 0.0], [0.0, 2.0]])
+    assert through(ahead, clear_sectors(coded, 30.0), np.zeros(3)).tolist() == [False, True]
+    assert through(ahead, clear_sectors(coded, 90.0), np.zeros(3)).all()
+
+
 def test_nothing_is_known_beside_the_view_nor_beyond_its_use() -> None:
     whole = scan([])
     half = replace(whole, ranges_m=whole.ranges_m[180:], angle_min_rad=0.0)
@@ -89,7 +99,8 @@ def test_nothing_is_known_beside_the_view_nor_beyond_its_use() -> None:
 
 def test_sectors_are_the_robots_whatever_the_mounting() -> None:
     """A laser 0.3 m ahead, turned by a quarter, clockwise, and 45 beams in place of 361."""
-    whole, point = scan([BESIDE], x=0.3), np.array([[-0.5, 3.0], [2.0, 0.0], [0.0, -3.0]])
+    whole = scan([BESIDE], x=0.3)
+    point = np.array([[-0.5, 3.0], [2.0, 0.0], [0.0, -3.0], [-1.0, 2.4], [0.6, 2.4]])
     mounted = replace(
         whole,
         ranges_m=np.roll(np.array(whole.ranges_m)[::-1][:-1], 90)[::8],
@@ -99,16 +110,18 @@ def test_sectors_are_the_robots_whatever_the_mounting() -> None:
     )
     for looks in (replace(whole, robot_from_laser=Pose2(0.3, 0.0, 0.0)), mounted):
         told = through(point, clear_sectors(looks, 30.0), np.zeros(3)).tolist()
-        assert told == [False, True, True]
+        fine = looks is not mounted  # sectors of 12 degrees reach behind the disc
+        assert told == [False, True, True, fine, fine]
 
 
 def test_a_turn_within_the_sweep_is_undone() -> None:
-    """Half a turn during the sweep: the beams cover half of the way round, or all of it twice."""
+    """By the beam in the middle it has turned left by 18 degrees, and so is what it meets."""
     looks = replace(scan([AHEAD]), time_increment_s=1e-3)
-    point = np.array([[0.0, 3.0]])
-    turning = np.array([0.0, 0.0, math.radians(-0.5) / 1e-3])
-    assert through(point, clear_sectors(looks, 30.0), np.zeros(3)).all()
-    assert not through(point, clear_sectors(looks, 30.0, turning), np.zeros(3)).any()
+    left, right = (2.8 * np.array([math.cos(b), math.sin(b)]) for b in np.radians([18.0, -18.0]))
+    turning = np.array([0.0, 0.0, math.radians(0.1) / 1e-3])
+    points = np.stack([left, right, [2.8, 0.0]])
+    for rate, told in ((None, [True, True, False]), (turning, [False, True, True])):
+        assert through(points, clear_sectors(looks, 30.0, rate), np.zeros(3)).tolist() == told
 
 
 def test_a_prediction_tells_as_far_as_its_turn_moves_a_return_by_the_tolerance() -> None:
@@ -120,6 +133,8 @@ def test_a_prediction_tells_as_far_as_its_turn_moves_a_return_by_the_tolerance()
     assert certain_within_m([sure]) == FARTHEST_M
     assert certain_within_m([sure, prediction(0.24, 9.0, 9.0)]) == FARTHEST_M
     assert certain_within_m([prediction(0.0, 0.18, 0.01)]) < 0.0
+    apart = [prediction(0.0, 0.05, 0.01), prediction(-0.1, 0.0, 0.0)]
+    assert certain_within_m(apart) == pytest.approx((0.25 - math.hypot(0.15, 0.05)) / 0.01)
     assert certain_within_m([prediction(0.0, 0.01, 0.01), prediction(0.3, 0.0, 0.0)]) < 0.0
 
 
@@ -129,14 +144,30 @@ def grid_at(local_map: LocalMap, x: float, y: float) -> float:
     return float(likelihoods(local_map.grid.lattice, np.array([[x, y]]), np.zeros(3))[0])
 
 
-def test_a_local_map_forgets_who_has_left_and_takes_in_nobody_who_came() -> None:
+@pytest.mark.parametrize("walls", [ROOM, ROOM[:2]])
+def test_a_local_map_forgets_who_has_left_and_takes_in_nobody_who_came(walls: Floats) -> None:
+    """Before a wall, and before nothing within range."""
     for one, other in (([BESIDE], []), ([], [BESIDE])):
         local_map = LocalMap(KeyframeConfig(), MatchingConfig())
         for k, around in enumerate((one, other)):
-            seen = scan(around, x=0.1 * k)
+            seen = scan(around, walls, x=0.1 * k)
             local_map.add(points_of(seen), Pose2(0.1 * k, 0.0, 0.0), clear_sectors(seen, 30.0))
         assert grid_at(local_map, 0.0, 1.25) < 0.01
         assert grid_at(local_map, 4.0, 0.5) > 0.9
+
+
+def test_who_came_is_left_out_wherever_the_robot_is() -> None:
+    local_map, poses = (
+        LocalMap(KeyframeConfig(), MatchingConfig()),
+        ([0.0, 0.0, 0.0], [1.0, -1.0, 0.7]),
+    )
+    for pose, around in zip(np.array(poses), ([], [BESIDE]), strict=True):
+        seen = scan_of(np.array(around).reshape(-1, 3), ROOM, pose, SILENT)
+        points = points_of(seen)
+        local_map.add(points, Pose2.from_array(pose), clear_sectors(seen, 30.0))
+    near = np.hypot(*(transform_points(pose, points) - BESIDE[:2]).T) < 0.3
+    assert near.sum() > 5
+    assert len(local_map.latest_points(1)) == len(points) - near.sum()
 
 
 def test_a_local_map_keeps_who_stays_and_what_is_hidden() -> None:
@@ -146,6 +177,16 @@ def test_a_local_map_keeps_who_stays_and_what_is_hidden() -> None:
         seen = scan(around, x=0.1 * k)
         local_map.add(points_of(seen), Pose2(0.1 * k, 0.0, 0.0), clear_sectors(seen, 30.0))
     assert grid_at(local_map, 0.0, 1.25) > 0.9
+
+
+@pytest.mark.parametrize("beyond", [False, True])
+def test_silence_removes_no_wall_but_returns_from_beyond_it_do(beyond: bool) -> None:
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    wall, far = np.array([[2.0, -2.0, 2.0, 2.0]]), ROOM if beyond else ROOM[[0, 2]]
+    for walls in (np.vstack([wall, far]), far):
+        seen = scan([], walls)
+        local_map.add(points_of(seen), Pose2(), clear_sectors(seen, 30.0))
+    assert (grid_at(local_map, 2.0, 0.02) < 0.01) == beyond
 
 
 def test_a_keyframe_of_which_nothing_would_stay_is_kept() -> None:
@@ -170,3 +211,14 @@ def test_small_things_that_came_are_left_out_of_a_scan_but_no_wall() -> None:
     assert near.sum() > 10
     assert len(static) == len(points) - near.sum()
     assert len(local_map.static(points, pose, 1.0)) == len(points)
+
+
+def test_a_tracker_leaves_out_who_has_come_and_says_what_is_left() -> None:
+    tracker = ScanTracker(FrontendConfig())
+    for k in range(8):
+        x = 0.1 * k
+        came = [BESIDE] if k == 7 else []
+        tracked = tracker.track(Reading((k + 1) * 200_000_000, scan(came, x=x), Pose2(x, 0.0, 0.0)))
+    ends = transform_points(tracked.local_from_robot.as_array(), tracked.points_m)
+    assert len(ends) > 200
+    assert np.hypot(*(ends - BESIDE[:2]).T).min() > 0.5

@@ -39,7 +39,8 @@ _LEVELS = 5
 _AGES = (1, 2, 4, 8, 16, 32)
 """Keyframes back that a new one is compared with, for what has come and what has gone: with every
 keyframe a few times, half a metre later and more. All 80 leave halls 34, 40, 103 and 124 at 0.053
-0.163 0.061 0.043 m in place of 0.038 0.093 0.052 0.045, and take half as long again."""
+0.163 0.061 0.043 m in place of 0.038 0.093 0.052 0.045, and take a third more time for a
+whole recording."""
 
 
 @dataclass(frozen=True, slots=True)
