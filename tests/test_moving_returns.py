@@ -132,6 +132,7 @@ def test_a_prediction_tells_as_far_as_its_turn_moves_a_return_by_the_tolerance()
     sure = prediction(0.0, 0.0, 0.0)
     assert certain_within_m([sure]) == FARTHEST_M
     assert certain_within_m([sure, prediction(0.24, 9.0, 9.0)]) == FARTHEST_M
+    assert certain_within_m([sure, prediction(0.26, 9.0, 9.0)]) < 0.0
     assert certain_within_m([prediction(0.0, 0.18, 0.01)]) < 0.0
     apart = [prediction(0.0, 0.05, 0.01), prediction(-0.1, 0.0, 0.0)]
     assert certain_within_m(apart) == pytest.approx((0.25 - math.hypot(0.15, 0.05)) / 0.01)

@@ -98,7 +98,8 @@ def certain_within_m(predictions: Sequence[Prediction]) -> float:
     off += np.max([np.abs(first.motion - p.motion) for p in predictions], axis=0)
     x_m, y_m, turn_rad = off.tolist()
     sure_m = TOLERANCE_M - math.hypot(x_m, y_m)
-    return min(FARTHEST_M, sure_m / turn_rad) if turn_rad > 0.0 else FARTHEST_M
+    reach_m = sure_m / turn_rad if turn_rad > 0.0 else math.copysign(math.inf, sure_m)
+    return min(FARTHEST_M, reach_m)
 
 
 @kernel
