@@ -56,7 +56,7 @@ LOOKS_NOWHERE = ClearSectors(np.zeros(2), np.zeros(1), np.zeros(1))
 def clear_sectors(
     scan: LaserScan, max_range_m: float, robot_rate: Floats | None = None
 ) -> ClearSectors:
-    """Measure how far a scan looks.
+    """Measure how far a scan looks: where its beams are no more than `TOLERANCE_M` apart.
 
     Parameters
     ----------
@@ -74,12 +74,13 @@ def clear_sectors(
     mount = scan.robot_from_laser.as_array()
     first_rad = float(mount[2]) + scan.angle_min_rad
     is_used = scan.is_return() & (scan.ranges_m <= max_range_m)
+    dense_m = TOLERANCE_M / max(abs(step_rad), TOLERANCE_M / FARTHEST_M) + CLEARANCE_M
     returned_m = np.where(is_used, scan.ranges_m, 0.0)
     ranges_m = np.where(scan.is_clear(), np.max(returned_m, initial=0.0), returned_m)
     return ClearSectors(
         mount[:2],
-        _shortest_ranges(ranges_m, first_rad, step_rad, count),
-        _shortest_ranges(returned_m, first_rad, step_rad, count),
+        _shortest_ranges(np.minimum(ranges_m, dense_m), first_rad, step_rad, count),
+        _shortest_ranges(np.minimum(returned_m, dense_m), first_rad, step_rad, count),
     )
 
 
