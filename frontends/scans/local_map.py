@@ -180,7 +180,7 @@ class LocalMap:
         return [(-age, self._keyframes[-age]) for age in _AGES if age <= len(self._keyframes)]
 
     def _take_out_gone(self, pose: Floats, clear: ClearSectors) -> bool:
-        """Take out of all keyframes what a new one looks through; returns whether there is any.
+        """Take out of earlier keyframes what a new one looks through; returns whether there is any.
 
         Where hardly anything would stay of a keyframe, the poses are wrong, or only people were
         seen; either way it is all there is.

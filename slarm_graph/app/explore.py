@@ -43,7 +43,7 @@ from slarm_graph.radio.measured.rss_log import rss_with_scans
 from slarm_graph.reading_log import ReadingLog
 from slarm_graph.readings import SourceInfo
 from slarm_graph.recovery.fine_map import FineMap, fine_map
-from slarm_graph.recovery.recover import recover, with_sizes_of
+from slarm_graph.recovery.recover import recover_fine, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.world import World, WorldMap
 
@@ -82,11 +82,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     with folder.stage("recovery", progress):
         around = GridGeometry.covering(*world.extent_m(), config.explore.resolution_m)
         drawn = fine_map(log.scans, slam.trajectory, config.mapping, around.resolution_m, grid)
-        geographic = recover(
-            *(drawn.grid, slam.trajectory, config.recovery),
-            returns=drawn.returns,
-            geometry=around,
-        )
+        geographic = recover_fine(drawn, slam.trajectory, config.recovery, around)
         save_geographic(folder, geographic)
     # readings of signal strength -> heights -> geographic map -> radio maps
     given = RadioInput(rss_with_scans(log), slam, world.access_points, config)

@@ -13,7 +13,7 @@ from slarm_graph.geographic import GeographicMap
 from slarm_graph.grid import GridGeometry
 from slarm_graph.radio.radio_map import radio_map, theoretical_radio_map
 from slarm_graph.recovery.fine_map import FineMap
-from slarm_graph.recovery.recover import recover, with_sizes_of
+from slarm_graph.recovery.recover import recover_fine, with_sizes_of
 from slarm_graph.trajectory import Trajectory
 from slarm_graph.truth_map import truth_map
 from slarm_graph.world import WorldMap
@@ -88,7 +88,7 @@ def _recovered_accuracy(
     """Return the accuracy of a drive's maps recovered with other settings."""
     resolution_m = config.explore.resolution_m
     geometry = GridGeometry.covering(*world.extent_m(), resolution_m)
-    geographic = recover(drawn.grid, trajectory, recovery, returns=drawn.returns, geometry=geometry)
+    geographic = recover_fine(drawn, trajectory, recovery, geometry)
     radio = radio_map(geographic, world.access_points, config.radio)
     return accuracy_on(world, geographic, radio, config.radio, resolution_m, config.explore.area)
 

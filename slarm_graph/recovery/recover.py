@@ -39,7 +39,7 @@ from slarm_graph.recovery.coverage import (
     visited_cells,
     with_path_tiles,
 )
-from slarm_graph.recovery.fine_map import fine_map
+from slarm_graph.recovery.fine_map import FineMap, fine_map
 from slarm_graph.recovery.grid_cleaning import (
     CleanGrid,
     clean_grid,
@@ -162,7 +162,14 @@ def recover_scans(
     geometry : GridGeometry
     """
     fine = fine_map(scans, trajectory, mapping, geometry.resolution_m)
-    return recover(fine.grid, trajectory, config, returns=fine.returns, geometry=geometry)
+    return recover_fine(fine, trajectory, config, geometry)
+
+
+def recover_fine(
+    drawn: FineMap, trajectory: Trajectory, config: RecoveryConfig, geometry: GridGeometry
+) -> GeographicMap:
+    """Recover the geographic map on given cells from a drive's fine map."""
+    return recover(drawn.grid, trajectory, config, returns=drawn.returns, geometry=geometry)
 
 
 def with_sizes_of(world: WorldMap, config: RecoveryConfig) -> RecoveryConfig:
