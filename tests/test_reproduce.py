@@ -4,7 +4,9 @@
 
 import csv
 import json
+import shutil
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,8 +14,10 @@ from matplotlib.figure import Figure
 
 from slarm_graph.app.outcomes import read_outcome
 from slarm_graph.app.trials import Trial
+from slarm_graph.errors import BadInput
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.paper import reproduce as module
+from slarm_graph.paper.drives import DRIVES
 from slarm_graph.paper.figures import Curve, _draw_panel
 from slarm_graph.paper.plan import Plan
 from slarm_graph.paper.reproduce import reproduce
@@ -37,7 +41,9 @@ def write_run(folder: Path, status: str = "ok") -> None:
             values[f"accuracy_re_{radius}_{prior}_sizes"] = accuracy(folder.name) - less
     metrics = {name: {"value": value} for name, value in values.items()}
     (folder / "metrics.json").write_text(json.dumps(metrics))
-    (folder / "run.json").write_text(json.dumps({"status": status, "wall_s": 30.0}))
+    (folder / "run.json").write_text(
+        json.dumps({"status": status, "wall_s": 30.0, "git_revision": "0123abcdef"})
+    )
 
 
 @pytest.fixture
@@ -123,6 +129,57 @@ def test_only_what_is_missing_is_run(
     assert said[0] == "5 of 8 closed loops are there already"
     assert ran == [[folder.name for folder in there[5:]]]
     reproduce(tmp_path, PLAN, tell=said.append)
+    assert len(ran) == 1
+
+
+@pytest.mark.usefixtures("no_theory")
+def test_a_table_of_drives_stands_for_their_folders(tmp_path: Path, ran: list[list[str]]) -> None:
+    """Carried on elsewhere, a reproduction drives what is missing and has the same results."""
+    here, there = tmp_path / "here", tmp_path / "there"
+    here.mkdir()
+    there.mkdir()
+    reproduce(here, replace(PLAN, seeds=1))
+    shutil.copy(here / DRIVES, there)
+    said: list[str] = []
+    reproduce(there, PLAN, tell=said.append)
+    assert said[0] == "4 of 8 closed loops are there already"
+    assert len(ran[1]) == 4 and all(name.endswith("_1") for name in ran[1])
+    reproduce(here, PLAN)
+    assert rows_of(there) == rows_of(here)
+    assert (there / DRIVES).read_text() == (here / DRIVES).read_text()
+    name, revision, *_ = (here / DRIVES).read_text().splitlines()[1].split(",")
+    assert (name, revision) == ("ggmr_pose_graph_0.2m_1ms_0", "0123abc")
+
+
+@pytest.mark.usefixtures("no_theory")
+def test_drives_of_another_plan_stay_in_the_table(tmp_path: Path, ran: list[list[str]]) -> None:
+    reproduce(tmp_path, PLAN)
+    table = (tmp_path / DRIVES).read_text()
+    shutil.rmtree(tmp_path / "runs")
+    reproduce(tmp_path, replace(PLAN, resolutions_m=(0.2,)))
+    assert len(ran) == 1
+    assert (tmp_path / DRIVES).read_text() == table
+
+
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda text: text.replace("revision", "version"), "its header is not"),
+        (lambda text: text.replace(",100.0,", ",fast,", 1), ":2: not a drive"),
+        (lambda text: text.replace(",100.0,", ",inf,", 1), ":2: not a drive"),
+        (lambda text: text.rsplit(",", 4)[0], ":9: not a drive"),
+        (lambda text: text.rstrip() + ",7\n", ":9: not a drive"),
+    ],
+)
+@pytest.mark.usefixtures("no_theory")
+def test_what_is_no_table_of_drives_is_told(
+    tmp_path: Path, ran: list[list[str]], spoil: Callable[[str], str], told: str
+) -> None:
+    reproduce(tmp_path, PLAN)
+    table = tmp_path / DRIVES
+    table.write_text(spoil(table.read_text()))
+    with pytest.raises(BadInput, match=told):
+        reproduce(tmp_path, PLAN)
     assert len(ran) == 1
 
 

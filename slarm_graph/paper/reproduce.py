@@ -3,7 +3,8 @@
 """The paper's figures and its claims beside ours, from closed loops in its room.
 
 Every trial is `slarm explore`: a robot that finds the room out, measured against the truth with
-nothing aligned, in a process and a run folder of its own. Trials that have ended are not run again.
+nothing aligned, in a process and a run folder of its own. Trials that have ended are not run again:
+those with a run folder, and those in the table of drives, which may come from another machine.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from slarm_graph.config import DrivingConfig, RunConfig
 from slarm_graph.counts import count_of
 from slarm_graph.eval.comparison import Outcome
 from slarm_graph.files.worlds import load_world
+from slarm_graph.paper.drives import DRIVES, outcome_of, read_drives, write_drives
 from slarm_graph.paper.figures import (
     save_accuracy_figure,
     save_complexity_figure,
@@ -68,18 +70,25 @@ def reproduce(
     Parameters
     ----------
     folder : Path
-        Exists; gets `results.csv`, `complexity.csv`, `hypotheses.csv` and the figures as PNG.
+        Exists; gets `drives.csv`, `results.csv`, `complexity.csv`, `hypotheses.csv` and the
+        figures as PNG. A table of drives that is there counts as driven.
     plan : Plan
     jobs : int, optional
         Processes at a time; as many as there are processors by default.
     tell : callable
         Told about progress, one line at a time.
     progress : Progress, optional
+
+    Raises
+    ------
+    BadInput
+        Naming the line of `drives.csv` that is none.
     """
-    world = load_world(PAPER_ROOM)
-    _theory(folder, world, plan)
+    before = read_drives(folder / DRIVES)
+    _theory(folder, load_world(PAPER_ROOM), plan)
     trials = plan.trials(folder)
-    outcomes = {trial: read_outcome(trial) for trial in trials}
+    outcomes = _outcomes(trials, before)
+    write_drives(folder / DRIVES, outcomes.items(), before)
     missing = [trial for trial, outcome in outcomes.items() if outcome.status != "ok"]
     if len(missing) < len(trials):
         tell(f"{len(trials) - len(missing)} of {len(trials)} closed loops are there already")
@@ -91,13 +100,24 @@ def reproduce(
         accuracy = outcome.figures.get("accuracy", float("nan"))
         tell(f"{outcome.folder}: {outcome.status}, accuracy {accuracy:.4f}")
         ended.append(outcome)
+        now = _outcomes(trials, before)
+        write_drives(folder / DRIVES, now.items(), before)
         if len(ended) < len(missing) and len(ended) % per_seed == 0:
-            show(folder, plan, {trial: read_outcome(trial) for trial in trials})
+            show(folder, plan, now)
 
     ran = compare(missing, workers=jobs, tell=told, progress=progress) if missing else ()
     outcomes |= dict(zip(missing, ran, strict=True))
     show(folder, plan, outcomes)
     return tuple(outcomes.values())
+
+
+def _outcomes(
+    trials: Iterable[Trial], table: Mapping[str, Mapping[str, str]]
+) -> dict[Trial, Outcome]:
+    """What each closed loop came to, by its run folder or else by the table."""
+    found = {trial: read_outcome(trial) for trial in trials}
+    listed = {t: outcome_of(t, table[t.folder.name]) for t in found if t.folder.name in table}
+    return {t: listed.get(t, o) if o.status != "ok" else o for t, o in found.items()}
 
 
 def show(folder: Path, plan: Plan, outcomes: Mapping[Trial, Outcome]) -> None:
@@ -174,6 +194,7 @@ def _shown_maps(
             if (settings[trial].explorer, settings[trial].backend) == (explorer, backend)
             and settings[trial].resolution_m == delta
         ]
+        mine = [one for one in mine if (one[2] / "radio_map.npz").is_file()]
         if mine:
             found.append((delta, read_radio_npz(min(mine)[2] / "radio_map.npz")))
     return found
