@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_dynamic_objects import NOTHING, points_of, scan_of
 
 from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.likelihood_grid import likelihoods
@@ -26,10 +25,40 @@ from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Floats, Pose2, transform_points
 from slarm_graph.readings import LaserScan, Reading
 
+BEAMS = np.linspace(-math.pi, math.pi, 361)
+NOTHING = np.zeros((0, 4))
 SILENT = np.zeros(361)
 ROOM = np.array([[-4.0, -4.0, 4.0, -4.0], [4.0, -4.0, 4.0, 4.0], [4.0, 4.0, -4.0, 4.0]])
 """Open to the left, where nothing returns."""
 BESIDE, AHEAD = [0.0, 1.5, 0.25], [2.0, 0.0, 0.25]
+
+
+def scan_of(discs: Floats, walls: Floats, pose: Floats, noise_m: Floats) -> LaserScan:
+    """Scan within 5.6 m of discs (D, 3) of x, y, radius and walls (W, 4), from a pose (3,) [m]."""
+    bearings = pose[2] + BEAMS
+    ways = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    ranges_m = np.full(len(BEAMS), np.inf)
+    for x, y, radius in discs:
+        to = np.array([x, y]) - pose[:2]
+        along = ways @ to
+        half = radius**2 - (to @ to - along**2)
+        hit = np.where((half > 0) & (along > 0), along - np.sqrt(np.maximum(half, 0)), np.inf)
+        ranges_m = np.minimum(ranges_m, hit)
+    for x0, y0, x1, y1 in walls:
+        d, to = np.array([x1 - x0, y1 - y0]), np.array([x0, y0]) - pose[:2]
+        across = ways[:, 0] * d[1] - ways[:, 1] * d[0]
+        with np.errstate(divide="ignore"):
+            far = (to[0] * d[1] - to[1] * d[0]) / across
+            at = (to[0] * ways[:, 1] - to[1] * ways[:, 0]) / across
+        ranges_m = np.minimum(ranges_m, np.where((far > 0) & (at >= 0) & (at <= 1), far, np.inf))
+    ranges_m = np.where(ranges_m < 5.6, ranges_m + noise_m, np.inf)
+    return LaserScan(ranges_m, -math.pi, BEAMS[1] - BEAMS[0], 0.1, 5.6)
+
+
+def points_of(scan: LaserScan) -> Floats:
+    seen = np.isfinite(scan.ranges_m)
+    ways = np.stack([np.cos(BEAMS), np.sin(BEAMS)], axis=1)
+    return np.ascontiguousarray(ways[seen] * scan.ranges_m[seen, None])
 
 
 def scan(discs: list[list[float]], walls: Floats = ROOM, x: float = 0.0) -> LaserScan:
@@ -235,3 +264,32 @@ def test_a_tracker_leaves_out_who_has_come_and_says_what_is_left() -> None:
     ends = transform_points(tracked.local_from_robot.as_array(), tracked.points_m)
     assert len(ends) > 200
     assert np.hypot(*(ends - BESIDE[:2]).T).min() > 0.5
+
+
+@pytest.mark.parametrize("way_m", [0.16, 0.2])
+def test_who_overtakes_drags_no_robot_along(way_m: float) -> None:
+    """A robot that sees a pillar or two is overtaken by somebody, in twelve draws of the noise."""
+    runs = [overtaken(way_m, seed) for seed in range(12)]
+    off_m, ambiguous = np.array(runs).T
+    # 0.9 to 2.2 m where whoever comes joins the map and the scan.
+    assert np.median(off_m) < 0.2
+    assert np.mean(off_m < 0.3) > 0.8
+    assert off_m.max() < 0.7
+    assert (ambiguous < 30).all()
+
+
+def overtaken(way_m: float, seed: int) -> tuple[float, int]:
+    """Most that the robot was off by [m], and its ambiguous scans."""
+    rng = np.random.default_rng(seed)
+    pillars = np.array([[x, 2.5, 0.3] for x in np.arange(-4.0, 40.0, 6.0)])
+    tracker, truth, off_m, ambiguous = ScanTracker(FrontendConfig()), np.zeros(3), 0.0, 0
+    for k in range(100):
+        somebody = [-7.0 + way_m * k, -1.2, 0.25]
+        noise_m = rng.normal(0.0, 0.03, len(BEAMS))
+        scan = scan_of(np.vstack([pillars, somebody]), NOTHING, truth.copy(), noise_m)
+        odometry = Pose2(truth[0] * 1.002, 0.0, 0.0)
+        tracked = tracker.track(Reading((k + 1) * 200_000_000, scan, odometry))
+        off_m = max(off_m, math.hypot(*(tracked.local_from_robot.as_array() - truth)[:2]))
+        ambiguous += tracked.is_ambiguous
+        truth += [0.06, 0.0, 0.0]
+    return off_m, ambiguous

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
+from test_moving_returns import scan_of
 
 from slarm_graph.backends.graph_building import GraphBuilder
 from slarm_graph.config import (
@@ -311,3 +312,19 @@ def test_a_jump_does_not_decide_for_itself(
         xs.append(tracker.track(replace(reading, odom_from_robot=None)).local_from_robot.x)
     assert xs[2] > 2.5, "the likelier place was told at first"
     assert xs[5] < 0.5
+
+
+def test_a_log_may_begin_at_zero() -> None:
+    walls = np.array([[-2.0, -2.0, -2.0, 4.0], [-2.0, 4.0, 5.0, 4.0], [5.0, 4.0, 5.0, -2.0]])
+    pillar, tracked = np.array([[3.0, 0.0, 0.25]]), []
+    for first_ns in (0, 1):
+        tracker = ScanTracker(FrontendConfig())
+        for k in range(3):
+            noise_m = np.random.default_rng(k).normal(0.0, 0.01, 361)
+            scan = scan_of(pillar, walls, np.array([0.1 * k, 0.0, 0.0]), noise_m)
+            last = tracker.track(Reading(first_ns + k * 200_000_000, scan, None))
+        tracked.append(last)
+    np.testing.assert_allclose(tracked[0].local_covariance, tracked[1].local_covariance, rtol=1e-6)
+    assert tracked[0].local_from_robot.as_array() == pytest.approx(
+        tracked[1].local_from_robot.as_array(), abs=1e-7
+    )

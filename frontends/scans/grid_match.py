@@ -27,6 +27,7 @@ def match_on_grid(
     lattice: Lattice,
     observed: NDArray[np.bool_],
     observed_step: int,
+    met: NDArray[np.int32],
     points: Floats,
     mixture: MotionMixture,
     motion: Floats,
@@ -44,6 +45,8 @@ def match_on_grid(
     lattice : Lattice
     observed, observed_step : (rows, cols) bool, int
         Known space, in blocks of so many cells.
+    met : (rows, cols) int32
+        Keyframes that have met something in each block.
     points : (K, 2) float64
         In the robot's frame and in beam order [m].
     mixture : MotionMixture
@@ -78,6 +81,8 @@ def match_on_grid(
         max_iterations,
     )
     unweighted = scaled3(weighted, 1.0 / effective_share)
-    information = discounted_information(unweighted, lattice, points, tangents, pose, mixture)
+    information = discounted_information(
+        unweighted, lattice, met, observed_step, points, tangents, pose, mixture
+    )
     agreement = agreement_at(lattice, observed, observed_step, points, pose, neutral)
     return pose, information, score, inliers, iterations, agreement

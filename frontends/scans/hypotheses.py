@@ -21,15 +21,16 @@ from slarm_graph.frontends.scans.odometry_filter import (
     Prediction,
     mixture_covariance,
 )
-from slarm_graph.frontends.scans.odometry_reliability import RECOVERS
 from slarm_graph.frontends.scans.pose_candidates import (
+    NOTHING_KNOWN,
     PoseCandidate,
     PosePrior,
     are_same,
     likeliest_prediction,
     pose_update,
 )
-from slarm_graph.frontends.scans.small_pose import between3, transported3
+from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
+from slarm_graph.frontends.scans.small_pose import between3, squared_mahalanobis, transported3
 from slarm_graph.geometry import Floats, Pose2
 
 _PRUNE_LOG_ODDS = 30.0
@@ -39,6 +40,9 @@ _COMMIT_LOG_ODDS = math.log(100.0)
 """Log odds at which the best hypothesis is the right one but for one in a hundred."""
 _MAX_HYPOTHESES = 4
 """Hypotheses kept: two candidates after each of two doubtful scans."""
+STAYS_UNKNOWN = 0.8
+"""Probability that after a scan that showed nothing of the local map the next one does not, either:
+what hides it lasts for some scans."""
 
 
 @dataclass(slots=True)
@@ -62,8 +66,8 @@ class PathHypothesis:
         The last scan's match; None where it was not matched.
     matched_pose : (3,) float64 or None
         Pose by the last match alone, without the prior.
-    dynamic_objects : tuple of float, int
-        Probability that small objects move as they did in the last scan, and their number.
+    shows_map : bool
+        Whether the last scan showed some of the local map.
     history : list of (3,) float64
         Poses since the hypotheses branched, the last one included.
     """
@@ -75,7 +79,7 @@ class PathHypothesis:
     log_weight: float = 0.0
     candidate: PoseCandidate | None = None
     matched_pose: Floats | None = None
-    dynamic_objects: tuple[float, int] = (0.0, 0)
+    shows_map: bool = True
     history: list[Floats] = field(default_factory=list)
 
     def predict(self, span_s: float, odom_from_robot: Pose2 | None, lag_s: float) -> PosePrior:
@@ -87,9 +91,8 @@ class PathHypothesis:
                 Prediction(mode.motion, covariance, mode.probability, mode.correlated_covariance)
             )
         factor = self.odometry.wheels.noise.match_variance_factor
-        return PosePrior(
-            self.pose, tuple(predictions), factor, dynamic_objects=self.dynamic_objects
-        )
+        nothing_known = NOTHING_KNOWN if self.shows_map else STAYS_UNKNOWN
+        return PosePrior(self.pose, tuple(predictions), factor, nothing_known)
 
     def branched(self) -> PathHypothesis:
         """Return an independent copy."""
@@ -116,8 +119,7 @@ class PathHypothesis:
             self.mixture_covariance = spread + transported3(excess, motion)
             self.odometry.wheels.interrupt()
             self.odometry.coast()
-        probability, count = candidate.dynamic_objects
-        self.dynamic_objects = (1.0 - RECOVERS) * probability, count
+        self.shows_map = is_match
         self.candidate = candidate if is_match else None
         self.matched_pose = candidate.pose if is_match else None
         self.log_weight += candidate.log_posterior
@@ -143,11 +145,21 @@ def prune(hypotheses: Sequence[PathHypothesis]) -> list[PathHypothesis]:
     kept: list[PathHypothesis] = []
     for hypothesis in ranked:
         if hypothesis.log_weight > best - _PRUNE_LOG_ODDS and not any(
-            are_same(hypothesis.pose, k.pose) for k in kept
+            _are_same(hypothesis, k) for k in kept
         ):
             hypothesis.log_weight -= best
             kept.append(hypothesis)
     return kept[:_MAX_HYPOTHESES]
+
+
+def _are_same(a: PathHypothesis, b: PathHypothesis) -> bool:
+    """Whether two hypotheses are of one pose, and none takes for false what the other matched."""
+    if not are_same(a.pose, b.pose):
+        return False
+    if a.shows_map == b.shows_map:
+        return True
+    apart = squared_mahalanobis(between3(a.pose, b.pose), a.covariance + b.covariance)
+    return apart <= CHI2_1_PERMILLE
 
 
 def is_unambiguous(hypotheses: Sequence[PathHypothesis]) -> bool:

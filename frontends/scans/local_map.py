@@ -17,6 +17,7 @@ from slarm_graph.frontends.scans.likelihood_grid import (
     build_likelihood_grid,
     scan_segments,
 )
+from slarm_graph.frontends.scans.moving_objects import NO_TRAILS, trail_cells
 from slarm_graph.frontends.scans.moving_returns import (
     FARTHEST_M,
     LOOKS_NOWHERE,
@@ -55,8 +56,12 @@ class _MapKeyframe:
     clear : ClearSectors
     is_small : (K,) bool
         Which of the points belong to objects that may move.
+    small : (M, 2) float64
+        These, in the local map [m].
+    gone : (K,) bool
+        Which of them another keyframe has looked through.
     stays : (K,) bool
-        Which of them no other keyframe has looked through.
+        Which of them are in the grid: neither these nor others of an object that moves.
     segments : (S, 4) float64
         Pieces of wall of those that stay [m].
     """
@@ -65,6 +70,8 @@ class _MapKeyframe:
     pose: Floats
     clear: ClearSectors
     is_small: NDArray[np.bool_]
+    small: Floats
+    gone: NDArray[np.bool_]
     stays: NDArray[np.bool_]
     segments: Floats
 
@@ -83,9 +90,12 @@ class LocalMap:
         self._keyframes: list[_MapKeyframe] = []
         self._last_pose: Floats | None = None
         self._levels: SearchPyramid | None = None
+        self._trails = NO_TRAILS
         self.grid: LikelihoodGrid | None = None
         self.observed: NDArray[np.bool_] = np.zeros((0, 0), dtype=np.bool_)
         """Known space: blocks of `observed_step` x `observed_step` cells that a beam has passed."""
+        self.met: NDArray[np.int32] = np.zeros((0, 0), dtype=np.int32)
+        """Number of keyframes that have met something in each of these blocks."""
         self.observed_step = max(1, round(_OBSERVED_BLOCK_M / matching.resolution_m))
 
     def is_keyframe_due(self, local_from_robot: Pose2) -> bool:
@@ -113,7 +123,7 @@ class LocalMap:
 
     def clear(self) -> None:
         """Drop all keyframes and the grid."""
-        self._keyframes, self._last_pose = [], None
+        self._keyframes, self._last_pose, self._trails = [], None, NO_TRAILS
         self.grid = self._levels = None
 
     def add(
@@ -131,16 +141,15 @@ class LocalMap:
         """
         pose = local_from_robot.as_array()
         self._last_pose, self._levels = pose, None
-        if self._take_out_gone(pose, clear):
+        for k, before in self._earlier():
+            gone = before.gone | _gone(
+                before.points, before.is_small, between3(pose, before.pose), clear
+            )
+            self._keyframes[k] = replace(before, gone=gone)
+        self._keyframes.append(self._keyframe(points, pose, clear))
+        if self._take_out_moving():
             self.grid = None
-        is_small, stays = ~is_wide(points), np.ones(len(points), dtype=np.bool_)
-        for _, before in self._earlier():
-            stays &= ~_gone(points, is_small, between3(before.pose, pose), before.clear)
-        if stays.sum() < self._matching.min_points:
-            stays[:] = True
-        keyframe = _MapKeyframe(points, pose, clear, is_small, stays, np.zeros((0, 4)))
-        keyframe = self._with_static(keyframe, stays)
-        self._keyframes.append(keyframe)
+        keyframe = self._keyframes[-1]
         if len(self._keyframes) >= 2 * self._rule.window:
             del self._keyframes[: self._rule.window]
             self.grid = None
@@ -152,7 +161,7 @@ class LocalMap:
                 margin_m=_MARGIN_M,
             )
             shape = [-(-side // self.observed_step) for side in self.grid.values.shape]
-            self.observed = np.zeros(shape, dtype=np.bool_)
+            self.observed, self.met = np.zeros(shape, np.bool_), np.zeros(shape, np.int32)
             for each in self._keyframes:
                 self._mark_observed_by(each)
         else:
@@ -170,27 +179,49 @@ class LocalMap:
             Range up to which the pose is sure enough.
         """
         is_small, came = ~is_wide(points), np.zeros(len(points), dtype=np.bool_)
+        small = points[is_small]
         for _, keyframe in self._earlier():
             seen = between3(keyframe.pose, pose), keyframe.clear.laser, keyframe.clear.ranges_m
-            came[is_small] |= seen_through(points[is_small], *seen, within_m)
+            came[is_small] |= seen_through(small, *seen, within_m)
+        if self._trails is not NO_TRAILS:
+            near = np.hypot(small[:, 0], small[:, 1]) < within_m
+            came[is_small] |= near & self._trails.contain(transform_points(pose, small))
         return points[~came] if came.any() else points
 
     def _earlier(self) -> list[tuple[int, _MapKeyframe]]:
         """Return the keyframes that a new one is compared with, and their indices."""
         return [(-age, self._keyframes[-age]) for age in _AGES if age <= len(self._keyframes)]
 
-    def _take_out_gone(self, pose: Floats, clear: ClearSectors) -> bool:
-        """Take out of earlier keyframes what a new one looks through; returns whether there is any.
+    def _keyframe(self, points: Floats, pose: Floats, clear: ClearSectors) -> _MapKeyframe:
+        """Make a keyframe of all returns; which of them others have looked through is marked."""
+        is_small, gone = ~is_wide(points), np.zeros(len(points), dtype=np.bool_)
+        for _, before in self._earlier():
+            gone |= _gone(points, is_small, between3(before.pose, pose), before.clear)
+        small, stays = (
+            transform_points(pose, points[is_small]),
+            np.ones(len(points), dtype=np.bool_),
+        )
+        segments = scan_segments(points, pose, self._matching.max_gap_m)
+        return _MapKeyframe(points, pose, clear, is_small, small, gone, stays, segments)
 
-        Where hardly anything would stay of a keyframe, the poses are wrong, or only people were
-        seen; either way it is all there is.
+    def _take_out_moving(self) -> bool:
+        """Take what moves out of the last keyframes; whether any but the newest has changed.
+
+        Where hardly anything would stay of one, the poses are wrong, or only people were seen;
+        either way it is all there is.
         """
-        changed = False
-        for k, keyframe in self._earlier():
-            seen_from = between3(pose, keyframe.pose)
-            stays = keyframe.stays & ~_gone(keyframe.points, keyframe.is_small, seen_from, clear)
+        first, newest = max(0, len(self._keyframes) - max(_AGES) - 1), len(self._keyframes) - 1
+        recent, changed = self._keyframes[first:], False
+        small = np.concatenate([k.small for k in recent])
+        self._trails = trail_cells(small, np.concatenate([k.gone[k.is_small] for k in recent]))
+        ends = np.cumsum([len(k.small) for k in recent])
+        on_trails = np.split(self._trails.contain(small), ends[:-1])
+        for k, (keyframe, on_trail) in enumerate(zip(recent, on_trails, strict=True), first):
+            stays = keyframe.stays & ~keyframe.gone
+            stays[keyframe.is_small] &= ~on_trail
             if self._matching.min_points <= stays.sum() < keyframe.stays.sum():
-                self._keyframes[k], changed = self._with_static(keyframe, stays), True
+                self._keyframes[k] = self._with_static(keyframe, stays)
+                changed |= k < newest
         return changed
 
     def _with_static(self, keyframe: _MapKeyframe, stays: NDArray[np.bool_]) -> _MapKeyframe:
@@ -203,6 +234,8 @@ class LocalMap:
         block_m = self.observed_step * self.grid.resolution_m
         corner = self.grid.origin_x_m, self.grid.origin_y_m
         _mark_observed(self.observed, keyframe.points, keyframe.pose, *corner, block_m)
+        ends = transform_points(keyframe.pose, keyframe.points[keyframe.stays]) - corner
+        _count_met(self.met, ends, block_m)
 
 
 def _gone(
@@ -216,6 +249,21 @@ def _gone(
     small = points[is_small]
     gone[is_small] |= seen_through(small, seen_from, clear.laser, clear.ranges_m, FARTHEST_M)
     return gone
+
+
+@kernel
+def _count_met(met: NDArray[np.int32], points: Floats, block_m: float) -> None:
+    """Count one more keyframe for the blocks of its points (K, 2), from the grid's corner [m]."""
+    for is_first in (True, False):
+        for i in range(len(points)):
+            col, row = math.floor(points[i, 0] / block_m), math.floor(points[i, 1] / block_m)
+            if not (0 <= row < met.shape[0] and 0 <= col < met.shape[1]):
+                continue
+            # A negative number has been counted already.
+            if is_first and met[row, col] >= 0:
+                met[row, col] = -met[row, col] - 1
+            elif not is_first and met[row, col] < 0:
+                met[row, col] = -met[row, col]
 
 
 @kernel

@@ -189,7 +189,7 @@ class LocalMatcher:
         if sigmas_below <= SIGMAS_1_PERCENT and any(
             np.array_equal(best.pose, c.pose) for c in near
         ):
-            return distinct(candidates)
+            return distinct(candidates, prior)
         matches = []
         for half, prediction in product(_subsamples(points), predictions):
             start = best_in_window(half, grid, base, prediction, local_map.levels)
@@ -199,7 +199,7 @@ class LocalMatcher:
         if relocalise and sigmas_below > _LOST:
             matches += self._relocalised(points, sample, local_map, prior)
         candidates += self._with_search_posterior(matches, points, local_map, prior)
-        return distinct(candidates)
+        return distinct(candidates, prior)
 
     def _with_search_posterior(
         self,
@@ -244,6 +244,7 @@ class LocalMatcher:
             grid.lattice,
             local_map.observed,
             local_map.observed_step,
+            local_map.met,
             points,
             prior.mixture,
             prediction.motion,

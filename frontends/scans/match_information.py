@@ -5,8 +5,8 @@
 The sum of squared slopes, which Gauss-Newton takes for the curvature, is too large in three cases.
 In a degenerate geometry, such as a bare corridor, rough walls have slopes of both signs: their
 squares add up, though the likelihood is the same a step further on. Where a crowd occludes the
-walls, points are matched to false counterparts. And where one small object alone constrains the
-motion along an axis, it may be somebody walking ahead.
+walls, points are matched to false counterparts. And where small objects alone constrain the
+motion along an axis, they may be people walking ahead.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from slarm_graph.frontends.scans.gauss_newton import slope
 from slarm_graph.frontends.scans.likelihood_grid import Lattice, likelihoods
@@ -37,6 +38,9 @@ _DROP_STEP_M = 0.1
 roughness. Half of it makes intel.bag 6 % better and fr079 the same."""
 _SIGMAS_OF_STRONGEST = 3.72
 """Standard deviations that the largest of a hundred numbers exceeds one time in a hundred."""
+_PROVEN_KEYFRAMES = 5
+"""Keyframes that have met an object in the same block of 0.2 m, after which it stands: a metre
+of way, in which people walk on by two beside a robot of 0.6 m/s."""
 _LEAST = 1e-3
 """Lower bound of the share of information kept: 30 times the standard deviation."""
 _MISFIT = 10.0
@@ -51,6 +55,8 @@ view of 90 degrees lose its way (4.1 m instead of 0.37)."""
 def discounted_information(
     information: Floats,
     lattice: Lattice,
+    met: NDArray[np.int32],
+    block_cells: int,
     points: Floats,
     tangents: Floats,
     pose: Floats,
@@ -59,14 +65,17 @@ def discounted_information(
     """Discount the information of a match along its weakest (most degenerate) axis.
 
     The information there is bounded by the measured drop of the likelihood, calibrated by drop and
-    information along the strongest axis. The part of one small object is discounted by the
-    probability that it has moved, which grows with its distance from the predicted pose.
+    information along the strongest axis. The part of small objects that were not met for long is
+    discounted by the probability that they have moved, all together as people in company do, which
+    grows with their distance from the predicted pose.
 
     Parameters
     ----------
     information : (3, 3) float64
         Of a match by Gauss-Newton, in the body frame.
     lattice : Lattice
+    met, block_cells : (rows, cols) int32, int
+        Keyframes that have met something in each block of so many cells.
     points, tangents : (K, 2) float64
         In the robot's frame [m], and unit vectors along straight walls there, zero elsewhere.
     pose : (3,) float64
@@ -81,13 +90,15 @@ def discounted_information(
     eigenvalues, axes = eigen2(information)
     if eigenvalues[0] <= 0.0:
         return information
-    values, segment, segment_share = _dominant_object(lattice, points, tangents, pose, axes[:, 0])
-    others = (1.0 - segment_share) * eigenvalues[0]
-    weak_drop, noise, segment_drop = _likelihood_drop(
-        values, lattice, points, segment, pose, axes[:, 0]
+    values, unproven, unproven_share = _unproven_objects(
+        lattice, met, block_cells, points, tangents, pose, axes[:, 0]
     )
-    strong_drop, _, _ = _likelihood_drop(values, lattice, points, segment, pose, axes[:, 1])
-    count = segment[1] - segment[0]
+    others = (1.0 - unproven_share) * eigenvalues[0]
+    weak_drop, noise, unproven_drop = _likelihood_drop(
+        values, lattice, points, unproven, pose, axes[:, 0]
+    )
+    strong_drop, _, _ = _likelihood_drop(values, lattice, points, unproven, pose, axes[:, 1])
+    count = unproven.sum()
     if strong_drop > 0.0:
         significant_drop = (
             weak_drop
@@ -95,11 +106,11 @@ def discounted_information(
             else 0.0
         )
         others = min(others, significant_drop / strong_drop * eigenvalues[1])
-    if segment_share > 0.0 and segment_drop <= _SIGMAS_OF_STRONGEST * noise / math.sqrt(count):
-        segment_share = 0.0
-    variance = 1.0 / max(others + segment_share * eigenvalues[0], _LEAST * eigenvalues[0])
+    if unproven_share > 0.0 and unproven_drop <= _SIGMAS_OF_STRONGEST * noise / math.sqrt(count):
+        unproven_share = 0.0
+    variance = 1.0 / max(others + unproven_share * eigenvalues[0], _LEAST * eigenvalues[0])
     # Everything else bounds how far a moved object can drag the match.
-    moved_variance = 1.0 / max(others, 1.0 / DYNAMIC_STEP_M**2) if segment_share > 0.0 else 0.0
+    moved_variance = 1.0 / max(others, 1.0 / DYNAMIC_STEP_M**2) if unproven_share > 0.0 else 0.0
     variance += moved_variance * _moved_probability(
         axes[:, 0], variance, moved_variance, pose, mixture
     )
@@ -167,7 +178,7 @@ def _likelihood_drop(
     values: Floats,
     lattice: Lattice,
     points: Floats,
-    segment: tuple[int, int],
+    unproven: NDArray[np.bool_],
     pose: Floats,
     axis: Floats,
 ) -> tuple[float, float, float]:
@@ -176,39 +187,45 @@ def _likelihood_drop(
     Returns
     -------
     drop, noise : float
-        Drop of the points outside the segment, and the noise of one of them, by those that fit
-        better there: where the likelihood is flat, as many fit worse.
-    segment_drop : float
-        Drop of the segment's points; either is 0 where there are none.
+        Drop of the other points, and the noise of one of them, by those that fit better there:
+        where the likelihood is flat, as many fit worse.
+    unproven_drop : float
+        Drop of the unproven points; either is 0 where there are none.
     """
-    segment_size = segment[1] - segment[0]
-    other_count = len(points) - segment_size
+    unproven_count = unproven.sum()
+    other_count = len(points) - unproven_count
     drop, noise = np.inf if other_count else 0.0, 0.0
-    segment_drop = np.inf if segment_size else 0.0
+    unproven_drop = np.inf if unproven_count else 0.0
     for sign in (1.0, -1.0):
         shift = np.array([sign * _DROP_STEP_M * axis[0], sign * _DROP_STEP_M * axis[1], 0.0])
         there = likelihoods(lattice, points, compose3(pose, shift))
-        total, squared_gains, segment_loss = 0.0, 0.0, 0.0
+        total, squared_gains, unproven_loss = 0.0, 0.0, 0.0
         for i in range(len(points)):
             loss = values[i] - there[i]
-            if segment[0] <= i < segment[1]:
-                segment_loss += loss
+            if unproven[i]:
+                unproven_loss += loss
             else:
                 total += loss
                 squared_gains += min(loss, 0.0) ** 2
         if other_count and total / other_count < drop:
             drop = total / other_count
             noise = math.sqrt(2.0 * squared_gains / other_count)
-        if segment_size:
-            segment_drop = min(segment_drop, segment_loss / segment_size)
-    return drop, noise, segment_drop
+        if unproven_count:
+            unproven_drop = min(unproven_drop, unproven_loss / unproven_count)
+    return drop, noise, unproven_drop
 
 
 @kernel
-def _dominant_object(
-    lattice: Lattice, points: Floats, tangents: Floats, pose: Floats, axis: Floats
-) -> tuple[Floats, tuple[int, int], float]:
-    """Find the small object with the most information along an axis (2,) of the body frame.
+def _unproven_objects(
+    lattice: Lattice,
+    met: NDArray[np.int32],
+    block_cells: int,
+    points: Floats,
+    tangents: Floats,
+    pose: Floats,
+    axis: Floats,
+) -> tuple[Floats, NDArray[np.bool_], float]:
+    """Find the small objects with information along an axis (2,) that were not met for long.
 
     Only returns with information on that axis are segmented: somebody beside a wall is connected to
     it, but the wall has none along itself.
@@ -217,36 +234,43 @@ def _dominant_object(
     -------
     likelihoods : (K,) float64
         Of all points.
-    segment : tuple of int
-        Its first point, and the one after its last.
+    unproven : (K,) bool
+        Which points belong to such objects.
     share : float
-        Of the information along the axis.
+        Their part of the information along the axis.
     """
     values, squared_slopes = np.empty(len(points)), np.empty(len(points))
+    unproven, is_met = np.zeros((2, len(points)), dtype=np.bool_)
     c, s = math.cos(pose[2]), math.sin(pose[2])
     total = 0.0
     for i in range(len(points)):
         jx, jy, values[i], weight = slope(lattice, points, tangents, i, pose, c, s)
         squared_slopes[i] = weight * (jx * axis[0] + jy * axis[1]) ** 2
         total += squared_slopes[i]
+        x = pose[0] + c * points[i, 0] - s * points[i, 1] - lattice.origin_x
+        y = pose[1] + s * points[i, 0] + c * points[i, 1] - lattice.origin_y
+        col = math.floor(x / lattice.resolution) // block_cells
+        row = math.floor(y / lattice.resolution) // block_cells
+        if 0 <= row < met.shape[0] and 0 <= col < met.shape[1]:
+            is_met[i] = met[row, col] >= _PROVEN_KEYFRAMES
     gap_ratio = gap_per_range(points)
     if math.isinf(gap_ratio):
-        return values, (0, 0), 0.0
-    largest, segment, first, last, strength, width_m = 0.0, (0, 0), -1, -1, 0.0, 0.0
+        return values, unproven, 0.0
+    share, first, last, strength, width_m, count, known = 0.0, -1, -1, 0.0, 0.0, 0, 0
     for i in range(len(points) + 1):
         is_end = i == len(points)
         if not is_end and squared_slopes[i] * len(points) <= total:
             continue
         if first >= 0 and (is_end or is_breakpoint(points, last, i, gap_ratio)):
-            if strength > largest and width_m < SMALL_M:
-                largest, segment = strength, (first, last + 1)
+            if width_m < SMALL_M and 2 * known < count:
+                share += strength / max(total, 1e-12)
+                unproven[first : last + 1] = True
             first = -1
+        if is_end:
+            break
         if first < 0:
-            first, strength, width_m = i, 0.0, 0.0
-        if not is_end:
-            last, strength, width_m = (
-                i,
-                strength + squared_slopes[i],
-                max(width_m, distance_m(points, first, i)),
-            )
-    return values, segment, largest / max(total, 1e-12)
+            first, strength, width_m, count, known = i, 0.0, 0.0, 0, 0
+        last, strength = i, strength + squared_slopes[i]
+        width_m = max(width_m, distance_m(points, first, i))
+        count, known = count + 1, known + is_met[i]
+    return values, unproven, min(share, 1.0)

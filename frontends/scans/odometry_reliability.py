@@ -14,7 +14,7 @@ _PRIOR_STEPS = 300.0
 """Steps that the prior of the failure rate is worth, one failure in them."""
 _FAILS = 1.0 / _PRIOR_STEPS
 """Prior probability that odometry begins to fail in a step; and that a match is false."""
-RECOVERS = 0.2
+_RECOVERS = 0.2
 """Probability that a failure ends in a step: slips and jumps last for some scans."""
 _HAS_GYROSCOPE = _FAILS
 """Probability that a failure in which the heading goes on is of frozen encoders, beside which a
@@ -66,16 +66,16 @@ class OdometryReliability:
         slipping = 1.0 - self.p_working - frozen
         frozen *= 1.0 - self.failure_rate
         if is_still and was_still:
-            frozen += slipping * (1.0 - RECOVERS) + failing * self.failure_rate
+            frozen += slipping * (1.0 - _RECOVERS) + failing * self.failure_rate
             slipping = 0.0
         else:
             freezing = 0.0 if has_way else failing * (1.0 if is_still else _HAS_GYROSCOPE)
             frozen += freezing
-            slipping = (slipping + failing - freezing) * (1.0 - RECOVERS)
+            slipping = (slipping + failing - freezing) * (1.0 - _RECOVERS)
         self._p_frozen = frozen
         self.p_working = 1.0 - self._p_frozen - slipping
         self._is_still = is_still
-        self._p_still_failed = self._p_failed = (1.0 - RECOVERS) * self._p_failed
+        self._p_still_failed = self._p_failed = (1.0 - _RECOVERS) * self._p_failed
 
     def update(self, log_odds: float, log_match_odds: float) -> None:
         """Update the state probabilities by Bayes' rule with a match.

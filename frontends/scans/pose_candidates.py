@@ -14,6 +14,7 @@ import numpy as np
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.odometry_filter import MotionMixture, Prediction
 from slarm_graph.frontends.scans.scan_fit import FalseMatchFit, TrueMatchFit, patch_count, scan_fit
+from slarm_graph.frontends.scans.significance import CHI2_1_PERMILLE
 from slarm_graph.frontends.scans.small_matrix import (
     add3,
     invert3,
@@ -40,8 +41,9 @@ _KEEPS_INVERTIBLE = np.diag([0.01, 0.01, 0.01])
 _VAGUE_M, _VAGUE_RAD = 0.1, 0.1
 """Standard deviations from which a prediction is vague: beyond them refinement may converge to
 another optimum than the nearest."""
-_NOTHING_KNOWN = 0.01
-"""Prior probability that a scan shows nothing of the local map: a crowd, a lift, a door passed."""
+NOTHING_KNOWN = 0.01
+"""Prior probability that scans begin to show nothing of the local map: a crowd, a lift, a door
+passed."""
 _MOST_EVIDENCE = 25.0
 """Cap on one scan's log-likelihood ratio [nat]: walls are alike more often than by chance."""
 _SAME_M, _SAME_RAD = 0.1, 0.05
@@ -66,13 +68,6 @@ class PoseCandidate:
         Up to a constant that all candidates of a scan share.
     fit : float or None
         `scan_fit` at the pose; None where it was not computed yet.
-    evidence : float
-        Log-likelihood ratio of the scan at a true against a false match [nat]: part of
-        `log_posterior`.
-    is_vague : bool
-        Whether the pose is a vague prediction without a match.
-    dynamic_objects : tuple of float, int
-        Probability that small objects which fit another candidate have moved, and their number.
     """
 
     pose: Floats
@@ -83,8 +78,6 @@ class PoseCandidate:
     log_posterior: float = 0.0
     fit: float | None = None
     evidence: float = 0.0
-    is_vague: bool = False
-    dynamic_objects: tuple[float, int] = (0.0, 0)
 
     def scan_fit(self, points: Floats, local_map: LocalMap, true_fit: TrueMatchFit) -> float:
         """Return `scan_fit` of the scan (K, 2) at this pose."""
@@ -105,17 +98,17 @@ class PosePrior:
         Mixture components: motions since then, the last pose's covariance included.
     match_variance_factor : (3,) float64
         Actual over nominal variance of a match, per body axis.
+    nothing_known : float
+        Probability that the scan shows nothing of the local map.
     false_fit : FalseMatchFit
         Distribution of the scan fit at false matches.
-    dynamic_objects : tuple of float, int
-        Probability that small objects move as they did one scan before, and their number.
     """
 
     base: Floats
     predictions: tuple[Prediction, ...]
     match_variance_factor: Floats
+    nothing_known: float = NOTHING_KNOWN
     false_fit: FalseMatchFit = field(default_factory=lambda: FalseMatchFit(0.0, 1.0))
-    dynamic_objects: tuple[float, int] = (0.0, 0)
     mixture: MotionMixture = field(init=False, compare=False)
     """Base and predictions, for compiled code."""
 
@@ -172,19 +165,15 @@ def with_posterior(
         covariance = BASIN_COVARIANCE if loss > true_fit.sigma(patch_count(points)) else covariance
     evidence = true_fit.log_density(fit, patch_count(points)) - prior.false_fit.log_density(fit)
     evidence = min(evidence, _MOST_EVIDENCE)
-    posterior = evidence + log_prior(motion, covariance, prior)
-    return replace(candidate, log_posterior=posterior, evidence=evidence)
+    posterior = evidence + log_prior(motion, covariance, prior) + math.log1p(-prior.nothing_known)
+    return replace(candidate, log_posterior=posterior)
 
 
 def unmatched_candidate(prediction: Prediction, prior: PosePrior) -> PoseCandidate:
     """Candidate at a predicted pose for a scan that shows nothing of the map: occluded or new."""
     pose = compose3(prior.base, prediction.motion)
-    evidence = math.log(_NOTHING_KNOWN)
-    posterior = evidence + math.log(max(prediction.probability, 1e-12))
-    vague = is_vague(prediction.covariance)
-    return PoseCandidate(
-        pose, np.zeros((3, 3)), 0.0, 0, 0, posterior, evidence=evidence, is_vague=vague
-    )
+    posterior = math.log(prior.nothing_known) + math.log(max(prediction.probability, 1e-12))
+    return PoseCandidate(pose, np.zeros((3, 3)), 0.0, 0, 0, posterior)
 
 
 def is_vague(covariance: Floats) -> bool:
@@ -221,13 +210,29 @@ def are_same(a: Floats, b: Floats) -> bool:
     return math.hypot(difference[0], difference[1]) <= _SAME_M and abs(difference[2]) <= _SAME_RAD
 
 
-def distinct(candidates: Sequence[PoseCandidate]) -> list[PoseCandidate]:
-    """Non-maximum suppression: sort by posterior, drop what is the same pose as a likelier one."""
+def distinct(candidates: Sequence[PoseCandidate], prior: PosePrior) -> list[PoseCandidate]:
+    """Non-maximum suppression: sort by posterior, drop what is the same as a likelier one."""
     kept: list[PoseCandidate] = []
     for candidate in sorted(candidates, key=lambda c: -c.log_posterior):
-        if not any(are_same(candidate.pose, k.pose) for k in kept):
+        if not any(_are_same(candidate, k, prior) for k in kept):
             kept.append(candidate)
     return kept
+
+
+def _are_same(a: PoseCandidate, b: PoseCandidate, prior: PosePrior) -> bool:
+    """Whether two candidates are of one pose: a match and the prediction it contradicts are not.
+
+    All that is seen may move along, by less in a scan than poses are merged at.
+    """
+    if not are_same(a.pose, b.pose):
+        return False
+    if bool(a.inliers) == bool(b.inliers):
+        return True
+    match, unmatched = (a, b) if a.inliers else (b, a)
+    predicted = likeliest_prediction(unmatched, prior).covariance
+    covariance = predicted + prior.covariance_of(match.information)
+    innovation = between3(unmatched.pose, match.pose)
+    return squared_mahalanobis(innovation, covariance) <= CHI2_1_PERMILLE
 
 
 def likeliest_prediction(candidate: PoseCandidate, prior: PosePrior) -> Prediction:

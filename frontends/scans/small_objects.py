@@ -60,44 +60,6 @@ def distance_m(points: Floats, i: int, k: int) -> float:
 
 
 @kernel
-def count_small_objects(
-    points: Floats, chosen: NDArray[np.bool_], certain: NDArray[np.bool_]
-) -> int:
-    """Count the small objects that the chosen ones of points (K, 2) belong to.
-
-    Parameters
-    ----------
-    points : (K, 2) float64
-        In the order of their beams [m].
-    chosen, certain : (K,) bool
-        An object of which no chosen point is certain is skipped.
-
-    Returns
-    -------
-    int
-        0 where some of them belong to a wider, static object, or where none is chosen, or objects
-        cannot be separated.
-    """
-    gap_ratio = gap_per_range(points)
-    if math.isinf(gap_ratio):
-        return 0
-    count, first, last, width_m, is_certain = 0, -1, -1, 0.0, False
-    for i in range(len(points) + 1):
-        is_end = i == len(points)
-        if not is_end and not chosen[i]:
-            continue
-        if first < 0 or is_end or is_breakpoint(points, last, i, gap_ratio):
-            if is_certain and width_m > SMALL_M:
-                return 0
-            count += is_certain
-            first, width_m, is_certain = i, 0.0, False
-        if not is_end:
-            last, is_certain = i, is_certain or certain[i]
-            width_m = max(width_m, distance_m(points, first, i))
-    return count
-
-
-@kernel
 def is_wide(points: Floats) -> NDArray[np.bool_]:
     """Which of the points (K, 2), in beam order, belong to an object that is not small."""
     wide = np.zeros(len(points), dtype=np.bool_)

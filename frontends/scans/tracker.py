@@ -17,7 +17,6 @@ import numpy as np
 from slarm_graph.config import FrontendConfig
 from slarm_graph.constraint import MatchResult
 from slarm_graph.counts import count_of
-from slarm_graph.frontends.scans.dynamic_objects import with_dynamic_objects
 from slarm_graph.frontends.scans.hypotheses import PathHypothesis, branch, is_unambiguous, prune
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.local_matching import LocalMatcher
@@ -159,12 +158,10 @@ class ScanTracker:
         """Pose candidates by hypothesis; relocalise after 0, 1, 2, 4, 8, ... unmatched scans."""
         relocalise = not self._unmatched_scans & (self._unmatched_scans - 1)
         single = len(priors) == 1
-        candidates = [
+        return [
             self._matcher.candidates(points, self._map, p, relocalise=relocalise, single=single)
             for p in priors
         ]
-        true_fit, known = self._matcher.true_fit.mean, [p.dynamic_objects for p in priors]
-        return with_dynamic_objects(candidates, points, self._map, true_fit, known)
 
     def _update_hypotheses(
         self,
@@ -266,6 +263,7 @@ class ScanTracker:
         if self._unmatched_scans >= _MAX_UNMATCHED:
             self._commit()
             self._map.clear()
+            self._hypotheses[0].shows_map = True
             self._unmatched_scans = 0
         if self._map.grid is not None:
             if candidate is None or len(self._hypotheses) > 1:

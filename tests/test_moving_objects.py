@@ -1,0 +1,99 @@
+# SPDX-FileCopyrightText: 2026 slarm-graph contributors
+# SPDX-License-Identifier: Apache-2.0
+"""Moving objects: the fresh end of a trail moves with what was looked through behind it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_moving_returns import BEAMS, NOTHING, grid_at, points_of, scan_of
+
+from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
+from slarm_graph.frontends.scans.local_map import LocalMap
+from slarm_graph.frontends.scans.moving_objects import NO_TRAILS, trail_cells
+from slarm_graph.frontends.scans.moving_returns import clear_sectors
+from slarm_graph.frontends.scans.tracker import ScanTracker
+from slarm_graph.geometry import Floats, Pose2
+from slarm_graph.readings import Reading
+
+PILLARS = np.array([[2.0, 2.0, 0.25], [2.0, -2.0, 0.25], [4.0, 2.4, 0.25]])
+
+
+def trail(first_m: float, count: int, y: float = 0.1) -> Floats:
+    """Returns a sixth of a metre apart along x (K, 2) [m]."""
+    return np.stack([first_m + np.arange(count) / 6.0, np.full(count, y)], axis=1)
+
+
+def test_the_fresh_end_of_a_trail_moves_with_the_rest_and_what_stands_apart_does_not() -> None:
+    gone = np.arange(16) < 10
+    pillar = np.array([[1.0, 1.1]])
+    cells = trail_cells(np.vstack([trail(0.0, 16), pillar]), np.append(gone, False))
+    assert cells.contain(trail(0.0, 16)).all()
+    assert cells.contain(trail(16.0 / 6.0, 1)).all()
+    assert not cells.contain(pillar).any()
+    beside = np.array(
+        [[1.0, 0.1], [1.0, 0.3], [1.0, 0.49], [1.0, 0.51], [1.0, -0.24], [1.0, -0.26]]
+    )
+    assert cells.contain(beside).tolist() == [True, True, True, False, True, False]
+
+
+@pytest.mark.parametrize(("gone", "moves"), [(0, False), (8, False), (9, True), (16, True)])
+def test_a_trail_moves_if_most_of_it_was_looked_through(gone: int, moves: bool) -> None:
+    points = trail(-1.0, 16)
+    assert (trail_cells(points, np.arange(16) < gone).contain(points) == moves).all()
+
+
+def test_what_was_looked_through_nowhere_leaves_no_trail() -> None:
+    cells = trail_cells(trail(0.0, 5), np.zeros(5, dtype=bool))
+    assert cells is NO_TRAILS and not cells.contain(trail(0.0, 5)).any()
+
+
+def test_what_stands_beside_a_trail_is_no_part_of_it() -> None:
+    """The trail ends a cell before a pillar that most scans have seen where it is."""
+    pillar = np.tile([[3.1, 0.1]], (40, 1))
+    points = np.vstack([trail(0.0, 15), pillar])
+    cells = trail_cells(points, np.arange(len(points)) < 12)
+    assert cells.contain(trail(0.0, 13)).all()
+    assert not cells.contain(pillar).any()
+
+
+def test_who_walks_ahead_joins_neither_the_map_nor_the_scan() -> None:
+    """Behind his back nothing was ever seen, nor looked through."""
+    local_map = LocalMap(KeyframeConfig(), MatchingConfig())
+    for k in range(12):
+        ahead = [2.0 + 0.15 * k, 0.0, 0.25]
+        seen = scan_of(np.vstack([PILLARS, ahead]), NOTHING, np.zeros(3), np.zeros(len(BEAMS)))
+        local_map.add(points_of(seen), Pose2(), clear_sectors(seen, 30.0))
+    backs = [grid_at(local_map, 1.75 + 0.15 * k, 0.0) for k in range(12)]
+    assert max(backs) < 0.1
+    assert grid_at(local_map, 2.0, 1.75) > 0.9
+    points = points_of(seen)
+    static = local_map.static(points, np.zeros(3), 5.0)
+    assert 0 < len(static) < len(points)
+    assert np.hypot(*(static - ahead[:2]).T).min() > 0.5
+    assert len(local_map.static(points, np.zeros(3), 3.0)) == len(points)
+
+
+@pytest.mark.parametrize(
+    ("ways_m", "most_m"), [((0.1, 0.09), 0.6), ((0.16, 0.15), 0.4), ((0.2, 0.1), 0.4)]
+)
+def test_two_who_walk_ahead_drag_no_robot_along(ways_m: tuple[float, float], most_m: float) -> None:
+    """Two walls do not tell how far the robot has driven, and what does goes on ahead.
+
+    Four metres are 1.4 m short where only one who walks alone is taken for what may move.
+    """
+    walls = np.array([[-50.0, 3.0, 50.0, 3.0], [-50.0, -3.0, 50.0, -3.0]])
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        tracker, off_m, odometry_m = ScanTracker(FrontendConfig()), 0.0, 0.0
+        for k in range(100):
+            two = np.array([[4.3, 0.8, 0.25], [3.8, -0.9, 0.25]])
+            two[:, 0] += max(0, k - 30) * np.array(ways_m)
+            truth = np.array([0.06 * k, 0.0, 0.0])
+            scan = scan_of(two[: 2 * (k >= 30)], walls, truth, rng.normal(0.0, 0.02, len(BEAMS)))
+            odometry = Pose2(odometry_m, 0.0, 0.0)
+            tracked = tracker.track(Reading((k + 1) * 200_000_000, scan, odometry))
+            off = tracked.local_from_robot.as_array() - truth
+            off_m = max(off_m, float(np.hypot(*off[:2])))
+            odometry_m += 0.06 + rng.normal(0.0, 0.001)
+        assert off_m < most_m
