@@ -74,6 +74,27 @@ def test_who_walks_ahead_joins_neither_the_map_nor_the_scan() -> None:
     assert len(local_map.static(points, np.zeros(3), 3.0)) == len(points)
 
 
+def test_every_keyframe_counts_once_for_what_it_has_met() -> None:
+    """By the sets of blocks that the returns of each keyframe lie in; nobody who has moved."""
+    local_map, blocks = LocalMap(KeyframeConfig(), MatchingConfig()), list[set[tuple[int, int]]]()
+    rng = np.random.default_rng(0)
+    for k in range(6):
+        pose = np.array([0.2 * k, 0.1 * k, 0.3 * k])
+        walls = np.array([[-3.0, -3.0, 3.0, -3.0], [3.0, -3.0, 3.0, 3.0]])
+        seen = scan_of(PILLARS, walls, pose, rng.normal(0.0, 0.02, len(BEAMS)))
+        local_map.add(points_of(seen), Pose2.from_array(pose), clear_sectors(seen, 30.0))
+        assert local_map.grid is not None
+        corner = np.array([local_map.grid.origin_x_m, local_map.grid.origin_y_m])
+        met = np.floor((local_map.latest_points(1) - corner) / 0.2).astype(int)
+        blocks.append({(int(row), int(col)) for col, row in met})
+    expected = np.zeros_like(local_map.met)
+    for one in blocks:
+        for row, col in one:
+            expected[row, col] += 1
+    assert expected.max() == 6
+    np.testing.assert_array_equal(local_map.met, expected)
+
+
 @pytest.mark.parametrize(
     ("ways_m", "most_m"), [((0.1, 0.09), 0.6), ((0.16, 0.15), 0.4), ((0.2, 0.1), 0.4)]
 )

@@ -197,12 +197,10 @@ class LocalMap:
         is_small, gone = ~is_wide(points), np.zeros(len(points), dtype=np.bool_)
         for _, before in self._earlier():
             gone |= _gone(points, is_small, between3(before.pose, pose), before.clear)
-        small, stays = (
-            transform_points(pose, points[is_small]),
-            np.ones(len(points), dtype=np.bool_),
-        )
+        small = transform_points(pose, points[is_small])
         segments = scan_segments(points, pose, self._matching.max_gap_m)
-        return _MapKeyframe(points, pose, clear, is_small, small, gone, stays, segments)
+        every = np.ones_like(gone)
+        return _MapKeyframe(points, pose, clear, is_small, small, gone, every, segments)
 
     def _take_out_moving(self) -> bool:
         """Take what moves out of the last keyframes; whether any but the newest has changed.
