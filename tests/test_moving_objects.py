@@ -43,6 +43,15 @@ def test_a_trail_moves_if_most_of_it_was_looked_through(gone: int, moves: bool) 
     assert (trail_cells(points, np.arange(16) < gone).contain(points) == moves).all()
 
 
+def test_a_trail_may_lead_anywhere() -> None:
+    """Neighbours are those across a corner, too, and none but neighbours hang together."""
+    across = 0.25 * np.arange(-2, 3)[:, None] * [1.0, -1.0] + 0.1
+    gone = np.arange(5) < 3
+    assert trail_cells(across, gone).contain(across).all()
+    apart = across * [2.0, 2.0]
+    assert trail_cells(apart, gone).contain(apart).tolist() == gone.tolist()
+
+
 def test_what_was_looked_through_nowhere_leaves_no_trail() -> None:
     cells = trail_cells(trail(0.0, 5), np.zeros(5, dtype=bool))
     assert cells is NO_TRAILS and not cells.contain(trail(0.0, 5)).any()

@@ -82,5 +82,5 @@ def trail_cells(points: Floats, looked_through: NDArray[np.bool_]) -> TrailCells
     if not is_trail.any():
         return NO_TRAILS
     moving = (is_trail[labels] & occupied).astype(np.uint8)
-    beside = cv2.dilate(moving, np.ones((3, 3), dtype=np.uint8)).astype(np.bool_)
-    return TrailCells(first, beside & ~(occupied & ~moving.astype(np.bool_)))
+    with_neighbours = cv2.dilate(moving, np.ones((3, 3), dtype=np.uint8))
+    return TrailCells(first, with_neighbours.astype(np.bool_))
