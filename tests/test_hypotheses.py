@@ -5,10 +5,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from test_moving_returns import scan_of
 
+from slarm_graph.config import FrontendConfig
 from slarm_graph.frontends.scans.hypotheses import PathHypothesis, branch, prune
 from slarm_graph.frontends.scans.odometry_filter import Prediction
 from slarm_graph.frontends.scans.pose_candidates import (
@@ -17,7 +20,9 @@ from slarm_graph.frontends.scans.pose_candidates import (
     distinct,
     unmatched_candidate,
 )
+from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Pose2
+from slarm_graph.readings import Reading
 
 SURE = Prediction(np.zeros(3), np.diag([0.008, 0.008, 0.005]) ** 2)
 PRIOR = PosePrior(np.zeros(3), (SURE,), np.ones(3))
@@ -73,3 +78,17 @@ def test_what_hides_the_map_lasts() -> None:
         first = prior.predictions[0]
         unmatched = unmatched_candidate(first, prior)
         assert unmatched.log_posterior == pytest.approx(math.log(nothing * first.probability))
+
+
+def test_a_new_local_map_is_expected_to_be_seen() -> None:
+    """Five scans that fit nowhere, and the map begins anew with what they show."""
+    rng, tracker = np.random.default_rng(0), ScanTracker(FrontendConfig())
+    room = np.array([[-4.0, -4.0, 4.0, -4.0], [4.0, -4.0, 4.0, 4.0], [4.0, 4.0, -4.0, 4.0]])
+    known = scan_of(np.zeros((0, 3)), room, np.zeros(3), np.zeros(361))
+    shown = []
+    for k in range(10):
+        ranges_m = rng.uniform(0.3, 0.6, 361)
+        scan = known if k < 4 else replace(known, ranges_m=ranges_m)
+        tracker.track(Reading((k + 1) * 200_000_000, scan, Pose2()))
+        shown.append(tracker._hypotheses[0].shows_map)
+    assert shown[:9] == [True] * 4 + [False] * 4 + [True]

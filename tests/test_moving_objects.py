@@ -81,25 +81,30 @@ def test_who_walks_ahead_joins_neither_the_map_nor_the_scan() -> None:
     assert 0 < len(static) < len(points)
     assert np.hypot(*(static - ahead[:2]).T).min() > 0.5
     assert len(local_map.static(points, np.zeros(3), 3.0)) == len(points)
+    # What was looked through once has moved, whatever later scans see of it.
+    for _ in range(5):
+        local_map.add(static, Pose2())
+    assert len(local_map.static(points, np.zeros(3), 5.0)) == len(static)
 
 
 def test_every_keyframe_counts_once_for_what_it_has_met() -> None:
-    """By the sets of blocks that the returns of each keyframe lie in; nobody who has moved."""
-    local_map, blocks = LocalMap(KeyframeConfig(), MatchingConfig()), list[set[tuple[int, int]]]()
-    rng = np.random.default_rng(0)
+    """By the sets of blocks that the returns of each lie in; whoever has left counts no more."""
+    local_map, rng = LocalMap(KeyframeConfig(), MatchingConfig()), np.random.default_rng(0)
+    walls = np.array([[-3.0, -3.0, 3.0, -3.0], [3.0, -3.0, 3.0, 3.0]])
     for k in range(6):
         pose = np.array([0.2 * k, 0.1 * k, 0.3 * k])
-        walls = np.array([[-3.0, -3.0, 3.0, -3.0], [3.0, -3.0, 3.0, 3.0]])
-        seen = scan_of(PILLARS, walls, pose, rng.normal(0.0, 0.02, len(BEAMS)))
+        things = np.vstack([PILLARS, [0.0, 1.7, 0.25]])[: 4 if k == 3 else 3]
+        seen = scan_of(things, walls, pose, rng.normal(0.0, 0.02, len(BEAMS)))
         local_map.add(points_of(seen), Pose2.from_array(pose), clear_sectors(seen, 30.0))
-        assert local_map.grid is not None
-        corner = np.array([local_map.grid.origin_x_m, local_map.grid.origin_y_m])
-        met = np.floor((local_map.latest_points(1) - corner) / 0.2).astype(int)
-        blocks.append({(int(row), int(col)) for col, row in met})
+    assert local_map.grid is not None
+    corner = np.array([local_map.grid.origin_x_m, local_map.grid.origin_y_m])
     expected = np.zeros_like(local_map.met)
-    for one in blocks:
-        for row, col in one:
-            expected[row, col] += 1
+    for last in range(1, 7):
+        later = len(local_map.latest_points(last - 1)) if last > 1 else 0
+        ends = local_map.latest_points(last)
+        met = np.floor((ends[: len(ends) - later] - corner) / 0.2).astype(int)
+        for column, row in {(int(x), int(y)) for x, y in met}:
+            expected[row, column] += 1
     assert expected.max() == 6
     np.testing.assert_array_equal(local_map.met, expected)
 

@@ -42,7 +42,8 @@ _MAX_HYPOTHESES = 4
 """Hypotheses kept: two candidates after each of two doubtful scans."""
 STAYS_UNKNOWN = 0.8
 """Probability that after a scan that showed nothing of the local map the next one does not, either:
-what hides it lasts for some scans."""
+what hides it lasts for some scans. With 0.6 and 0.9 halls 103, 121 and ward 3 stay (0.043 to
+0.052 m), hall 19 is 0.093 in place of 0.06."""
 
 
 @dataclass(slots=True)

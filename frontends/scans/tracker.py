@@ -263,9 +263,10 @@ class ScanTracker:
         if self._unmatched_scans >= _MAX_UNMATCHED:
             self._commit()
             self._map.clear()
-            self._hypotheses[0].shows_map = True
             self._unmatched_scans = 0
-        if self._map.grid is not None:
+        if self._map.grid is None:
+            self._hypotheses[0].shows_map = True
+        else:
             if candidate is None or len(self._hypotheses) > 1:
                 return False
             fit = scan_fit(points, pose.as_array(), self._map, self._matcher.true_fit.mean)
