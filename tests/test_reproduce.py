@@ -139,16 +139,23 @@ def test_a_table_of_drives_stands_for_their_folders(tmp_path: Path, ran: list[li
     here.mkdir()
     there.mkdir()
     reproduce(here, replace(PLAN, seeds=1))
-    shutil.copy(here / DRIVES, there)
     said: list[str] = []
-    reproduce(there, PLAN, tell=said.append)
+    reproduce(there, PLAN, elsewhere=[here / DRIVES], tell=said.append)
     assert said[0] == "4 of 8 closed loops are there already"
     assert len(ran[1]) == 4 and all(name.endswith("_1") for name in ran[1])
-    reproduce(here, PLAN)
+    reproduce(here, PLAN, elsewhere=[there / DRIVES])
+    assert len(ran) == 2
     assert rows_of(there) == rows_of(here)
     assert (there / DRIVES).read_text() == (here / DRIVES).read_text()
     name, revision, *_ = (here / DRIVES).read_text().splitlines()[1].split(",")
     assert (name, revision) == ("ggmr_pose_graph_0.2m_1ms_0", "0123abc")
+
+
+@pytest.mark.usefixtures("no_theory")
+def test_a_table_that_is_missing_is_told(tmp_path: Path, ran: list[list[str]]) -> None:
+    with pytest.raises(BadInput, match=r"none\.csv: no such file"):
+        reproduce(tmp_path, PLAN, elsewhere=[tmp_path / "none.csv"])
+    assert not ran
 
 
 @pytest.mark.usefixtures("no_theory")

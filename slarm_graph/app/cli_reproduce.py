@@ -40,6 +40,10 @@ Expansion = Annotated[
 Resolutions = Annotated[str | None, typer.Option(metavar="M,M", help="Cell sizes, in m.")]
 Speeds = Annotated[str | None, typer.Option(metavar="V,V", help="Robot speeds, in m/s.")]
 SeedsPerSetting = Annotated[int | None, typer.Option(min=1, help="Seeds per setting.")]
+Drives = Annotated[
+    list[Path] | None,
+    typer.Option(help="drives.csv of another reproduction: not driven again; may be repeated."),
+]
 
 
 def reproduce_command(
@@ -50,6 +54,7 @@ def reproduce_command(
     resolutions: Resolutions = None,
     speeds: Speeds = None,
     seeds: SeedsPerSetting = None,
+    drives: Drives = None,
     jobs: Jobs = None,
     out: Out = Path("runs"),
     name: Name = None,
@@ -67,7 +72,9 @@ def reproduce_command(
     plan = plan_of(quick, explorer, prior, expansion, resolutions, speeds, seeds)
     folder = _folder(out, name, overwrite)
     with record_early_end(folder), show_progress() as progress:
-        outcomes = reproduce(folder.path, plan, jobs=jobs, tell=print, progress=progress)
+        outcomes = reproduce(
+            folder.path, plan, elsewhere=drives or (), jobs=jobs, tell=print, progress=progress
+        )
     return _write_page(folder, outcomes)
 
 

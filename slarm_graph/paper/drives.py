@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Table of the closed loops of a reproduction that have ended: what each came to.
 
-Alone in a folder it stands for their run folders: a reproduction is carried on elsewhere, or put
-together from what several machines have driven.
+It stands for their run folders: a reproduction is carried on elsewhere, or put together from what
+several machines have driven.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ _HEADER: Final = ("drive", "revision", *FIGURES)
 
 
 def read_drives(path: Path) -> dict[str, dict[str, str]]:
-    """Read the rows of a table by the name of the drive; empty without a table.
+    """Read the rows of a table by the name of the drive.
 
     Raises
     ------
     BadInput
-        Naming the line that is no row of such a table.
+        Naming the file that is no such table, or the line that is no row of one.
     """
     if not path.is_file():
-        return {}
+        raise BadInput(f"{path}: no such file; it is the {DRIVES} of another reproduction")
     rows: dict[str, dict[str, str]] = {}
     with path.open(newline="", encoding="utf-8") as file:
         reader = csv.DictReader(file)

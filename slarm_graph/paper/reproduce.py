@@ -61,6 +61,7 @@ def reproduce(
     folder: Path,
     plan: Plan,
     *,
+    elsewhere: Sequence[Path] = (),
     jobs: int | None = None,
     tell: Callable[[str], None] = silent,
     progress: Progress | None = None,
@@ -71,8 +72,10 @@ def reproduce(
     ----------
     folder : Path
         Exists; gets `drives.csv`, `results.csv`, `complexity.csv`, `hypotheses.csv` and the
-        figures as PNG. A table of drives that is there counts as driven.
+        figures as PNG. What the table of drives holds counts as driven.
     plan : Plan
+    elsewhere : sequence of Path
+        Tables of drives from other folders, which count as well.
     jobs : int, optional
         Processes at a time; as many as there are processors by default.
     tell : callable
@@ -82,9 +85,13 @@ def reproduce(
     Raises
     ------
     BadInput
-        Naming the line of `drives.csv` that is none.
+        Naming the table that is missing, or the line of one that is none.
     """
-    before = read_drives(folder / DRIVES)
+    before: dict[str, dict[str, str]] = {}
+    for path in elsewhere:
+        before |= read_drives(path)
+    if (folder / DRIVES).is_file():
+        before |= read_drives(folder / DRIVES)
     _theory(folder, load_world(PAPER_ROOM), plan)
     trials = plan.trials(folder)
     outcomes = _outcomes(trials, before)
