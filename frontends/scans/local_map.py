@@ -215,6 +215,8 @@ class LocalMap:
         ends = np.cumsum([len(k.small) for k in recent])
         on_trails = np.split(self._trails.contain(small), ends[:-1])
         for k, (keyframe, on_trail) in enumerate(zip(recent, on_trails, strict=True), first):
+            if not (on_trail.any() or keyframe.gone.any()):
+                continue
             stays = keyframe.stays & ~keyframe.gone
             stays[keyframe.is_small] &= ~on_trail
             if self._matching.min_points <= stays.sum() < keyframe.stays.sum():
@@ -232,8 +234,7 @@ class LocalMap:
         block_m = self.observed_step * self.grid.resolution_m
         corner = self.grid.origin_x_m, self.grid.origin_y_m
         _mark_observed(self.observed, keyframe.points, keyframe.pose, *corner, block_m)
-        ends = transform_points(keyframe.pose, keyframe.points[keyframe.stays]) - corner
-        _count_met(self.met, ends, block_m)
+        _count_met(self.met, keyframe.points[keyframe.stays], keyframe.pose, *corner, block_m)
 
 
 def _gone(
@@ -250,11 +251,21 @@ def _gone(
 
 
 @kernel
-def _count_met(met: NDArray[np.int32], points: Floats, block_m: float) -> None:
-    """Count one more keyframe for the blocks of its points (K, 2), from the grid's corner [m]."""
+def _count_met(
+    met: NDArray[np.int32],
+    points: Floats,
+    pose: Floats,
+    corner_x: float,
+    corner_y: float,
+    block_m: float,
+) -> None:
+    """Count one more keyframe for the blocks that its points (K, 2) [m] lie in."""
+    c, s = math.cos(pose[2]), math.sin(pose[2])
     for is_first in (True, False):
         for i in range(len(points)):
-            col, row = math.floor(points[i, 0] / block_m), math.floor(points[i, 1] / block_m)
+            x = pose[0] + c * points[i, 0] - s * points[i, 1] - corner_x
+            y = pose[1] + s * points[i, 0] + c * points[i, 1] - corner_y
+            col, row = math.floor(x / block_m), math.floor(y / block_m)
             if not (0 <= row < met.shape[0] and 0 <= col < met.shape[1]):
                 continue
             # A negative number has been counted already.
