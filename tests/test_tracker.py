@@ -154,12 +154,16 @@ def test_any_number_of_beams(beams: int, limit_m: float) -> None:
 
 @pytest.mark.slow
 def test_twenty_beams_do_not_lose_the_robot() -> None:
-    """One drive is a draw of 0.1 to 1.7 m: so little is seen while the wheels spin."""
+    """One drive is a draw of 0.03 to 1.9 m, so little is seen while the wheels spin.
+
+    The mean of a hundred is known to 0.055 m; that of ten was 0.52 and 0.78 m by revisions of which
+    a hundred have 0.592 and 0.609.
+    """
     worst = []
-    for seed in range(10):
+    for seed in range(100):
         readings, truth = drive(SimulationConfig(lidar=LidarConfig(beams=20)), seed)
         worst.append(position_errors_m(follow(readings), truth).max())
-    assert np.mean(worst) < 0.6
+    assert np.mean(worst) < 0.7
 
 
 def test_pose_errors_are_as_large_as_the_covariance_says() -> None:
