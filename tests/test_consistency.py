@@ -296,7 +296,8 @@ def test_cells_are_judged_as_by_dilation() -> None:
     rng = np.random.default_rng(6)
     hits = (rng.integers(0, 8, (40, 50)) * (rng.random((40, 50)) < 0.1)).astype(np.int16)
     passes = rng.integers(0, 9, (40, 50)).astype(np.int16)
-    states, walls = classify_cells(hits, passes)
+    silent = (rng.integers(0, 3, (40, 50)) * (rng.random((40, 50)) < 0.5)).astype(np.int16)
+    states, walls = classify_cells(hits, passes, silent)
     blocks = (hits > 0) & (hits >= BLOCKED_SHARE * (hits + passes))
     reach = math.floor(TOLERANCE_M / CELL_M)
     y, x = np.mgrid[-reach : reach + 1, -reach : reach + 1]
@@ -304,7 +305,7 @@ def test_cells_are_judged_as_by_dilation() -> None:
     around = np.pad(convolve((passes > 0).astype(int), np.ones((3, 3), int))[1:-1, 1:-1], 1)
     free = ~blocked & (passes >= MIN_BEAMS) & (around > MIN_PASSED_AROUND)
     np.testing.assert_array_equal(states, np.where(blocked, BLOCKED, np.where(free, FREE, UNKNOWN)))
-    wall = blocks & (hits >= MIN_BEAMS) & (hits >= passes)
+    wall = blocks & (hits >= MIN_BEAMS) & (hits >= passes + silent)
     np.testing.assert_array_equal(walls, np.argwhere(wall))
 
 

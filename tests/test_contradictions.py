@@ -5,10 +5,11 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_consistency import HALL, around, scan_at, stamped
+from test_consistency import HALL, around, moved_from, scan_at, stamped
 
 from slarm_graph.consistency import build_visits, verdict
 from slarm_graph.consistency.conflict_places import ConflictPlace, conflict_places
@@ -150,6 +151,31 @@ def test_pairs_in_conflict_are_put_together_by_place() -> None:
         assert place.extent_m == pytest.approx(0.9 * apart_m[8] + 0.1 * apart_m[9])
     assert conflict_places(visits, pairs, stamps_ns, 99.0)[0] == ()
     assert conflict_places(visits, pairs, stamps_ns, 99.0)[1].shape == (0, 2)
+
+
+def walker_ahead(poses: Floats, silence: float) -> list[LaserScan]:
+    """Scans in the hall, 2.6 m deep, behind somebody who walks 1.4 m ahead on the first lap."""
+    half, scans = len(poses) // 2, []
+    box = np.array([(-1, -1, 1, -1), (1, -1, 1, 1), (1, 1, -1, 1), (-1, 1, -1, -1)]) * 0.25
+    for k, pose in enumerate(poses):
+        body = [tuple(side + np.tile(poses[k + 7, :2], 2)) for side in box] if k < half else []
+        scan = scan_at(pose, [*HALL, *body])
+        ranges = np.where(scan.ranges_m < 2.6, scan.ranges_m, silence)
+        scans.append(replace(scan, ranges_m=ranges))
+    return scans
+
+
+def test_who_walks_where_beams_meet_nothing_leaves_no_wall() -> None:
+    """What crosses his trail has no return; where it could not tell, the trail is a wall."""
+    poses = around()
+    result = contradictions(walker_ahead(poses, np.inf), stamped(poses))
+    assert result.verdict == "consistent"
+    assert result.share < 0.02
+    assert result.compared > 2500
+    deaf = contradictions(walker_ahead(poses, np.nan), stamped(poses))
+    assert deaf.share > 2.0 * result.share
+    shifted = moved_from(poses, len(poses) // 2, (0.0, -0.7, 0.0))
+    assert contradictions(walker_ahead(poses, np.inf), stamped(shifted)).verdict == "inconsistent"
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -5,18 +5,20 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
-from slarm_graph.consistency.evidence import CELL_M
-from slarm_graph.consistency.views import View, count_known, evidence_against, view_of
+from slarm_graph.consistency.evidence import CELL_M, CLEARANCE_M
+from slarm_graph.consistency.views import View, clear_ends_m, count_known, evidence_against, view_of
 from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
+from slarm_graph.readings import LaserScan
 
 NICHES = [(8.0, 0.0, 8.0, 0.6), (8.0, 0.6, 8.5, 0.6), (8.5, 0.6, 8.5, 0.0), (11.0, 0.0, 11.0, 0.9)]
 ENDS = [(0.0, 0.0, 0.0, 3.0), (20.0, 0.0, 20.0, 3.0)]
@@ -76,6 +78,31 @@ def test_a_view_has_a_cell_around_all_that_it_saw(seed: int) -> None:
     beyond = view.low + CELL_M * np.array(view.states.shape[::-1]) - ends.max(axis=0)
     assert (beyond >= CELL_M - 1e-9).all()
     assert (beyond < 2.0 * CELL_M).all()
+
+
+def test_beams_that_meet_nothing_reach_as_far_as_others_see() -> None:
+    """To `CLEARANCE_M` before the farthest return; those without a reading say nothing."""
+    ranges = np.array([np.inf, 4.0, np.nan, -np.inf, 6.0, np.inf, 20.0, 0.01])
+    scan = LaserScan(ranges, -0.5, 0.25, 0.1, 30.0, Pose2(3.0, 0.0, 1.0))
+    expected = (6.0 - CLEARANCE_M) * np.array([[math.cos(a), math.sin(a)] for a in (-0.5, 0.75)])
+    np.testing.assert_allclose(clear_ends_m(scan), expected)
+    for blind in (np.full(8, np.inf), np.where(np.isinf(ranges), ranges, 0.3)):
+        assert clear_ends_m(replace(scan, ranges_m=blind)).shape == (0, 2)
+
+
+def test_what_beams_without_a_return_cross_is_no_wall_and_not_free() -> None:
+    """Two walls; the first is looked through by as many as meet it, or by more."""
+    lasers = np.zeros((4, 2))
+    returns = [np.array([[3.0, 0.01], [0.01, 3.0]])] * 4
+    seen = view_of(returns, lasers)
+    assert len(seen.walls) == 2
+    for through, walls in ((0, 2), (4, 2), (5, 1)):
+        clear = [np.tile([6.0, 0.02], (len(range(k, through, 4)), 1)) for k in range(4)]
+        view = view_of(returns, lasers, clear)
+        assert len(view.walls) == walls, through
+        beyond = view.states[:, math.ceil((3.5 - view.low[0]) / CELL_M) :]
+        assert not beyond.any()
+        assert view.low[0] + CELL_M * view.states.shape[1] > (6.0 if through else 3.0)
 
 
 def test_what_saw_nothing_says_nothing(views: tuple[View, View, Floats]) -> None:

@@ -66,13 +66,22 @@ def count_beams(
     """
     top = np.iinfo(np.int16).max
     for b in range(len(beams)):
-        x, y = (beams[b, 0] - low[0]) / CELL_M, (beams[b, 1] - low[1]) / CELL_M
         u, v = (beams[b, 2] - low[0]) / CELL_M, (beams[b, 3] - low[1]) / CELL_M
         if hits[int(v), int(u)] < top:
             hits[int(v), int(u)] += 1
-        length = math.hypot(u - x, v - y)
+    count_passes(passes, low, beams)
+
+
+@kernel
+def count_passes(passes: NDArray[np.int16], low: Floats, beams: Floats) -> None:
+    """Count in each cell (rows, cols) the beams (M, 5) that pass, as `count_beams` does."""
+    top = np.iinfo(np.int16).max
+    for b in range(len(beams)):
         if beams[b, 4] <= 0.0:
             continue
+        x, y = (beams[b, 0] - low[0]) / CELL_M, (beams[b, 1] - low[1]) / CELL_M
+        u, v = (beams[b, 2] - low[0]) / CELL_M, (beams[b, 3] - low[1]) / CELL_M
+        length = math.hypot(u - x, v - y)
         # One sample per column or row, whichever are more.
         longer = max(abs(u - x), abs(v - y))
         du, dv = (u - x) / longer, (v - y) / longer
@@ -85,12 +94,14 @@ def count_beams(
 
 @kernel
 def classify_cells(
-    hits: NDArray[np.int16], passes: NDArray[np.int16]
+    hits: NDArray[np.int16], passes: NDArray[np.int16], unreturned: NDArray[np.int16]
 ) -> tuple[NDArray[np.uint8], NDArray[np.int32]]:
     """Classify cells by counts: states (rows, cols), and row, col (W, 2) of wall cells.
 
     A wall is a cell where no fewer beams end than pass; free is one that beams pass, unless
-    something stands within `TOLERANCE_M`.
+    something stands within `TOLERANCE_M`. Beams that do not return (`unreturned`) pass, too: who
+    walks where they meet nothing leaves no wall. But no cell is free by them alone: glass and
+    black walls send nothing back.
     """
     rows, cols = hits.shape
     states = np.zeros((rows, cols), dtype=np.uint8)
@@ -104,7 +115,7 @@ def classify_cells(
             if h == 0 or h < BLOCKED_SHARE * (h + p):
                 continue
             _block_within_tolerance(states, r, c)
-            if h >= MIN_BEAMS and h >= p:
+            if h >= MIN_BEAMS and h >= p + unreturned[r, c]:
                 walls[count, 0] = r
                 walls[count, 1] = c
                 count += 1

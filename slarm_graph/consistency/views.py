@@ -19,11 +19,13 @@ from slarm_graph.consistency.evidence import (
     classify_cells,
     count_agreement,
     count_beams,
+    count_passes,
     state_at,
     wrong_place_evidence,
 )
 from slarm_graph.geometry import Floats, between
 from slarm_graph.kernels import kernel
+from slarm_graph.readings import LaserScan
 
 MAX_RANGE_M = 15.0
 """Farther returns are left out [m]: a degree of error moves them by `TOLERANCE_M`."""
@@ -50,7 +52,7 @@ class View:
     low: Floats
 
 
-def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
+def view_of(returns: Sequence[Floats], lasers: Floats, clear_ends: Sequence[Floats] = ()) -> View:
     """Rasterise the walls that beams end at and the cells that they pass.
 
     Parameters
@@ -59,17 +61,42 @@ def view_of(returns: Sequence[Floats], lasers: Floats) -> View:
         Of every scan, in the view's frame [m].
     lasers : (S, 2) float64
         Position of the laser at each [m].
+    clear_ends : sequence of S (M, 2) float64
+        How far the beams of every scan reach that have met nothing [m]; none where not known.
     """
     ends = np.cumsum([0, *(len(scan) for scan in returns)])
     beams, low, high = _all_beams(np.concatenate([np.zeros((0, 2)), *returns]), ends, lasers)
     if not len(beams):
         return View(np.zeros((0, 2)), np.zeros((0, 0), dtype=np.uint8), np.zeros(2))
-    low -= CELL_M
+    clear = _clear_beams(lasers, clear_ends)
+    low = np.minimum(low, clear[:, 2:4].min(axis=0, initial=np.inf)) - CELL_M
+    high = np.maximum(high, clear[:, 2:4].max(axis=0, initial=-np.inf))
     cols, rows = np.ceil((high - low) / CELL_M).astype(int) + 1
-    hits, passes = np.zeros((2, rows, cols), dtype=np.int16)
+    hits, passes, unreturned = np.zeros((3, rows, cols), dtype=np.int16)
     count_beams(hits, passes, low, beams)
-    states, cells = classify_cells(hits, passes)
+    count_passes(unreturned, low, clear)
+    states, cells = classify_cells(hits, passes, unreturned)
     return View(low + (cells[:, ::-1] + 0.5) * CELL_M, states, low)
+
+
+def clear_ends_m(scan: LaserScan) -> Floats:
+    """How far beams reach that have met nothing, (M, 2) in the laser's frame [m].
+
+    As far as the scan's farthest return; what there is farther away may be too far for the laser.
+    """
+    is_near = scan.is_return() & (scan.ranges_m < MAX_RANGE_M)
+    reach_m = float(np.max(scan.ranges_m, initial=0.0, where=is_near)) - CLEARANCE_M
+    if reach_m <= 0.0:
+        return np.zeros((0, 2))
+    angles_rad = scan.angles_rad()[scan.is_clear()]
+    return reach_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+
+
+def _clear_beams(lasers: Floats, ends: Sequence[Floats]) -> Floats:
+    """Beams (M, 5) that pass all that lies before their ends."""
+    stops = np.concatenate([np.zeros((0, 2)), *ends])
+    starts = np.repeat(lasers[: len(ends)], [len(scan) for scan in ends], axis=0)
+    return np.column_stack([starts, stops, np.hypot(*(stops - starts).T)])
 
 
 def evidence_against(a: View, b: View, b_from_a: Floats) -> float:

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.views import View, view_of
+from slarm_graph.consistency.views import View, clear_ends_m, view_of
 from slarm_graph.geometry import Floats, between, compose, transform_points
 from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
@@ -158,7 +158,12 @@ def _view_at(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64])
         for i, pose in zip(part, visit_from_robot, strict=True)
     ]
     robot_from_laser = np.array([scans[i].robot_from_laser.as_array() for i in part])
-    return view_of(returns, compose(visit_from_robot, robot_from_laser)[:, :2])
+    lasers = compose(visit_from_robot, robot_from_laser)
+    clear_ends = [
+        transform_points(laser, clear_ends_m(scans[i]))
+        for i, laser in zip(part, lasers, strict=True)
+    ]
+    return view_of(returns, lasers[:, :2], clear_ends)
 
 
 def _starts(sizes: list[int]) -> NDArray[np.int64]:
