@@ -225,8 +225,9 @@ class GmappingBackend:
         covariances = None if closed is None else second_moments(path.poses, closed)
         if covariances is None:
             covariances = self._covariances(path.poses)
-        notices = filter(None, (*particle_notices(particles), state.second_pass))
-        return SlamResult(path, covariances, tables=(*tables, *closures), notices=tuple(notices))
+        notices = tuple(filter(None, (*particle_notices(particles), state.second_pass)))
+        made = None, (*tables, *closures), notices, state.tracker.moving_share
+        return SlamResult(path, covariances, *made)
 
     def _covariances(self, poses: Floats) -> Floats:
         """Second moments of the particles' paths, plus a floor (S, 3, 3).

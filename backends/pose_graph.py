@@ -72,7 +72,8 @@ class PoseGraphBackend:
         if covariances is not None:
             covariances = covariances + closed.lag_covariances
         trajectory = Trajectory(self._builder.stamps_ns(), closed.poses)
-        return SlamResult(trajectory, covariances, graph, (closed.closures,), closed.notices)
+        made = graph, (closed.closures,), closed.notices, self._tracker.moving_share
+        return SlamResult(trajectory, covariances, *made)
 
     def snapshot(self) -> State:
         """Return the state; GTSAM objects live only within calls."""

@@ -86,6 +86,9 @@ def assess(subject: Subject) -> tuple[Metric, ...]:
     if subject.consistency is not None:
         metrics += _consistency_metrics(subject.consistency)
     metrics += uncertainty_metrics(subject.covariances)
+    if subject.moving_share is not None:
+        note = "of the returns were left out of matching"
+        metrics.append(Metric("moving_share", subject.moving_share, note=note))
     if subject.end_points_m is not None:
         metrics += sharpness_metrics(sharpness(subject.end_points_m))
     return in_table_order((*metrics, *measured_by_parts(subject)))

@@ -66,6 +66,8 @@ class Subject:
         The run's verdict on itself.
     covariances : (N, 3, 3) float64, optional
         Of the poses, as the backend knows them [m, m, rad].
+    moving_share : float, optional
+        Share of the returns that the backend took to be on something that moves.
     """
 
     trajectory: Trajectory
@@ -78,6 +80,7 @@ class Subject:
     drive: DriveReport | None = None
     consistency: Contradictions | None = None
     covariances: Floats | None = None
+    moving_share: float | None = None
 
 
 class MetricPart(Protocol):

@@ -78,6 +78,8 @@ class SlamResult:
         The backend's own diagnostics.
     notices : tuple of str
         What a user should know.
+    moving_share : float, optional
+        Share of the returns that were not matched, being on something that moves.
     """
 
     trajectory: Trajectory
@@ -85,6 +87,7 @@ class SlamResult:
     pose_graph: PoseGraph | None = None
     tables: tuple[Table, ...] = ()
     notices: tuple[str, ...] = field(default=())
+    moving_share: float | None = None
 
     def transformed(self, other_from_map: Pose2) -> SlamResult:
         """Return the same in another fixed frame; covariances are in the robot's and stay."""

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_moving_returns import BEAMS, NOTHING, grid_at, points_of, scan_of
@@ -12,6 +14,7 @@ from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.moving_objects import NO_TRAILS, trail_cells
 from slarm_graph.frontends.scans.moving_returns import clear_sectors
+from slarm_graph.frontends.scans.scan_filter import points_for_matching
 from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Floats, Pose2
 from slarm_graph.readings import Reading
@@ -132,3 +135,26 @@ def test_two_who_walk_ahead_drag_no_robot_along(ways_m: tuple[float, float], mos
             off_m = max(off_m, float(np.hypot(*off[:2])))
             odometry_m += 0.06 + rng.normal(0.0, 0.001)
         assert off_m < most_m
+
+
+@pytest.mark.parametrize("time_increment_s", [0.0, 1e-4])
+def test_returns_left_out_are_counted_once_a_scan(time_increment_s: float) -> None:
+    """Also where a scan is deskewed again; without anybody nothing is left out."""
+    walls = np.array([[-5.0, 3.0, 9.0, 3.0], [-5.0, -3.0, 9.0, -3.0], [9.0, -3.0, 9.0, 3.0]])
+    config, nobody = FrontendConfig(), ScanTracker(FrontendConfig())
+    tracker, every, matched = ScanTracker(config), 0, 0
+    assert tracker.moving_share == 0.0
+    for k in range(40):
+        somebody = np.array([[5.0, 2.0 - 0.15 * k, 0.25]])
+        for who, things in ((tracker, somebody), (nobody, somebody[:0])):
+            pose = np.array([0.05 * k, 0.0, 0.03 * k])
+            scan = scan_of(things, walls, pose, np.zeros(len(BEAMS)))
+            scan = replace(scan, time_increment_s=time_increment_s)
+            reading = Reading((k + 1) * 200_000_000, scan, Pose2.from_array(pose))
+            tracked = who.track(reading)
+            if who is tracker:
+                every += len(points_for_matching(scan, config, np.zeros(3), 0.0))
+                matched += len(tracked.points_m)
+    assert tracker.moving_share == pytest.approx(1.0 - matched / every, abs=0.003)
+    assert 0.01 < tracker.moving_share < 0.1
+    assert nobody.moving_share == 0.0

@@ -238,6 +238,9 @@ def test_the_report_tells_the_worst_position() -> None:
     assert uncertainty_metrics(None) == uncertainty_metrics(known[:0]) == ()
     line = Trajectory(np.arange(2), np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))
     assert told in assess(Subject(line, covariances=known))
+    moving = [m for m in assess(Subject(line, moving_share=0.03)) if m.name == "moving_share"]
+    assert [m.value for m in moving] == [0.03]
+    assert "moving_share" not in {m.name for m in assess(Subject(line))}
 
 
 def test_file_round_trip(tmp_path: Path) -> None:

@@ -112,6 +112,13 @@ class ScanTracker:
         self._revised: tuple[Floats, ...] = ()
         self._previous_pose: Floats | None = None
         self._is_ambiguous = False
+        self._returns = np.zeros(2, dtype=np.int64)
+
+    @property
+    def moving_share(self) -> float:
+        """Share of the returns that were not matched, being on something that moves."""
+        every, moving = self._returns.tolist()
+        return moving / every if every else 0.0
 
     def track(self, reading: Reading) -> TrackedScan:
         """Track the robot's pose to the next reading."""
@@ -125,7 +132,7 @@ class ScanTracker:
         ]
         rate = best.odometry.rate(priors[0].predictions[0].motion, span_s)
         expected, certain_m = self._expected(priors)
-        points = self._points(scan, rate, middle, expected, certain_m)
+        points, returns = self._points(scan, rate, middle, expected, certain_m)
         candidates = self._candidates(points, priors)
         if sweep_s:
             motion = between3(priors[0].base, candidates[0][0].pose)
@@ -133,12 +140,14 @@ class ScanTracker:
             change = np.abs(new_rate - rate) * sweep_s
             rate = new_rate
             if max(change[0], change[1]) > _MISTIMED_M or change[2] > _MISTIMED_RAD:
-                points = self._points(scan, rate, middle, expected, certain_m)
+                points, returns = self._points(scan, rate, middle, expected, certain_m)
                 candidates = self._candidates(points, priors)
         self._update_hypotheses(candidates, priors, span_s)
         self._last_stamp_ns = reading.stamp_ns
         if sweep_s:
-            points = self._points(scan, rate, middle, self._hypotheses[0].pose, certain_m)
+            pose = self._hypotheses[0].pose
+            points, returns = self._points(scan, rate, middle, pose, certain_m)
+        self._returns += [returns, returns - len(points)]
         return self._tracked(reading, points, rate if sweep_s else None, middle)
 
     def _expected(self, priors: Sequence[PosePrior]) -> tuple[Floats, float]:
@@ -149,10 +158,11 @@ class ScanTracker:
 
     def _points(
         self, scan: LaserScan, rate: Floats, middle: float, pose: Floats, certain_m: float
-    ) -> Floats:
-        """Return the returns worth matching: thinned, without what has moved."""
+    ) -> tuple[Floats, int]:
+        """Return the thinned returns without what has moved, and how many they are with it."""
         points = points_for_matching(scan, self._config, rate, middle)
-        return self._map.static(points, pose, certain_m) if certain_m > 0.0 else points
+        static = self._map.static(points, pose, certain_m) if certain_m > 0.0 else points
+        return static, len(points)
 
     def _candidates(self, points: Floats, priors: Sequence[PosePrior]) -> list[list[PoseCandidate]]:
         """Pose candidates by hypothesis; relocalise after 0, 1, 2, 4, 8, ... unmatched scans."""

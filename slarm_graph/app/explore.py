@@ -91,7 +91,7 @@ def explore_world(world: WorldMap, config: RunConfig, folder: RunFolder, progres
     with folder.stage("report", progress):
         truth = References(ground_truth=drive.truth)
         known = (truth, Pose2(), None, grid, geographic, radio, drive.report, verdict)
-        subject = Subject(slam.trajectory, *known, slam.covariances)
+        subject = Subject(slam.trajectory, *known, slam.covariances, slam.moving_share)
         assert radio is not None, "a world that is explored has access points"
         own = accuracy_metrics(world, geographic, radio, config.radio, config.explore.area)
         others = _accuracy_otherwise(world, config, drawn, slam.trajectory)

@@ -120,7 +120,7 @@ def run(job: Job, folder: RunFolder, progress: Progress) -> Run:
             slam = replace(slam, notices=(*slam.notices, *dropped))
         references = references.or_truth(info.truth)
         known = (references, laser, ends, grid, geographic, radio, None, verdict)
-        metrics = assess(Subject(slam.trajectory, *known, slam.covariances))
+        metrics = assess(Subject(slam.trajectory, *known, slam.covariances, slam.moving_share))
         set_aside(grid.probability)
         title = f"{job.paths[0].name}, {config.backend}"
         made = (log, slam, grid, geographic, radio, verdict, metrics, measured, heights)
