@@ -138,8 +138,17 @@ def _problems(error: Exception) -> tuple[Sequence[object], int]:
     if isinstance(error, RunFailed):
         return [str(error)], FAILED
     if hasattr(error, "format_message"):  # a usage error of typer's
-        return [error.format_message()], BAD_INPUT
+        message = error.format_message().rstrip(".")
+        return [message + _where_to_look(getattr(error, "ctx", None))], BAD_INPUT
     return [f"{type(error).__name__}: {error}"], FAILED
+
+
+def _where_to_look(context: Any) -> str:
+    """Name the help of the command that was wrongly used, under the program's own name."""
+    if context is None:
+        return ""
+    program = len(context.find_root().command_path)
+    return f"; see slarm{context.command_path[program:]} --help"
 
 
 def _print_problems(problems: Sequence[object], code: int, debug: bool) -> int:
