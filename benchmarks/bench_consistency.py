@@ -3,10 +3,11 @@
 """How often the verdict on a trajectory is right: errors planted into good ones, and real runs.
 
     python benchmarks/bench_consistency.py planted intel.bag=good.tum ... [--each 20] [--seed 0]
+    python benchmarks/bench_consistency.py buildings 0 1 2 ... [--each 20] [--seed 0]
     python benchmarks/bench_consistency.py runs fr079.bag=run/trajectory.tum=fr079.relations ...
 
 A trajectory is lost when more than 1 % of true relations are off by more than 0.5 m; planted ones
-are judged by relations made of the good one.
+are judged by relations made of the good one, that of a building is its true path.
 """
 
 from __future__ import annotations
@@ -18,6 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from buildings import building
+from buildings import recording as drive_through
 from planting import FAR_M, KINDS, LOST_SHARE, is_lost, plant
 
 from slarm_graph.config import SimulationConfig, SourceConfig
@@ -42,15 +45,24 @@ class Case:
     verdict: str
 
 
-def planted(recording: Path, good: Path, each: int, seed: int) -> Iterator[Case]:
+def planted(name: str, log: ReadingLog, poses: Floats, each: int, seed: int) -> Iterator[Case]:
     """Judge a good trajectory and so many of every kind of error in it."""
-    log, poses = _scans_and_poses(recording, good)
-    yield _judged(recording.stem, "none", log, poses, False)
+    yield _judged(name, "none", log, poses, False)
     rng = np.random.default_rng(seed)
     for _ in range(each):
         for kind in KINDS:
             bad = plant(poses, kind, rng).poses
-            yield _judged(recording.stem, kind, log, bad, is_lost(poses, bad))
+            yield _judged(name, kind, log, bad, is_lost(poses, bad))
+
+
+def in_building(number: int, each: int, seed: int) -> Iterator[Case]:
+    """Judge the true path through a simulated building, and errors in it."""
+    readings, truth = drive_through(number)
+    log = ReadingLog()
+    for reading in readings:
+        log.append(reading)
+    name = building(number)[0].name
+    return planted(name, log, truth.poses, each, seed + number)
 
 
 def run(recording: Path, estimate: Path, relations: Path) -> Case:
@@ -109,15 +121,20 @@ def totals(cases: Iterable[Case]) -> str:
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("what", choices=("planted", "runs"))
-    parser.add_argument("given", nargs="+", metavar="RECORDING=TRAJECTORY[=RELATIONS]")
+    parser.add_argument("what", choices=("planted", "buildings", "runs"))
+    parser.add_argument("given", nargs="+", metavar="RECORDING=TRAJECTORY[=RELATIONS] | NUMBER")
     parser.add_argument("--each", type=int, default=5, help="planted errors of each kind")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     cases: list[Case] = []
-    for files in ([Path(p) for p in text.split("=")] for text in given.given):
+    for text in given.given:
+        if given.what == "buildings":
+            cases += in_building(int(text), given.each, given.seed)
+            continue
+        files = [Path(p) for p in text.split("=")]
         if given.what == "planted":
-            cases += planted(files[0], files[1], given.each, given.seed)
+            of_recording = _scans_and_poses(files[0], files[1])
+            cases += planted(files[0].stem, *of_recording, given.each, given.seed)
         else:
             cases.append(run(*files))
     print("\n".join(table(cases)))
