@@ -213,6 +213,7 @@ class GraphBuilder:
             self._wheels,
             tracked.lag_covariance,
             bool(tracked.match),
+            tracked.clear_ends_m,
         )
         self._wheels = NO_MOTION
         self._graph.add(keyframe)

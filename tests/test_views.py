@@ -13,7 +13,7 @@ from test_consistency import HALL, around, scan_at
 
 from slarm_graph.config import FrontendConfig, PoseGraphConfig
 from slarm_graph.consistency.evidence import CELL_M, CLEARANCE_M
-from slarm_graph.consistency.views import View, clear_ends_m, count_known, evidence_against, view_of
+from slarm_graph.consistency.views import View, clear_beams, count_known, evidence_against, view_of
 from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
@@ -23,6 +23,7 @@ from slarm_graph.readings import LaserScan
 NICHES = [(8.0, 0.0, 8.0, 0.6), (8.0, 0.6, 8.5, 0.6), (8.5, 0.6, 8.5, 0.0), (11.0, 0.0, 11.0, 0.9)]
 ENDS = [(0.0, 0.0, 0.0, 3.0), (20.0, 0.0, 20.0, 3.0)]
 NARROW = [(0.0, 0.0, 20.0, 0.0), (0.0, 3.0, 20.0, 3.0), *ENDS, *NICHES]
+MOUNT = np.array([3.0, 0.0, 1.0])
 WIDE = [(0.0, 0.0, 20.0, 0.0), (0.0, 12.0, 20.0, 12.0), *NICHES]
 WIDE += [(0.0, 0.0, 0.0, 12.0), (20.0, 0.0, 20.0, 12.0)]
 
@@ -83,11 +84,11 @@ def test_a_view_has_a_cell_around_all_that_it_saw(seed: int) -> None:
 def test_beams_that_meet_nothing_reach_as_far_as_others_see() -> None:
     """To `CLEARANCE_M` before the farthest return; those without a reading say nothing."""
     ranges = np.array([np.inf, 4.0, np.nan, -np.inf, 6.0, np.inf, 20.0, 0.01])
-    scan = LaserScan(ranges, -0.5, 0.25, 0.1, 30.0, Pose2(3.0, 0.0, 1.0))
+    scan = LaserScan(ranges, -0.5, 0.25, 0.1, 30.0, Pose2.from_array(MOUNT))
     expected = (6.0 - CLEARANCE_M) * np.array([[math.cos(a), math.sin(a)] for a in (-0.5, 0.75)])
-    np.testing.assert_allclose(clear_ends_m(scan), expected)
+    np.testing.assert_allclose(clear_beams(scan).points_m(), transform_points(MOUNT, expected))
     for blind in (np.full(8, np.inf), np.where(np.isinf(ranges), ranges, 0.3)):
-        assert clear_ends_m(replace(scan, ranges_m=blind)).shape == (0, 2)
+        assert clear_beams(replace(scan, ranges_m=blind)).points_m().shape == (0, 2)
 
 
 def test_what_beams_without_a_return_cross_is_no_wall_and_not_free() -> None:
@@ -174,3 +175,28 @@ def test_a_corridor_is_not_found_along_the_wall_of_a_hall(
     assert np.abs(found.submap_from_keyframe).max() < 0.1
     assert ("do not support it" not in found.reason) == is_believed
     assert is_believed == (not found.reason)
+
+
+def test_a_submap_knows_where_beams_met_nothing() -> None:
+    """Four scans meet somebody; from other poses six beams pass there, and meet nothing."""
+    poses = np.array([[0.1 * k, 0.0, 0.2 * k] for k in range(10)])
+    place, beyond = np.array([[3.05, 0.05]]), np.array([[6.0, 0.1]])
+    wall = np.array([[2.05, 3.05]])
+    walls = []
+    for knows in (False, True):
+        keyframes = []
+        for k, pose in enumerate(poses):
+            ends = [transform_points(between(pose, np.zeros(3)), p) for p in (place, beyond, wall)]
+            returns = np.vstack([ends[0], ends[2]]) if k < 4 else ends[2]
+            keyframes.append(
+                Keyframe(
+                    *(k, returns, Pose2.from_array(pose), np.eye(3), view_center(returns)),
+                    clear_ends_m=ends[1] if knows and k >= 4 else ends[1][:0],
+                )
+            )
+        submaps = [make_submap(keyframes, 0, 10, 0)]
+        loops, matching = PoseGraphConfig().loops, FrontendConfig().matching
+        matcher = SubmapMatcher(loops, matching, keyframes, submaps)
+        walls.append(matcher._views.of(submaps[0], keyframes).walls)
+    assert walls[0] == pytest.approx(np.vstack([place, wall]))
+    assert walls[1] == pytest.approx(wall)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 
@@ -94,7 +95,9 @@ class SubmapMatcher:
             FINE_GRIDS, partial(likelihood_of, matching=wide)
         )
         self._sides = SubmapCache(FINE_GRIDS, wall_sides)
-        self._views: SubmapCache[View] = SubmapCache(_MAX_VIEWS, _view)
+        self._views: SubmapCache[View] = SubmapCache(
+            _MAX_VIEWS, _view, attrgetter("points_m", "clear_ends_m")
+        )
         self._appearances: dict[tuple[int, int, int], PlaceDescriptor] = {}
         if earlier is not None:
             self._views = earlier._views
@@ -230,7 +233,18 @@ def _thinned(scans: Sequence[Floats], poses: Floats) -> Floats:
     return np.ascontiguousarray(thinned[:: 1 + len(thinned) // _QUERY_POINTS])
 
 
-def _view(points: Sequence[Floats], poses: Floats) -> View:
-    """Walls and free space seen by scans (each (K, 2) [m], robot's frame) at poses (M, 3)."""
-    ends = np.cumsum([len(part) for part in points])[:-1]
-    return view_of(np.split(joined_returns(points, poses), ends), poses[:, :2])
+def _view(scans: Sequence[tuple[Floats, Floats]], poses: Floats) -> View:
+    """Walls and free space seen by scans at poses (M, 3).
+
+    Parameters
+    ----------
+    scans : sequence of ((K, 2), (L, 2)) float64
+        Returns, and how far beams reach that have met nothing, in the robot's frame [m].
+    poses : (M, 3) float64
+    """
+    parts = []
+    for points in zip(*scans, strict=True):
+        ends = np.cumsum([len(part) for part in points])[:-1]
+        parts.append(np.split(joined_returns(points, poses), ends))
+    returns, clear_ends = parts
+    return view_of(returns, poses[:, :2], clear_ends)

@@ -8,7 +8,8 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Generic, TypeVar
+from operator import attrgetter
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +55,8 @@ class Keyframe:
         Of the motion from odometry's stamp to that at which the points were matched.
     is_matched : bool
         Whether its scan was matched; else its pose is by odometry, or by constant velocity.
+    clear_ends_m : (M, 2) float64
+        How far the beams reach that have met nothing, in the robot's frame [m].
     """
 
     scan: int
@@ -64,6 +67,7 @@ class Keyframe:
     wheels: WheelMotion | None = None
     lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     is_matched: bool = True
+    clear_ends_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 def view_center(points: Floats) -> Floats:
@@ -130,14 +134,19 @@ class SubmapCache(Generic[Prepared]):
     ----------
     capacity : int
     prepare : callable
-        Builds it from a submap's scans (each (K, 2) [m]) and their poses (M, 3).
+        Builds it from what is read of a submap's keyframes and their poses (M, 3).
+    read : callable
+        By default the returns (K, 2) of a keyframe [m].
     """
 
     def __init__(
-        self, capacity: int, prepare: Callable[[Sequence[Floats], Floats], Prepared]
+        self,
+        capacity: int,
+        prepare: Callable[[Sequence[Any], Floats], Prepared],
+        read: Callable[[Keyframe], Any] = attrgetter("points_m"),
     ) -> None:
         self._capacity = capacity
-        self._prepare = prepare
+        self._prepare, self._read = prepare, read
         self._kept: OrderedDict[tuple[int, int, int], Prepared] = OrderedDict()
 
     def kept_state(self) -> dict[str, object]:
@@ -156,7 +165,7 @@ class SubmapCache(Generic[Prepared]):
             members = keyframes[submap.first : submap.last]
             anchor = keyframes[submap.anchor].local_from_robot.as_array()
             poses = between(anchor, np.array([m.local_from_robot.as_array() for m in members]))
-            prepared = self._prepare([m.points_m for m in members], poses)
+            prepared = self._prepare([self._read(m) for m in members], poses)
         self._kept[key] = prepared
         while len(self._kept) > self._capacity:
             self._kept.popitem(last=False)

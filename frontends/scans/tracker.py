@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from slarm_graph.config import FrontendConfig
+from slarm_graph.consistency import clear_beams
 from slarm_graph.constraint import MatchResult
 from slarm_graph.counts import count_of
 from slarm_graph.frontends.scans.hypotheses import PathHypothesis, branch, is_unambiguous, prune
@@ -81,6 +82,8 @@ class TrackedScan:
         Independent per scan: it does not accumulate along a path.
     is_ambiguous : bool
         Whether the scan has several probable pose candidates, which later scans may decide between.
+    clear_ends_m : (M, 2) float64
+        Of a keyframe: how far beams reach that have met nothing, in the frame of `points_m` [m].
     """
 
     stamp_ns: int
@@ -95,6 +98,7 @@ class TrackedScan:
     revised: tuple[Floats, ...] = ()
     lag_covariance: Floats = field(default_factory=lambda: np.zeros((3, 3)))
     is_ambiguous: bool = False
+    clear_ends_m: Floats = field(default_factory=lambda: np.zeros((0, 2)))
 
 
 class ScanTracker:
@@ -235,6 +239,12 @@ class ScanTracker:
             if candidate
             else _failure_reason(self._map, points, self._config.matching.min_points),
         )
+        is_keyframe = self._add_keyframe(points, pose, candidate, scan, rate)
+        clear = (
+            points_for_matching(clear_beams(scan), self._config, rate)
+            if is_keyframe
+            else points[:0]
+        )
         return TrackedScan(
             reading.stamp_ns,
             points,
@@ -243,11 +253,12 @@ class ScanTracker:
             best.mixture_covariance,
             match,
             reading.odom_from_robot,
-            self._add_keyframe(points, pose, candidate, scan, rate),
+            is_keyframe,
             best.odometry.wheel_motion(),
             self._revised,
             lag,
             self._is_ambiguous,
+            clear,
         )
 
     def _sweep_s(self, scan: LaserScan) -> float:

@@ -10,6 +10,7 @@ from slarm_graph.consistency.verdict import Contradictions as Contradictions
 from slarm_graph.consistency.verdict import Verdict as Verdict
 from slarm_graph.consistency.verdict import contradictions as contradictions
 from slarm_graph.consistency.views import View as View
+from slarm_graph.consistency.views import clear_beams as clear_beams
 from slarm_graph.consistency.views import count_known as count_known
 from slarm_graph.consistency.views import evidence_against as evidence_against
 from slarm_graph.consistency.views import view_of as view_of

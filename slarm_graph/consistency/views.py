@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,17 +79,14 @@ def view_of(returns: Sequence[Floats], lasers: Floats, clear_ends: Sequence[Floa
     return View(low + (cells[:, ::-1] + 0.5) * CELL_M, states, low)
 
 
-def clear_ends_m(scan: LaserScan) -> Floats:
-    """How far beams reach that have met nothing, (M, 2) in the laser's frame [m].
+def clear_beams(scan: LaserScan) -> LaserScan:
+    """Return only the beams that have met nothing, as if they ended where the scan's sight does.
 
-    As far as the scan's farthest return; what there is farther away may be too far for the laser.
+    At its farthest return, less `CLEARANCE_M`: what is farther away may be too far for the laser.
     """
     is_near = scan.is_return() & (scan.ranges_m < MAX_RANGE_M)
     reach_m = float(np.max(scan.ranges_m, initial=0.0, where=is_near)) - CLEARANCE_M
-    if reach_m <= 0.0:
-        return np.zeros((0, 2))
-    angles_rad = scan.angles_rad()[scan.is_clear()]
-    return reach_m * np.column_stack([np.cos(angles_rad), np.sin(angles_rad)])
+    return replace(scan, ranges_m=np.where(scan.is_clear(), reach_m, np.nan))
 
 
 def _clear_beams(lasers: Floats, ends: Sequence[Floats]) -> Floats:

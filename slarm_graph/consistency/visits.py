@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from slarm_graph.consistency.views import View, clear_ends_m, view_of
+from slarm_graph.consistency.views import View, clear_beams, view_of
 from slarm_graph.geometry import Floats, between, compose, transform_points
 from slarm_graph.kernels import kernel
 from slarm_graph.readings import LaserScan
@@ -153,17 +153,13 @@ def _first_scans(path_m: Floats, visit_m: float) -> list[int]:
 def _view_at(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64]) -> View:
     """Return the view of some scans, in the frame of the middle one."""
     visit_from_robot = between(poses[(part[0] + part[-1]) // 2], poses[part])
-    returns = [
-        transform_points(pose, scans[i].points_m())
-        for i, pose in zip(part, visit_from_robot, strict=True)
-    ]
-    robot_from_laser = np.array([scans[i].robot_from_laser.as_array() for i in part])
-    lasers = compose(visit_from_robot, robot_from_laser)
-    clear_ends = [
-        transform_points(laser, clear_ends_m(scans[i]))
-        for i, laser in zip(part, lasers, strict=True)
-    ]
-    return view_of(returns, lasers[:, :2], clear_ends)
+    seen = [scans[i] for i in part]
+    returns, clear_ends = (
+        [transform_points(p, s.points_m()) for p, s in zip(visit_from_robot, which, strict=True)]
+        for which in (seen, map(clear_beams, seen))
+    )
+    robot_from_laser = np.array([scan.robot_from_laser.as_array() for scan in seen])
+    return view_of(returns, compose(visit_from_robot, robot_from_laser)[:, :2], clear_ends)
 
 
 def _starts(sizes: list[int]) -> NDArray[np.int64]:
