@@ -8,8 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.random import default_rng
 from test_moving_returns import BEAMS, NOTHING, grid_at, points_of, scan_of
 
+from slarm_graph.backends.gmapping import GmappingBackend
+from slarm_graph.backends.pose_graph import PoseGraphBackend
 from slarm_graph.config import FrontendConfig, KeyframeConfig, MatchingConfig
 from slarm_graph.frontends.scans.local_map import LocalMap
 from slarm_graph.frontends.scans.moving_objects import NO_TRAILS, trail_cells
@@ -158,3 +161,23 @@ def test_returns_left_out_are_counted_once_a_scan(time_increment_s: float) -> No
     assert tracker.moving_share == pytest.approx(1.0 - matched / every, abs=0.003)
     assert 0.01 < tracker.moving_share < 0.1
     assert nobody.moving_share == 0.0
+
+
+@pytest.mark.parametrize("backend", [PoseGraphBackend, GmappingBackend])
+def test_a_result_says_what_share_was_left_out(
+    backend: type[PoseGraphBackend] | type[GmappingBackend],
+) -> None:
+    """And the graph's keyframes know where their beams met nothing."""
+    walls = np.array([[-5.0, 3.0, 9.0, 3.0], [-5.0, -3.0, 9.0, -3.0], [-5.0, -3.0, -5.0, 3.0]])
+    config = FrontendConfig()
+    tracker, made = ScanTracker(config), backend(backend.settings(), config, default_rng(0))
+    for k in range(30):
+        pose = np.array([0.05 * k, 0.0, 0.0])
+        scan = scan_of(np.array([[4.0, 2.0 - 0.15 * k, 0.25]]), walls, pose, np.zeros(len(BEAMS)))
+        reading = Reading((k + 1) * 200_000_000, scan, Pose2.from_array(pose))
+        tracker.track(reading)
+        made.update(reading)
+    assert made.result().moving_share == tracker.moving_share > 0.0
+    if isinstance(made, PoseGraphBackend):
+        keyframes = made._builder._graph.keyframes
+        assert {len(k.clear_ends_m) > 0 for k in keyframes} == {True}

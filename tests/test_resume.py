@@ -131,6 +131,7 @@ def test_explore_resumes(
     for one in metrics:
         assert one.pop("planning_s", None) is not None
     assert metrics[0] == metrics[1]
+    assert ("moving_share" in metrics[0]) == (backend != "odometry")
 
 
 @pytest.mark.parametrize(
