@@ -21,7 +21,6 @@ from slarm_graph.config import (
     SimulationConfig,
     SourceConfig,
 )
-from slarm_graph.consistency.evidence import CLEARANCE_M
 from slarm_graph.files.worlds import load_world
 from slarm_graph.frontends.recordings.sources import open_source
 from slarm_graph.frontends.scans.pose_candidates import PoseCandidate, PosePrior
@@ -79,32 +78,6 @@ def test_a_sweep_takes_a_step_less_than_it_has_beams(
     scan = LaserScan(np.ones(beams), 0.0, 0.01, 0.1, 5.0, time_increment_s=step_s)
     tracker = ScanTracker(FrontendConfig(deskew=deskew))
     assert tracker._sweep_s(scan) == pytest.approx(sweep_s)
-
-
-@pytest.mark.parametrize("time_increment_s", [0.0, 1e-3])
-def test_a_keyframe_tells_how_far_it_looks_where_it_meets_nothing(time_increment_s: float) -> None:
-    """In the frame of the first beam, though the robot turns while the laser sweeps."""
-    angles = np.linspace(-2.0, 2.0, 201)
-    tracker, turn, keyframes = ScanTracker(FrontendConfig()), 0.5, 0
-    for k in range(12):
-        started = 0.2 * k
-        bearings = angles + turn * (started + time_increment_s * np.arange(201))
-        ranges = 3.0 + np.sin(3.0 * bearings)
-        ranges[np.cos(bearings - 0.8) > 0.9] = np.inf
-        scan = LaserScan(ranges, -2.0, 0.02, 0.1, 8.0, time_increment_s=time_increment_s)
-        odometry = Pose2(0.0, 0.0, turn * started)
-        tracked = tracker.track(Reading(round(started * 1e9) + 1, scan, odometry))
-        if not tracked.is_keyframe:
-            assert not len(tracked.clear_ends_m)
-            continue
-        reach_m = ranges[np.isfinite(ranges)].max() - CLEARANCE_M
-        ends = tracked.clear_ends_m
-        np.testing.assert_allclose(np.hypot(*ends.T), reach_m, atol=0.02)
-        towards = np.arctan2(*ends.T[::-1]) + turn * started
-        assert (np.cos(towards - 0.8) > 0.9 - (0.02 if k > 2 else 0.2)).all()
-        assert np.ptp(towards) > 0.8
-        keyframes += 1
-    assert keyframes > 2
 
 
 def without_odometry(_i: int, reading: Reading) -> Reading:

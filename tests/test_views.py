@@ -17,8 +17,9 @@ from slarm_graph.consistency.views import View, clear_beams, count_known, eviden
 from slarm_graph.frontends.scans import submap_matching
 from slarm_graph.frontends.scans.submap_matching import SubmapMatcher
 from slarm_graph.frontends.scans.submaps import Keyframe, make_submap, view_center
+from slarm_graph.frontends.scans.tracker import ScanTracker
 from slarm_graph.geometry import Floats, Pose2, between, compose, transform_points
-from slarm_graph.readings import LaserScan
+from slarm_graph.readings import LaserScan, Reading
 
 NICHES = [(8.0, 0.0, 8.0, 0.6), (8.0, 0.6, 8.5, 0.6), (8.5, 0.6, 8.5, 0.0), (11.0, 0.0, 11.0, 0.9)]
 ENDS = [(0.0, 0.0, 0.0, 3.0), (20.0, 0.0, 20.0, 3.0)]
@@ -200,3 +201,29 @@ def test_a_submap_knows_where_beams_met_nothing() -> None:
         walls.append(matcher._views.of(submaps[0], keyframes).walls)
     assert walls[0] == pytest.approx(np.vstack([place, wall]))
     assert walls[1] == pytest.approx(wall)
+
+
+@pytest.mark.parametrize("time_increment_s", [0.0, 1e-3])
+def test_a_keyframe_tells_how_far_it_looks_where_it_meets_nothing(time_increment_s: float) -> None:
+    """In the frame of the first beam, though the robot turns while the laser sweeps."""
+    angles = np.linspace(-2.0, 2.0, 201)
+    tracker, turn, keyframes = ScanTracker(FrontendConfig()), 0.5, 0
+    for k in range(12):
+        started = 0.2 * k
+        bearings = angles + turn * (started + time_increment_s * np.arange(201))
+        ranges = 3.0 + np.sin(3.0 * bearings)
+        ranges[np.cos(bearings - 0.8) > 0.9] = np.inf
+        scan = LaserScan(ranges, -2.0, 0.02, 0.1, 8.0, time_increment_s=time_increment_s)
+        odometry = Pose2(0.0, 0.0, turn * started)
+        tracked = tracker.track(Reading(round(started * 1e9) + 1, scan, odometry))
+        if not tracked.is_keyframe:
+            assert not len(tracked.clear_ends_m)
+            continue
+        reach_m = ranges[np.isfinite(ranges)].max() - CLEARANCE_M
+        ends = tracked.clear_ends_m
+        np.testing.assert_allclose(np.hypot(*ends.T), reach_m, atol=0.02)
+        towards = np.arctan2(*ends.T[::-1]) + turn * started
+        assert (np.cos(towards - 0.8) > 0.9 - (0.02 if k > 2 else 0.2)).all()
+        assert np.ptp(towards) > 0.8
+        keyframes += 1
+    assert keyframes > 2
