@@ -155,11 +155,16 @@ def _view_at(scans: Sequence[LaserScan], poses: Floats, part: NDArray[np.int64])
     visit_from_robot = between(poses[(part[0] + part[-1]) // 2], poses[part])
     seen = [scans[i] for i in part]
     returns, clear_ends = (
-        [transform_points(p, s.points_m()) for p, s in zip(visit_from_robot, which, strict=True)]
-        for which in (seen, map(clear_beams, seen))
+        [transform_points(p, ends) for p, ends in zip(visit_from_robot, every, strict=True)]
+        for every in ([scan.points_m() for scan in seen], map(_clear_ends_m, seen))
     )
     robot_from_laser = np.array([scan.robot_from_laser.as_array() for scan in seen])
     return view_of(returns, compose(visit_from_robot, robot_from_laser)[:, :2], clear_ends)
+
+
+def _clear_ends_m(scan: LaserScan) -> Floats:
+    """How far beams (M, 2) reach that have met nothing, in the robot's frame [m]."""
+    return clear_beams(scan).points_m() if scan.is_clear().any() else np.zeros((0, 2))
 
 
 def _starts(sizes: list[int]) -> NDArray[np.int64]:
