@@ -239,3 +239,26 @@ def curvature(
             gradient[1] += w * dy
             gradient[2] += w * (dy * ax - dx * ay)
     mirror3(hessian)
+
+
+@kernel
+def scale_square(points: Floats, lines: Floats, pose: Floats, sigma: float) -> float:
+    """One step of expectation maximisation of the scale of the residuals of a scan [m^2].
+
+    A Cauchy distance of scale s is normal with a variance of its own for every point, of which the
+    residual r leaves an expected weight of 2 / (1 + r^2 / s^2): the mean of the weighted squares is
+    the next s^2 (Dempster, Laird and Rubin, "Iteratively Reweighted Least Squares for Linear
+    Regression When Errors are Normal/Independent Distributed", 1980). NaN where nothing matched.
+    """
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    total, count = 0.0, 0
+    for k in range(len(points)):
+        nx, ny = lines[k, 2], lines[k, 3]
+        if lines[k, 4] == 0.0 or (nx == 0.0 and ny == 0.0):
+            continue
+        r = (pose[0] + c * points[k, 0] - s * points[k, 1] - lines[k, 0]) * nx + (
+            pose[1] + s * points[k, 0] + c * points[k, 1] - lines[k, 1]
+        ) * ny
+        total += 2.0 * r * r / (1.0 + r * r / (sigma * sigma))
+        count += 1
+    return total / count if count else math.nan

@@ -17,6 +17,7 @@ from slarm_graph.backends.particle_matching import (
     log_likelihood,
     log_likelihoods,
     log_no_match,
+    scale_square,
 )
 from slarm_graph.config import GmappingConfig
 from slarm_graph.frontends.scans.small_pose import moved
@@ -29,6 +30,9 @@ _STEPS_PER_ASSOCIATION = 2
 """Gauss-Newton steps between two data associations, which take several times as long."""
 _LATTICE_CELL_VOLUME = 4.0
 """Volume per point of the body-centred lattice of side 2: two points to a cube of 8."""
+_LEARNING_EXPONENT = 0.6
+"""The k-th update's share of the learned scale is k^-0.6, as Cappe and Moulines advise: the last 16
+of a hundred updates count, the last 60 of a thousand."""
 _TINY_VARIANCE = 1e-12
 """Added to a covariance so that it can be factorised: a thousandth of a millimetre."""
 
@@ -97,10 +101,11 @@ def propose(
     maps: ParticleMaps,
     measurement: Measurement,
     config: GmappingConfig,
+    scale_m: float,
     poses: Floats,
     normals: Floats,
-) -> tuple[Floats, Floats]:
-    """Draw new poses (P, 3) of some particles and increments (P,) of log weights, eq. (7)-(10).
+) -> tuple[Floats, Floats, Floats]:
+    """Draw new poses of some particles and increments of their log weights, eq. (7)-(10).
 
     Parameters
     ----------
@@ -108,14 +113,23 @@ def propose(
         Of just these particles.
     measurement : Measurement
     config : GmappingConfig
+    scale_m : float
+        Scale of the distance between a return and its wall.
     poses : (P, 3) float64
         At the previous update.
     normals : (P, 6) float64
         Standard normal draws: three for the pose and three for the start of a lost particle.
+
+    Returns
+    -------
+    poses : (P, 3) float64
+    log_weights : (P,) float64
+    scale_squares : (P,) float64
+        What the scan says of the scale, for `next_scale_m` [m^2].
     """
-    new_poses, log_weights = _propose(
+    return _propose(
         maps.tiles,
-        _rule(config),
+        _rule(config, scale_m),
         measurement.points,
         measurement.motion,
         measurement.motion_covariance,
@@ -124,19 +138,45 @@ def propose(
         poses,
         normals,
     )
-    return new_poses, log_weights
 
 
 def weigh(maps: ParticleMaps, points: Floats, config: GmappingConfig, poses: Floats) -> Floats:
-    """Log likelihood (P,) of a scan at poses drawn from the motion model, eq. (6)."""
-    return np.asarray(_weigh(maps.tiles, _rule(config), points, poses))
+    """Log likelihood (P,) of a scan at poses drawn from the motion model, eq. (6).
+
+    At the scale of the settings: what such poses are off is not the noise of the returns.
+    """
+    return np.asarray(_weigh(maps.tiles, _rule(config, config.likelihood.sigma_m), points, poses))
 
 
-def _rule(config: GmappingConfig) -> MatchRule:
+def next_scale_m(scale_m: float, squares: Floats, updates: int) -> float:
+    """Learn the scale of the distance between returns and walls from one update more [m].
+
+    Online expectation maximisation (Cappe and Moulines, "On-line Expectation-Maximization Algorithm
+    for Latent Data Models", JRSS B 71(3), 2009). A likelihood wider than the noise makes every draw
+    of a pose noisier than the match is, which is what a path over new ground then drifts by.
+
+    Parameters
+    ----------
+    scale_m : float
+        So far.
+    squares : (P,) float64
+        `scale_square` of the scan for every particle [m^2]; NaN where nothing matched.
+    updates : int
+        Before this one.
+    """
+    known = squares[np.isfinite(squares)]
+    if not len(known):
+        return scale_m
+    share = (updates + 1.0) ** -_LEARNING_EXPONENT
+    square = (1.0 - share) * scale_m**2 + share * float(known.mean())
+    return max(_CONVERGED_M, math.sqrt(square))
+
+
+def _rule(config: GmappingConfig, scale_m: float) -> MatchRule:
     likelihood, proposal = config.likelihood, config.proposal
     return MatchRule(
         proposal.kernel_size,
-        likelihood.sigma_m,
+        scale_m,
         likelihood.beam_information,
         proposal.iterations,
     )
@@ -164,8 +204,9 @@ def _propose(
     lattice: Floats,
     poses: Floats,
     normals: Floats,
-) -> tuple[Floats, Floats]:
+) -> tuple[Floats, Floats, Floats]:
     new_poses, log_weights = np.empty((len(poses), 3)), np.empty(len(poses))
+    squares = np.empty(len(poses))
     lines = np.zeros((len(points), 5))
     miss = log_no_match(rule.kernel, tiles.resolution, rule.sigma)
     log_density, mean, covariance = np.empty(len(lattice)), np.empty(3), np.empty((3, 3))
@@ -178,6 +219,7 @@ def _propose(
         prior = in_map_axes(information, predicted[2])
         start = moved(predicted, scatter @ normals[p, 3:])
         peak, hessian = find_peak(tiles, p, rule, points, start, predicted, prior, lines)
+        squares[p] = scale_square(points, lines, peak, rule.sigma)
         root = np.linalg.cholesky(np.linalg.inv(hessian))
         offsets = lattice @ root.T
         log_likelihoods(points, lines, peak + offsets, rule.sigma, miss, log_density)
@@ -193,7 +235,7 @@ def _propose(
         volume = root[0, 0] * root[1, 1] * root[2, 2] * _LATTICE_CELL_VOLUME
         normalisation = 0.5 * math.log(np.linalg.det(information) / (2.0 * math.pi) ** 3)
         log_weights[p] = log_sum + math.log(volume) + normalisation
-    return new_poses, log_weights
+    return new_poses, log_weights, squares
 
 
 @kernel

@@ -24,7 +24,7 @@ from slarm_graph.backends.particle_filter import (
     weighted_mean,
 )
 from slarm_graph.backends.particle_maps import ParticleMaps, most_tiles
-from slarm_graph.backends.proposal import Measurement, propose, weigh
+from slarm_graph.backends.proposal import Measurement, next_scale_m, propose, weigh
 from slarm_graph.config import GmappingConfig
 from slarm_graph.cores import usable_cores
 from slarm_graph.geometry import Floats, wrap_angles
@@ -71,6 +71,8 @@ class MappingFilter:
     ancestry : Ancestry
     drifts : (P,) float64
         Heading drift of each particle per path length [rad/m].
+    scale_m : float
+        Scale of the distance between a return and the wall it belongs to, learned from all so far.
     selections : list of Selection
         One per update.
     """
@@ -82,6 +84,7 @@ class MappingFilter:
     log_evidence: Floats
     ancestry: Ancestry
     drifts: Floats
+    scale_m: float
     selections: list[Selection] = field(default_factory=list)
 
     @staticmethod
@@ -96,6 +99,7 @@ class MappingFilter:
             np.zeros(count),
             Ancestry(count),
             first_drifts(config.motion, count),
+            config.likelihood.sigma_m,
         )
 
     def start(self, points: Floats) -> None:
@@ -140,12 +144,14 @@ class MappingFilter:
                 replace(self.maps, tables=self.maps.tables[part]),
                 measurement,
                 self.config,
+                self.scale_m,
                 self.poses[part],
                 normals[part],
             )
             for part in _parts(len(self.poses))
         ]
-        poses, gained = zip(*(job.result() for job in jobs), strict=True)
+        poses, gained, squares = zip(*(job.result() for job in jobs), strict=True)
+        self.scale_m = next_scale_m(self.scale_m, np.concatenate(squares), len(self.selections))
         return np.concatenate(poses), np.concatenate(gained)
 
     def _drift(self, path_m: float, rng: Generator) -> None:

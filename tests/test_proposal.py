@@ -17,6 +17,7 @@ from slarm_graph.backends.particle_matching import (
     log_likelihoods,
     log_no_match,
     point_normals,
+    scale_square,
 )
 from slarm_graph.backends.proposal import (
     MatchRule,
@@ -24,6 +25,7 @@ from slarm_graph.backends.proposal import (
     body_centred_lattice,
     find_peak,
     gaussian_of,
+    next_scale_m,
     propose,
     weigh,
 )
@@ -143,7 +145,7 @@ def test_eq_7_the_peak_of_a_noiseless_scan_is_the_truth() -> None:
 def test_eq_7_without_a_map_the_motion_decides() -> None:
     maps = ParticleMaps.empty(1, RESOLUTION_M)
     measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
-    pose, _ = propose(maps, measurement, CONFIG, np.zeros((1, 3)), np.zeros((1, 6)))
+    pose, _, _ = propose(maps, measurement, CONFIG, 0.03, np.zeros((1, 3)), np.zeros((1, 6)))
     assert np.allclose(pose[0], MOTION, atol=1e-9)
 
 
@@ -152,7 +154,7 @@ def test_eq_8_is_the_integral_over_the_motion() -> None:
     maps, points = ParticleMaps.empty(1, RESOLUTION_M), seen_from(MOTION)
     fine = CONFIG.model_copy(update={"proposal": ProposalConfig(lattice_radius=5.0)})
     measurement = Measurement(points, MOTION, COVARIANCE)
-    _, gained = propose(maps, measurement, fine, np.zeros((1, 3)), np.zeros((1, 6)))
+    _, gained, _ = propose(maps, measurement, fine, 0.03, np.zeros((1, 3)), np.zeros((1, 6)))
     expected = 0.2 * len(points) * log_no_match(1, RESOLUTION_M, 0.03)
     assert np.isclose(gained[0], expected, atol=2e-3)
 
@@ -161,7 +163,7 @@ def test_eq_8_prefers_the_particle_whose_map_fits() -> None:
     maps = room_maps(2)
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.2, 0.0]])
     measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
-    _, gained = propose(maps, measurement, CONFIG, poses, np.zeros((2, 6)))
+    _, gained, _ = propose(maps, measurement, CONFIG, 0.03, poses, np.zeros((2, 6)))
     assert gained[0] > gained[1] + 10.0
 
 
@@ -197,8 +199,8 @@ def test_poses_are_drawn_from_the_proposal() -> None:
     measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
     normals = np.random.default_rng(0).standard_normal((count, 6))
     few = CONFIG.model_copy(update={"proposal": ProposalConfig(iterations=3)})
-    drawn, _ = propose(maps, measurement, few, np.zeros((count, 3)), normals)
-    mu, _ = propose(maps, measurement, few, np.zeros((1, 3)), np.zeros((1, 6)))
+    drawn, _, _ = propose(maps, measurement, few, 0.03, np.zeros((count, 3)), normals)
+    mu, _, _ = propose(maps, measurement, few, 0.03, np.zeros((1, 3)), np.zeros((1, 6)))
     sigma = drawn.std(axis=0)
     assert (np.abs(drawn.mean(axis=0) - mu[0]) < 4.0 * sigma / np.sqrt(count)).all()
     assert (sigma < np.sqrt(np.diag(COVARIANCE))).all()
@@ -218,13 +220,74 @@ def test_eq_5_and_6_weigh_by_the_likelihood() -> None:
     assert gained[0] > gained[1]
 
 
+def walls_seen_with(residuals_m: Floats) -> tuple[Floats, Floats]:
+    """Points of the robot's frame, each off its line by a residual, and the lines."""
+    rng = np.random.default_rng(5)
+    turns = rng.uniform(0.0, 2.0 * np.pi, len(residuals_m))
+    normals = np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    feet = rng.uniform(-4.0, 4.0, (len(turns), 2))
+    on_lines = feet + residuals_m[:, None] * normals
+    points = np.concatenate([transform_points(invert(MOTION), on_lines), normals], axis=1)
+    return points, np.concatenate([feet, normals, np.ones((len(turns), 1))], axis=1)
+
+
+@pytest.mark.parametrize("true_scale_m", [0.004, 0.02])
+@pytest.mark.parametrize("first_m", [0.03, 0.001])
+def test_the_scale_of_residuals_becomes_the_most_likely_one(
+    true_scale_m: float, first_m: float
+) -> None:
+    """A second implementation: the likelihood of the residuals over a fine row of scales."""
+    residuals_m = true_scale_m * np.random.default_rng(6).standard_cauchy(400)
+    points, lines = walls_seen_with(residuals_m)
+    scale_m = first_m
+    for _ in range(60):
+        scale_m = np.sqrt(scale_square(points, lines, MOTION, scale_m))
+    scales_m = np.geomspace(1e-3, 0.1, 4000)[:, None]
+    log_p = -np.log(scales_m) - np.log1p((residuals_m / scales_m) ** 2)
+    assert np.isclose(scale_m, scales_m[np.argmax(log_p.sum(axis=1)), 0], rtol=3e-3)
+
+
+def test_what_matched_nothing_or_no_line_says_nothing_of_the_scale() -> None:
+    points, lines = walls_seen_with(np.full(30, 0.01))
+    alone = scale_square(points[:10], lines[:10], MOTION, 0.03)
+    lines[10:20, 4], lines[20:, 2:4] = 0.0, 0.0
+    points[10:, :2] += 0.05
+    assert scale_square(points, lines, MOTION, 0.03) == alone
+    assert np.isnan(scale_square(points[10:], lines[10:], MOTION, 0.03))
+
+
+def test_the_scale_is_learned_from_many_updates() -> None:
+    """Half and twice the true square by turns, as seen from any scale: their mean comes out."""
+    scale_m, rng = 0.03, np.random.default_rng(7)
+    learned = []
+    for update in range(400):
+        squares = np.array([1e-4 * rng.choice([0.5, 1.5]), 1e-4, np.nan])
+        scale_m = next_scale_m(scale_m, squares, update)
+        learned.append(scale_m)
+    assert np.std(learned[200:]) < 0.25 * np.std(learned[:20])
+    assert np.isclose(np.mean(learned[200:]), 0.01, rtol=0.02)
+    assert next_scale_m(0.03, np.full(3, np.nan), 5) == 0.03
+    assert next_scale_m(0.03, np.zeros(3), 0) == 1e-3  # no finer than the ascent
+
+
+def test_every_particle_says_of_the_scale_what_its_own_map_does() -> None:
+    """A noiseless scan in a map of its own walls, and in one of walls 0.02 m thick."""
+    maps, rng = room_maps(2), np.random.default_rng(8)
+    thick = seen_from(np.zeros(3))
+    thick[:, :2] += rng.normal(0.0, 0.02, (len(thick), 1)) * thick[:, 2:]
+    maps.insert(thick, np.array([[100.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
+    measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
+    _, _, squares = propose(maps, measurement, CONFIG, 0.03, np.zeros((2, 3)), np.zeros((2, 6)))
+    assert np.sqrt(squares[0]) < 1e-3 < 2e-3 < np.sqrt(squares[1])
+
+
 def test_after_a_motion_not_followed_some_of_the_particles_find_the_place() -> None:
     truth = compose(MOTION, np.array([0.25, -0.2, 0.1]))
     covariance = np.diag([0.25, 0.25, 0.12]) ** 2
     maps = room_maps(60)
     normals = np.random.default_rng(0).standard_normal((60, 6))
     measurement = Measurement(seen_from(truth), MOTION, covariance, is_lost=True)
-    poses, gained = propose(maps, measurement, CONFIG, np.zeros((60, 3)), normals)
+    poses, gained, _ = propose(maps, measurement, CONFIG, 0.03, np.zeros((60, 3)), normals)
     assert np.allclose(poses[np.argmax(gained)], truth, atol=0.03)
 
 
@@ -243,7 +306,7 @@ def test_eq_7_to_10_are_those_of_the_product_summed_over_a_fine_lattice(
     )
     maps, points = room_maps(), seen_from(compose(MOTION, np.array(off)))
     measurement = Measurement(points, MOTION, covariance)
-    pose, gained = propose(maps, measurement, config, np.zeros((1, 3)), np.zeros((1, 6)))
+    pose, gained, _ = propose(maps, measurement, config, 0.1, np.zeros((1, 3)), np.zeros((1, 6)))
     information = np.linalg.inv(covariance)
     c, s = np.cos(MOTION[2]), np.sin(MOTION[2])
     turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

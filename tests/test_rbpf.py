@@ -57,3 +57,33 @@ def test_weights_start_anew_after_resampling_and_only_then() -> None:
     pairs = sum(w * w for w in weights.tolist())
     assert np.isclose(after.selections[-1].n_eff, 1.0 / pairs)
     assert np.isclose(before.selections[-1].n_eff, 1.0 / pairs)
+
+
+def standing_in_a_room(noise_m: float, updates: int) -> MappingFilter:
+    """A filter of a robot that stands in a square room and reads its walls with noise."""
+    rng, still = np.random.default_rng(2), ParticleMotionConfig(drift_rad_per_m=0.0)
+    particles = MappingFilter.empty(GmappingConfig(particles=PARTICLES, motion=still))
+    along, side = np.linspace(-2.0, 2.0, 90), np.full(90, 2.02)
+    walls = [(along, side, 0, -1), (-side, along, 1, 0), (along, -side, 0, 1), (side, along, -1, 0)]
+    for update in range(updates + 1):
+        points = np.concatenate(
+            [
+                np.stack([x, y, np.full(90, nx), np.full(90, ny)], axis=1)
+                + rng.normal(0.0, noise_m, (90, 1)) * np.array([nx, ny, 0.0, 0.0])
+                for x, y, nx, ny in walls
+            ]
+        )
+        if update == 0:
+            particles.start(points)
+        else:
+            covariance = np.diag([0.02, 0.02, 0.01]) ** 2
+            particles.step(Measurement(points, np.zeros(3), covariance), rng)
+    return particles
+
+
+def test_the_noise_of_returns_is_learned_and_poses_are_drawn_by_it() -> None:
+    """Of normal noise the most likely Cauchy scale is 0.61 of its standard deviation."""
+    fine, coarse = standing_in_a_room(0.004, 40), standing_in_a_room(0.012, 40)
+    assert np.isclose(fine.scale_m, 0.61 * 0.004, rtol=0.3)
+    assert np.isclose(coarse.scale_m, 0.61 * 0.012, rtol=0.3)
+    assert 1.5 * fine.poses[:, 0].std() < coarse.poses[:, 0].std()

@@ -45,13 +45,15 @@ class ParticleLikelihoodConfig(Stage):
     """Likelihood of a scan at a pose in a particle's map."""
 
     sigma_m: Sigma = 0.03
-    """Scale of the distance between a return and the wall it belongs to."""
+    """Scale of the distance between a return and the wall it belongs to, at the start; from
+    then on the improved proposal learns it."""
     beam_information: float = Field(default=0.3, gt=0, le=1)
     """Share of a beam's information that is independent of its neighbours."""
-    ogain: float = Field(default=20.0, gt=0)
+    ogain: float = Field(default=60.0, gt=0)
     """Divisor of the log weights, because the map's errors are shared by many scans.
 
-    gmapping's default of 3 belongs to a likelihood in other units.
+    A third of it resamples three to four times as often, after which too few paths are left for
+    some loops. gmapping's default of 3 belongs to a likelihood in other units.
     """
     lskip: int = Field(default=0, ge=0)
     """Beams skipped between two that are used."""

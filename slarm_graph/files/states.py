@@ -19,7 +19,7 @@ from slarm_graph.errors import BadInput
 from slarm_graph.files.arrays import FAILURES, load_arrays
 from slarm_graph.snapshots import State
 
-FORMAT: Final = 9
+FORMAT: Final = 10
 """Version of the format; others are refused."""
 _ANEW: Final = "start the run anew, without --resume"
 
