@@ -276,7 +276,8 @@ def test_every_particle_says_of_the_scale_what_its_own_map_does() -> None:
     thick = seen_from(np.zeros(3))
     thick[:, :2] += rng.normal(0.0, 0.02, (len(thick), 1)) * thick[:, 2:]
     maps.insert(thick, np.array([[100.0, 0.0, 0.0], [0.0, 0.0, 0.0]]))
-    measurement = Measurement(seen_from(MOTION), MOTION, COVARIANCE)
+    seen = seen_from(compose(MOTION, np.array([0.02, -0.02, 0.01])))
+    measurement = Measurement(seen, MOTION, COVARIANCE)
     _, _, squares = propose(maps, measurement, CONFIG, 0.03, np.zeros((2, 3)), np.zeros((2, 6)))
     assert np.sqrt(squares[0]) < 1e-3 < 2e-3 < np.sqrt(squares[1])
 

@@ -87,3 +87,10 @@ def test_the_noise_of_returns_is_learned_and_poses_are_drawn_by_it() -> None:
     assert np.isclose(fine.scale_m, 0.61 * 0.004, rtol=0.3)
     assert np.isclose(coarse.scale_m, 0.61 * 0.012, rtol=0.3)
     assert 1.5 * fine.poses[:, 0].std() < coarse.poses[:, 0].std()
+
+
+def test_one_update_of_many_changes_the_learned_noise_little() -> None:
+    """A tenth of what 360 returns say, which is some per cent off."""
+    scales_m = [standing_in_a_room(0.012, updates).scale_m for updates in range(36, 42)]
+    steps_m = np.abs(np.diff(scales_m))
+    assert 0.0 < steps_m.max() < 0.015 * np.mean(scales_m)
