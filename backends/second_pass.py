@@ -53,7 +53,8 @@ def closure_mahalanobis(closed: ClosedGraph, poses: Floats, cell_m: float) -> Fl
         Side of a cell of the maps along it: smaller errors tear nothing.
     """
     at_nodes = poses[closed.scans]
-    tolerance = np.diag([cell_m, cell_m, _TOLERANCE_RAD]) ** 2
+    # Within a cell anything is as likely: the variance of a uniform distribution.
+    tolerance = np.diag([cell_m, cell_m, _TOLERANCE_RAD]) ** 2 / 12.0
     distances = []
     for c in closed.graph.constraints:
         if c.kind is not ConstraintKind.LOOP_CLOSURE:

@@ -94,3 +94,8 @@ def test_one_update_of_many_changes_the_learned_noise_little() -> None:
     scales_m = [standing_in_a_room(0.012, updates).scale_m for updates in range(36, 42)]
     steps_m = np.abs(np.diff(scales_m))
     assert 0.0 < steps_m.max() < 0.015 * np.mean(scales_m)
+
+
+def test_the_first_draws_are_by_the_noise_of_the_first_scans() -> None:
+    """Those turn the whole map; the difference of two scans has 1.4 times the noise of one."""
+    assert standing_in_a_room(0.01, 1).scale_m < 0.61 * 1.41 * 0.01

@@ -48,7 +48,7 @@ def square(*closures: Pose2) -> ClosedGraph:
 
 @pytest.mark.parametrize(
     ("axis", "allowed"),
-    [(0, CELL_M), (1, CELL_M), (2, 0.02)],
+    [(0, CELL_M / np.sqrt(12)), (1, CELL_M / np.sqrt(12)), (2, 0.02 / np.sqrt(12))],
 )
 def test_a_closure_is_contradicted_beyond_999_in_1000(axis: int, allowed: float) -> None:
     bound = np.sqrt(16.266) * np.hypot(SIGMAS[axis], allowed)  # chi-square, 3 degrees of freedom
