@@ -71,7 +71,6 @@ class _State:
     tracker: ScanTracker
     filter: MappingFilter
     graph_builder: GraphBuilder | None
-    first_points: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     measurements: list[Measurement] = field(default_factory=list)
     stamps_ns: list[int] = field(default_factory=list)
     local: list[Floats] = field(default_factory=list)
@@ -155,8 +154,7 @@ class GmappingBackend:
         state.lags.append(scan.lag_covariance)
         state.variances.append(step_variance(scan))
         if not state.updates:
-            state.first_points = self._points(scan, reading.scan.robot_from_laser)
-            state.filter.start(state.first_points)
+            state.filter.start(self._points(scan, reading.scan.robot_from_laser))
             state.updates.append(0)
             return
         self._accumulate(scan)
@@ -174,7 +172,7 @@ class GmappingBackend:
         if not state.updates:
             return Pose2()
         since = between(state.local[state.updates[-1]], state.local[-1])
-        return Pose2.from_array(compose(state.filter.poses[state.filter.best()], since))
+        return Pose2.from_array(compose(state.filter.best_pose(), since))
 
     def result(self) -> SlamResult:
         """Return the best particle's path, at every scan.
@@ -188,6 +186,7 @@ class GmappingBackend:
         state = self._state
         if not state.updates:
             raise RunFailed("no scan was usable")
+        state.filter.find_origin()
         if state.graph_builder is None or state.graph_builder.is_empty:
             return self._assemble_result(None)
         closed = state.graph_builder.close_loops()
@@ -203,7 +202,10 @@ class GmappingBackend:
         """
         state = self._state
         along = closed.poses[state.updates]
-        again = filter_along(along, state.first_points, state.measurements, self._config, self._rng)
+        again = filter_along(
+            along, state.filter.first_points, state.measurements, self._config, self._rng
+        )
+        again.find_origin()
         distances_again = self._closure_distances(again, closed.poses, closed)
         state.second_pass = second_pass_notice(distances, distances_again)
         if distances_again.sum() < distances.sum():

@@ -148,6 +148,32 @@ def weigh(maps: ParticleMaps, points: Floats, config: GmappingConfig, poses: Flo
     return np.asarray(_weigh(maps.tiles, _rule(config, config.likelihood.sigma_m), points, poses))
 
 
+def place_in_map(
+    maps: ParticleMaps,
+    particle: int,
+    points: Floats,
+    config: GmappingConfig,
+    scale_m: float,
+    covariance: Floats,
+) -> Floats:
+    """Pose (3,) near the origin at which a scan fits the map of a particle, eq. (7).
+
+    Parameters
+    ----------
+    maps : ParticleMaps
+    particle : int
+    points : (K, 4) float64
+    config : GmappingConfig
+    scale_m : float
+    covariance : (3, 3) float64
+        Of the pose about the origin, before the map is asked [m, m, rad].
+    """
+    prior, lines = np.linalg.inv(covariance), np.zeros((len(points), 5))
+    start, rule = np.zeros(3), _rule(config, scale_m)
+    peak, _ = find_peak(maps.tiles, particle, rule, points, start, start, prior, lines)
+    return np.asarray(peak)
+
+
 def next_scale_m(scale_m: float, squares: Floats, updates: int) -> float:
     """Learn the scale of the distance between returns and walls from one update more [m].
 

@@ -24,11 +24,13 @@ from slarm_graph.backends.particle_filter import (
     weighted_mean,
 )
 from slarm_graph.backends.particle_maps import ParticleMaps, most_tiles
-from slarm_graph.backends.proposal import Measurement, next_scale_m, propose, weigh
+from slarm_graph.backends.proposal import Measurement, next_scale_m, place_in_map, propose, weigh
 from slarm_graph.config import GmappingConfig
 from slarm_graph.cores import usable_cores
-from slarm_graph.geometry import Floats, wrap_angles
+from slarm_graph.geometry import Floats, between, wrap_angles
 
+TOLERANCE_RAD = 0.02
+"""Heading error that a particle's map tolerates between two visits: a cell at 2.5 m."""
 _FIRST_ESTIMATES = 10
 """Expectation maximisations of the scale with the first two scans: from 0.03 m, the setting, the
 sixth is within a tenth of the last where the noise is 0.01 m."""
@@ -77,6 +79,10 @@ class MappingFilter:
         Heading drift of each particle per path length [rad/m].
     scale_m : float
         Scale of the distance between a return and the wall it belongs to, learned from all so far.
+    first_points : (K, 4) float64
+        End points and normals of the first scan.
+    origin : (3,) float64
+        Where the first scan was, by the scans after it: paths are seen from there.
     selections : list of Selection
         One per update.
     """
@@ -89,6 +95,8 @@ class MappingFilter:
     ancestry: Ancestry
     drifts: Floats
     scale_m: float
+    first_points: Floats = field(default_factory=lambda: np.zeros((0, 4)))
+    origin: Floats = field(default_factory=lambda: np.zeros(3))
     selections: list[Selection] = field(default_factory=list)
 
     @staticmethod
@@ -108,6 +116,7 @@ class MappingFilter:
 
     def start(self, points: Floats) -> None:
         """Map the first scan, (K, 4) points with normals in the robot's frame."""
+        self.first_points = points
         self.maps.insert(points, self.poses)
         self.ancestry.append(np.arange(len(self.poses)), self.poses)
 
@@ -125,14 +134,32 @@ class MappingFilter:
         """Return the particle of the highest likelihood of the whole path."""
         return int(np.argmax(self.log_evidence))
 
+    def find_origin(self) -> None:
+        """Place the first scan in the finished map of the best particle.
+
+        The map's frame is that of the first pose, from which the first draws turn all the others.
+        """
+        tolerance = np.diag([self.maps.resolution_m] * 2 + [TOLERANCE_RAD]) ** 2 / 12.0
+        scan = self.first_points, self.config, self.scale_m
+        self.origin = place_in_map(self.maps, self.best(), *scan, tolerance)
+
+    def best_pose(self) -> Floats:
+        """Pose (3,) of the best particle at the last update, seen from the origin."""
+        return between(self.origin, self.poses[self.best()])
+
     def best_path(self) -> Floats:
-        """Poses (U, 3) of the best particle at all updates."""
-        return self.ancestry.path(self.best())
+        """Poses (U, 3) of the best particle at all updates, seen from the origin."""
+        return self._from_origin(self.ancestry.path(self.best()))
 
     def mean_path(self) -> Floats:
-        """Weighted mean (U, 3) of the paths of all particles, eq. (11)."""
+        """Weighted mean (U, 3) of the paths of all particles, eq. (11), seen from the origin."""
         paths = self.ancestry.paths(np.arange(len(self.poses)))
-        return weighted_mean(paths, normalised(self.log_weights))
+        return self._from_origin(weighted_mean(paths, normalised(self.log_weights)))
+
+    def _from_origin(self, path: Floats) -> Floats:
+        seen = between(self.origin, path)
+        seen[0] = 0.0
+        return seen
 
     def _propose(self, measurement: Measurement, rng: Generator) -> tuple[Floats, Floats]:
         """Draw poses and the increments of the log weights, and learn the noise of returns."""

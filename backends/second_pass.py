@@ -23,7 +23,7 @@ from slarm_graph.backends.graph_building import ClosedGraph
 from slarm_graph.backends.motion_model import motion_covariance
 from slarm_graph.backends.path_covariance import path_covariances
 from slarm_graph.backends.proposal import Measurement
-from slarm_graph.backends.rbpf import MappingFilter
+from slarm_graph.backends.rbpf import TOLERANCE_RAD, MappingFilter
 from slarm_graph.backends.variance_components import calibrated
 from slarm_graph.config import GmappingConfig
 from slarm_graph.constraint import ConstraintKind
@@ -37,8 +37,6 @@ _REVERSION_M = 10.0
 """Path length of the mean reversion to the path: with steps that err by 2 cm a metre particles
 spread by sqrt(10 / 2) of that around it, 4.5 cm, a cell of their maps. From 5 to 20 m intel changes
 by 2 %, mit-csail cut to 5.6 m of range by 9 %."""
-_TOLERANCE_RAD = 0.02
-"""Heading error that a particle's map tolerates between two visits: a cell at 2.5 m."""
 
 
 def closure_mahalanobis(closed: ClosedGraph, poses: Floats, cell_m: float) -> Floats:
@@ -54,7 +52,7 @@ def closure_mahalanobis(closed: ClosedGraph, poses: Floats, cell_m: float) -> Fl
     """
     at_nodes = poses[closed.scans]
     # Within a cell anything is as likely: the variance of a uniform distribution.
-    tolerance = np.diag([cell_m, cell_m, _TOLERANCE_RAD]) ** 2 / 12.0
+    tolerance = np.diag([cell_m, cell_m, TOLERANCE_RAD]) ** 2 / 12.0
     distances = []
     for c in closed.graph.constraints:
         if c.kind is not ConstraintKind.LOOP_CLOSURE:

@@ -152,10 +152,10 @@ def test_covariances_without_a_graph_are_those_of_the_particles_about_the_best()
     backend = made(places=None)
     result = run(backend, recorded()[0][:100])
     state = backend._state
-    known, at, best = result.covariances, state.updates, state.filter.best_path()
+    known, at, best = result.covariances, state.updates, state.filter.poses[state.filter.best()]
     assert known is not None
     assert known.shape == (len(result.trajectory), 3, 3)
-    heading = state.filter.poses[:, 2] - best[-1, 2]
+    heading = state.filter.poses[:, 2] - best[2]
     spread = np.square(wrap_angles(heading)) @ normalised(state.filter.log_weights)
     assert known[at[-1], 2, 2] == pytest.approx(spread + 0.002**2)
     # All come from one start, of which the floor is left: a proposal's least and that of a cell.

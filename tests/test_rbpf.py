@@ -9,6 +9,7 @@ import numpy as np
 from slarm_graph.backends.proposal import Measurement
 from slarm_graph.backends.rbpf import MappingFilter
 from slarm_graph.config import GmappingConfig, ParticleMotionConfig, ResamplingConfig
+from slarm_graph.geometry import compose, invert, transform_points
 
 PARTICLES = 40
 PATH_M = 2.0
@@ -99,3 +100,23 @@ def test_one_update_of_many_changes_the_learned_noise_little() -> None:
 def test_the_first_draws_are_by_the_noise_of_the_first_scans() -> None:
     """Those turn the whole map; the difference of two scans has 1.4 times the noise of one."""
     assert standing_in_a_room(0.01, 1).scale_m < 0.61 * 1.41 * 0.01
+
+
+def test_the_first_scan_is_placed_by_those_after_it() -> None:
+    """A map turned against its first scan turns back; all else keeps its place within it."""
+    particles = standing_in_a_room(0.004, 30)
+    turned = np.array([0.01, -0.006, 0.008])
+    walls, normals = particles.first_points[:, :2], particles.first_points[:, 2:]
+    seen = [
+        transform_points(invert(turned), walls),
+        transform_points(np.array([0.0, 0.0, -turned[2]]), normals),
+    ]
+    particles.first_points = np.concatenate(seen, axis=1)
+    before = particles.best_path()
+    particles.find_origin()
+    after = particles.best_path()
+    assert np.allclose(particles.origin, turned, atol=1.5e-3)
+    assert np.array_equal(after[0], np.zeros(3))
+    assert np.allclose(compose(particles.origin, after[1:]), before[1:])
+    assert np.allclose(compose(particles.origin, particles.best_pose()), before[-1])
+    assert np.allclose(particles.mean_path()[1:], after[1:], atol=5e-3)

@@ -124,7 +124,11 @@ def test_the_filter_follows_the_given_path() -> None:
     given = truth.poses[state.updates]
     paths = [
         filter_along(
-            poses, state.first_points, state.measurements, backend._config, np.random.default_rng(0)
+            poses,
+            state.filter.first_points,
+            state.measurements,
+            backend._config,
+            np.random.default_rng(0),
         ).best_path()
         for poses in (given, bent(given))
     ]
