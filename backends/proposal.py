@@ -168,7 +168,7 @@ def place_in_map(
     covariance : (3, 3) float64
         Of the pose about the origin, before the map is asked [m, m, rad].
     """
-    prior, lines = np.linalg.inv(covariance), np.zeros((len(points), 5))
+    prior, lines = np.linalg.inv(covariance).astype(np.float64), np.zeros((len(points), 5))
     start, rule = np.zeros(3), _rule(config, scale_m)
     peak, _ = find_peak(maps.tiles, particle, rule, points, start, start, prior, lines)
     return np.asarray(peak)
