@@ -79,6 +79,8 @@ class MappingFilter:
         Heading drift of each particle per path length [rad/m].
     scale_m : float
         Scale of the distance between a return and the wall it belongs to, learned from all so far.
+    learns_scale : bool
+        Otherwise it is that of the settings.
     first_points : (K, 4) float64
         End points and normals of the first scan.
     origin : (3,) float64
@@ -95,6 +97,7 @@ class MappingFilter:
     ancestry: Ancestry
     drifts: Floats
     scale_m: float
+    learns_scale: bool = True
     first_points: Floats = field(default_factory=lambda: np.zeros((0, 4)))
     origin: Floats = field(default_factory=lambda: np.zeros(3))
     selections: list[Selection] = field(default_factory=list)
@@ -169,13 +172,14 @@ class MappingFilter:
                 self.poses, measurement.motion, measurement.motion_covariance, normals[:, :3]
             )
             return poses, weigh(self.maps, measurement.points, self.config, poses)
-        if not self.selections:
+        if not self.selections and self.learns_scale:
             # The first draws turn the whole map against its first scan: no wider than returns ask.
             for _ in range(_FIRST_ESTIMATES):
                 _, _, squares = self._draw(measurement, normals)
                 self.scale_m = next_scale_m(self.scale_m, squares, 0)
         poses, gained, squares = self._draw(measurement, normals)
-        self.scale_m = next_scale_m(self.scale_m, squares, len(self.selections))
+        if self.learns_scale:
+            self.scale_m = next_scale_m(self.scale_m, squares, len(self.selections))
         return poses, gained
 
     def _draw(self, measurement: Measurement, normals: Floats) -> tuple[Floats, Floats, Floats]:

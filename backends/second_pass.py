@@ -116,6 +116,9 @@ def filter_along(
         After the last measurement; its origin is the first pose.
     """
     particles = MappingFilter.empty(config)
+    # Walls are as thick as the path errs, not as returns do: a likelihood as narrow as those would
+    # hold particles where a first map, a few centimetres off, has begun.
+    particles.learns_scale = False
     particles.start(first_points)
     path = between(poses[0], poses)
     for m, before, now in zip(measurements, path[:-1], path[1:], strict=True):

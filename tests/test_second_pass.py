@@ -122,16 +122,18 @@ def test_the_filter_follows_the_given_path() -> None:
     state = backend._state
     stamps_ns = truth.stamps_ns[state.updates]
     given = truth.poses[state.updates]
-    paths = [
+    passes = [
         filter_along(
             poses,
             state.filter.first_points,
             state.measurements,
             backend._config,
             np.random.default_rng(0),
-        ).best_path()
+        )
         for poses in (given, bent(given))
     ]
+    assert {p.scale_m for p in passes} == {backend._config.likelihood.sigma_m}
+    paths = [particles.best_path() for particles in passes]
     there = Trajectory(stamps_ns, given)
     assert ate_m(Trajectory(stamps_ns, paths[0]), there) < 0.01
     assert ate_m(Trajectory(stamps_ns, paths[1]), there) > 0.05
